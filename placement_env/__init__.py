@@ -1,0 +1,1 @@
+"""What to build: candidates, objective, environments and searches."""

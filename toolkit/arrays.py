@@ -1,0 +1,24 @@
+"""Shapes in types: `Float[np.ndarray, "n 7"]`, checked by jaxtyping while the tests run, plain arrays elsewhere.
+
+A bare training machine has no jaxtyping; there the annotations mean the array alone.
+"""
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING or find_spec("jaxtyping"):
+    from jaxtyping import Bool as Bool
+    from jaxtyping import Float as Float
+    from jaxtyping import Float32 as Float32
+    from jaxtyping import Float64 as Float64
+    from jaxtyping import Int as Int
+    from jaxtyping import Int32 as Int32
+    from jaxtyping import Int64 as Int64
+    from jaxtyping import Shaped as Shaped
+else:
+
+    class _Unchecked:
+        def __class_getitem__(cls, array_and_shape: tuple[Any, str]) -> Any:
+            return array_and_shape[0]
+
+    Bool = Float = Float32 = Float64 = Int = Int32 = Int64 = Shaped = _Unchecked

@@ -1,0 +1,34 @@
+"""One instant: what every sensor measured, and what was there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import Float32
+from toolkit.objects import Objects
+from toolkit.sensors import Sensor
+
+
+@dataclass(frozen=True)
+class Frame:
+    """sensors and measurements belong together by position: measurements[i] is (rows, columns) float32 of sensors[i],
+    depth (camera) or range (lidar) in metres, 0 where nothing returned. objects: ground truth, world frame.
+    time: seconds since the recording began. index: its number in its dataset.
+    """
+
+    sensors: tuple[Sensor, ...]
+    measurements: tuple[Float32[np.ndarray, "_ _"], ...]
+    objects: Objects
+    time: float = 0.0
+    index: int = 0
+
+    def __post_init__(self) -> None:
+        if len(self.sensors) != len(self.measurements):
+            raise ValueError(f"{len(self.sensors)} sensors but {len(self.measurements)} measurements")
+        for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
+            if measurement.shape != sensor.model.shape:
+                raise ValueError(
+                    f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
+                )

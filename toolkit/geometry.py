@@ -1,0 +1,88 @@
+"""Rigid motions as 4×4 float64 arrays: `world_SE3_sensor` turns sensor coordinates into world coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+
+
+def pose(
+    x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
+) -> Float64[np.ndarray, "4 4"]:
+    """The pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
+
+    >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
+    array([[1., 3., 0.]])
+    """
+    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
+            [-sp, cp * sr, cp * cr, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
+        dtype=np.float64,
+    )
+
+
+# A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).
+BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def look(
+    position: Float[np.ndarray, "3"] | tuple[float, float, float], heading: float, tilt: float = 0.0
+) -> Float64[np.ndarray, "4 4"]:
+    """The pose of a camera (x right, y down, z forward) that looks along `heading` (rad, counter-clockwise from
+    +x), tilted `tilt` rad below the horizon.
+
+    >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
+    array([[ 0., 10.,  5.]])
+    """
+    x, y, z = (float(p) for p in position)
+    return pose(x, y, z, yaw=heading, pitch=tilt) @ BODY_SE3_CAMERA
+
+
+def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4 4"]:
+    """The inverse motion, world → sensor.
+
+    >>> np.allclose(invert(pose(1, 2, 3, yaw=0.5)) @ pose(1, 2, 3, yaw=0.5), np.eye(4))
+    True
+    """
+    rotation, translation = world_SE3_sensor[:3, :3], world_SE3_sensor[:3, 3]
+    inverse = np.eye(4)
+    inverse[:3, :3] = rotation.T
+    inverse[:3, 3] = -rotation.T @ translation
+    return inverse
+
+
+def transform(
+    target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Points (..., 3) of the source frame in the target frame (paper equation 1); the dtype of `points` is kept."""
+    points = np.asarray(points)
+    if points.ndim < 1 or points.shape[-1] != 3:
+        hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
+        raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
+    moved = points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
+    return moved
+
+
+def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+    """`candidate` as float64 if it is a right-handed rigid motion; else ValueError that says what is wrong."""
+    matrix = np.asarray(candidate, np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"{name} must have shape (4, 4), got {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} holds NaN or infinite numbers: {matrix.tolist()}")
+    rotation = matrix[:3, :3]
+    determinant = float(np.linalg.det(rotation))
+    if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
+        raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or determinant < 0:
+        raise ValueError(
+            f"{name} must be a rotation and a translation, but its 3×3 part has determinant {determinant:.3g}"
+            f"{': it mirrors, flip one axis' if determinant < -0.5 else ''}"
+        )
+    return matrix

@@ -1,0 +1,138 @@
+"""What is there (`Objects`) and what a detector says is there (`Detections`), one of each per frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from toolkit.arrays import Float32, Float64, Int64, Shaped
+
+LABELS = ("vehicle", "cyclist", "pedestrian", "heavy")
+VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
+
+
+def label_index(label: str | int) -> int:
+    """The class number of a name or number in `LABELS`.
+
+    >>> label_index("cyclist"), label_index(3)
+    (1, 3)
+    """
+    if isinstance(label, str) and label in LABELS:
+        return LABELS.index(label)
+    if not isinstance(label, str) and 0 <= int(label) < len(LABELS):
+        return int(label)
+    raise ValueError(f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}")
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Ground truth of one frame.
+
+    boxes: (n, 7) float64, see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids.
+    Raises ValueError where shapes or labels do not fit.
+
+    >>> Objects([[0, 0, 1, 4, 2, 1.5, 0]], ["vehicle"]).labels
+    array([0])
+    """
+
+    boxes: Float64[np.ndarray, "n 7"]
+    labels: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
+    ids: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0..n-1
+
+    def __post_init__(self) -> None:
+        boxes = _boxes(self.boxes)
+        object.__setattr__(self, "boxes", boxes)
+        object.__setattr__(self, "labels", _labels(self.labels, len(boxes)))
+        ids = np.arange(len(boxes)) if self.ids is None else np.asarray(self.ids, np.int64)
+        object.__setattr__(self, "ids", _rows(ids, "ids", len(boxes)))
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, rows: Any) -> Objects:
+        """The objects at a mask, slice or index array."""
+        return Objects(self.boxes[rows], self.labels[rows], self.ids[rows])
+
+    @staticmethod
+    def empty() -> Objects:
+        """No objects."""
+        return Objects(np.zeros((0, 7)))
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Detector output of one frame.
+
+    boxes: (n, 7) float64, see `toolkit.boxes`; scores: (n,) float64, higher is surer; labels as in `Objects`.
+    Raises ValueError where shapes or labels do not fit.
+
+    >>> len(Detections.merge([Detections.empty(), Detections([[0, 0, 1, 4, 2, 1.5, 0]], [0.9])]))
+    1
+    """
+
+    boxes: Float64[np.ndarray, "n 7"]
+    scores: Float64[np.ndarray, " n"]
+    labels: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
+
+    def __post_init__(self) -> None:
+        boxes = _boxes(self.boxes)
+        object.__setattr__(self, "boxes", boxes)
+        object.__setattr__(self, "scores", _rows(np.asarray(self.scores, np.float64), "scores", len(boxes)))
+        object.__setattr__(self, "labels", _labels(self.labels, len(boxes)))
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, rows: Any) -> Detections:
+        """The detections at a mask, slice or index array."""
+        return Detections(self.boxes[rows], self.scores[rows], self.labels[rows])
+
+    @staticmethod
+    def empty() -> Detections:
+        """No detections."""
+        return Detections(np.zeros((0, 7)), np.zeros(0))
+
+    @staticmethod
+    def merge(parts: Iterable[Detections]) -> Detections:
+        """All detections of several lists, in order."""
+        parts = [Detections.empty(), *parts]
+        columns = zip(*((p.boxes, p.scores, p.labels) for p in parts), strict=True)
+        return Detections(*(np.concatenate(column) for column in columns))
+
+
+class Detector(Protocol):
+    """Anything that turns the points of one frame, world frame, into detections, world frame."""
+
+    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+        """Detect."""
+        ...
+
+
+def _boxes(boxes: Any) -> np.ndarray:
+    boxes = np.asarray(boxes, np.float64)
+    if boxes.size == 0 and boxes.ndim < 2:
+        return np.zeros((0, 7))
+    if boxes.ndim != 2 or boxes.shape[1] != 7:
+        raise ValueError(f"boxes must have shape (n, 7): x y z length width height yaw, got {boxes.shape}")
+    return boxes
+
+
+def _labels(labels: Any, n: int) -> np.ndarray:
+    if labels is None:
+        return np.zeros(n, np.int64)
+    labels = np.asarray(labels)
+    if labels.dtype.kind in "US":
+        labels = np.array([label_index(str(name)) for name in labels.ravel()], np.int64)
+    labels = _rows(labels.astype(np.int64), "labels", n)
+    if n and (labels.min() < 0 or labels.max() >= len(LABELS)):
+        raise ValueError(f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}")
+    return labels
+
+
+def _rows(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
+    if column.shape != (n,):
+        raise ValueError(f"{name} must have one entry for each of the {n} boxes, got shape {column.shape}")
+    return column
