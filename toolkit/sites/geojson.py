@@ -1,0 +1,293 @@
+"""A site as GeoJSON: one Feature per polygon, mount, sensor and bay, all else as foreign members of the collection.
+
+Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
+earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from toolkit.geometry import BODY_SE3_CAMERA, invert, pose
+from toolkit.sensors import DepthCamera, Sensor, SensorModel, SpinningLidar
+from toolkit.site import Mount, Relief, Site, Solid, check_polygon
+
+VERSION = 1
+_ANGLES = ("fov", "fov_up", "fov_down", "azimuth_step", "azimuth_fov")
+Json = dict[str, Any]
+
+
+def document(site: Site) -> Json:
+    """`site` as a GeoJSON FeatureCollection of plain dicts, lists, numbers and texts."""
+    xmin, ymin, xmax, ymax = site.area.tolist()
+    features = [
+        _polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area"),
+        *(_polygon(lane.tolist(), layer="lane") for lane in site.lanes),
+        *(_polygon(footway.tolist(), layer="footway") for footway in site.footways),
+        *(_polygon(s.footprint.tolist(), layer="solid", kind=s.kind, base=s.base, top=s.top) for s in site.solids),
+        *(_point([x, y], layer="parking", heading_deg=_degrees(yaw)) for x, y, yaw in site.parking.tolist()),
+        *(_point(m.position.tolist(), layer="mount", **_rest(m, "position")) for m in site.mounts),
+        *(
+            _point(s.position.tolist(), layer="sensor", name=s.name, **_attitude(s), model=_model(s.model))
+            for s in site.sensors
+        ),
+    ]
+    return {
+        "type": "FeatureCollection",
+        "coview_site": VERSION,
+        "name": site.name,
+        "height": site.height,
+        "relief": asdict(site.relief),
+        "map_SE3_site": site.map_SE3_site.tolist(),
+        "geo_reference": site.geo_reference,
+        "features": features,
+        "network": site.network.splitlines() or None,
+    }
+
+
+def dumps(site: Site) -> str:
+    """The text of `document(site)`, one feature and one line of the network to a line."""
+    members = []
+    for key, value in document(site).items():
+        if key in ("features", "network") and value:
+            rows = ",\n".join(json.dumps(row, allow_nan=False) for row in value)
+            members.append(f"{json.dumps(key)}: [\n{rows}\n]")
+        else:
+            members.append(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+    return "{\n" + ",\n".join(members) + "\n}\n"
+
+
+def parse(collection: Any) -> Site:
+    """The site of a FeatureCollection. Raises ValueError that names the field by its path in the document."""
+    if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
+        raise ValueError("type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by Site.save")
+    version = _member(collection, "coview_site", int, "")
+    if version > VERSION:
+        raise ValueError(f"coview_site is version {version}, this coview reads up to {VERSION}: install a newer one")
+    layers: dict[str, list[Any]] = {layer: [] for layer in _READERS}
+    for i, feature in enumerate(_member(collection, "features", list, "")):
+        layer, value = _feature(feature, f"features[{i}]")
+        layers[layer].append(value)
+    if len(layers["area"]) != 1:
+        raise ValueError(f"features must hold exactly one of layer 'area', got {len(layers['area'])}")
+    relief = _member(collection, "relief", dict, "")
+    geo_reference = collection.get("geo_reference")
+    if not isinstance(geo_reference, str | None):
+        raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
+    return Site(
+        name=_member(collection, "name", str, ""),
+        area=layers["area"][0],
+        height=_number(collection, "height", ""),
+        lanes=tuple(layers["lane"]),
+        footways=tuple(layers["footway"]),
+        solids=tuple(layers["solid"]),
+        mounts=tuple(layers["mount"]),
+        sensors=tuple(layers["sensor"]),
+        parking=np.array(layers["parking"], np.float64).reshape(-1, 3),
+        network=_network(collection),
+        map_SE3_site=_matrix(collection, "map_SE3_site"),
+        geo_reference=geo_reference,
+        relief=Relief(_number(relief, "amplitude", "relief"), _member(relief, "seed", int, "relief")),
+    )
+
+
+def _feature(feature: Any, where: str) -> tuple[str, Any]:
+    properties = _member(feature, "properties", dict, where)
+    properties = {key: value for key, value in properties.items() if value is not None}  # GIS tools fill columns up
+    geometry = _member(feature, "geometry", dict, where)
+    layer = _member(properties, "layer", str, f"{where}.properties")
+    if layer not in _READERS:
+        raise ValueError(f"{where}.properties.layer must be one of {', '.join(_READERS)}, got {layer!r}")
+    kind, read, known = _READERS[layer]
+    if geometry.get("type") != kind:
+        raise ValueError(f"{where}.geometry.type of layer {layer!r} must be {kind!r}, got {geometry.get('type')!r}")
+    unknown = sorted(set(properties) - {"layer", *known})
+    if unknown:
+        raise ValueError(
+            f"{where}.properties.{unknown[0]} is unknown to layer {layer!r}: it has {', '.join(known) or 'none'}"
+        )
+    coordinates = _member(geometry, "coordinates", list, f"{where}.geometry")
+    return layer, read(coordinates, properties, where)
+
+
+def _ring(coordinates: list[Any], where: str) -> np.ndarray:
+    if len(coordinates) != 1:
+        raise ValueError(
+            f"{where}.geometry.coordinates must hold one ring, got {len(coordinates)}: split polygons with holes"
+        )
+    where = f"{where}.geometry.coordinates"
+    ring = coordinates[0]
+    if not isinstance(ring, list) or len(ring) < 4 or ring[0] != ring[-1]:
+        raise ValueError(f"{where} must be a closed ring of at least three corners: repeat the first corner at the end")
+    return check_polygon(ring[:-1], where)
+
+
+def _read_area(coordinates: list[Any], properties: Json, where: str) -> np.ndarray:
+    ring = _ring(coordinates, where)
+    (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
+    if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
+        raise ValueError(
+            f"{where}.geometry.coordinates: the area must be a rectangle along x and y, got {ring.tolist()}"
+        )
+    return np.array([xmin, ymin, xmax, ymax])
+
+
+def _read_polygon(coordinates: list[Any], properties: Json, where: str) -> np.ndarray:
+    return _ring(coordinates, where)
+
+
+def _read_solid(coordinates: list[Any], properties: Json, where: str) -> Solid:
+    footprint = _ring(coordinates, where)
+    where = f"{where}.properties"
+    base, top = (_number(properties, key, where) for key in ("base", "top"))
+    return _named(where, lambda: Solid(footprint, base, top, _member(properties, "kind", str, where)))
+
+
+def _read_parking(coordinates: list[Any], properties: Json, where: str) -> tuple[float, float, float]:
+    x, y = _position(coordinates, 2, where)
+    return x, y, float(np.deg2rad(_number(properties, "heading_deg", f"{where}.properties")))
+
+
+def _read_mount(coordinates: list[Any], properties: Json, where: str) -> Mount:
+    position = np.array(_position(coordinates, 3, where))
+    where = f"{where}.properties"
+    name = _member(properties, "name", str, where)
+    numbers = {key: _number(properties, key, where) for key in properties if key not in ("layer", "name")}
+    return _named(where, lambda: Mount(name, position, **numbers))
+
+
+def _read_sensor(coordinates: list[Any], properties: Json, where: str) -> Sensor:
+    x, y, z = _position(coordinates, 3, where)
+    where = f"{where}.properties"
+    heading, tilt, roll = (np.deg2rad(_number(properties, f"{key}_deg", where)) for key in ("heading", "tilt", "roll"))
+    model = _read_model(_member(properties, "model", dict, where), f"{where}.model")
+    world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
+    return Sensor(_member(properties, "name", str, where), model, world_SE3_body @ _body_SE3_sensor(model))
+
+
+def _read_model(properties: Json, where: str) -> SensorModel:
+    kind = _member(properties, "type", str, where)
+    if kind not in ("DepthCamera", "SpinningLidar"):
+        raise ValueError(f"{where}.type must be DepthCamera or SpinningLidar, got {kind!r}")
+    model = DepthCamera if kind == "DepthCamera" else SpinningLidar
+    known = {f"{f.name}_deg" if f.name in _ANGLES else f.name: f for f in fields(model)}
+    values: dict[str, Any] = {}
+    for key in properties.keys() - {"type"}:
+        if key not in known:
+            raise ValueError(f"{where}.{key} is unknown to {kind}: it has {', '.join(known)}")
+        value = _number(properties, key, where)
+        whole = isinstance(known[key].default, int)
+        values[known[key].name] = int(value) if whole else float(np.deg2rad(value)) if key.endswith("_deg") else value
+    return _named(where, lambda: model(**values))
+
+
+_READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[str, ...]]] = {
+    "area": ("Polygon", _read_area, ()),
+    "lane": ("Polygon", _read_polygon, ()),
+    "footway": ("Polygon", _read_polygon, ()),
+    "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
+    "parking": ("Point", _read_parking, ("heading_deg",)),
+    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity")),
+    "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
+}
+
+
+def _named(where: str, build: Callable[[], Any]) -> Any:
+    try:
+        return build()
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _member(container: Any, key: str, kind: type, where: str) -> Any:
+    path = f"{where}.{key}" if where else key
+    if not isinstance(container, dict):
+        raise ValueError(f"{where} must be an object {{...}}, got {str(container)[:60]}")
+    if key not in container:
+        raise ValueError(f"{path} is missing: add it, or save the site again")
+    value = container[key]
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise ValueError(f"{path} must be a {_WORDS[kind]}, got {str(value)[:60]!r}")
+    return value
+
+
+_WORDS = {str: "text", int: "whole number", float: "number", list: "list", dict: "object {...}"}
+
+
+def _number(container: Json, key: str, where: str) -> float:
+    path = f"{where}.{key}" if where else key
+    value = container.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ValueError(f"{path} must be a finite number, got {value!r}")
+    return value
+
+
+def _position(coordinates: list[Any], dimensions: int, where: str) -> list[float]:
+    where = f"{where}.geometry.coordinates"
+    if len(coordinates) != dimensions:
+        raise ValueError(f"{where} must be {dimensions} numbers, got {len(coordinates)}")
+    return [_number(dict(zip("xyz", coordinates, strict=False)), axis, where) for axis in "xyz"[:dimensions]]
+
+
+def _matrix(container: Json, key: str) -> np.ndarray:
+    rows = _member(container, key, list, "")
+    try:
+        return np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{key} must be four rows of four numbers, got {str(rows)[:60]}") from None
+
+
+def _network(collection: Json) -> str:
+    if collection.get("network", ...) is None:
+        return ""
+    lines = _member(collection, "network", list, "")
+    if not lines or not all(isinstance(line, str) for line in lines):
+        raise ValueError("network must be the lines of a SUMO net.xml, or null for a site without traffic")
+    return "\n".join(lines) + "\n"
+
+
+def _polygon(corners: list[list[float]], **properties: Any) -> Json:
+    geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def _point(coordinates: list[float], **properties: Any) -> Json:
+    return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
+
+
+def _rest(mount: Mount, *left_out: str) -> Json:
+    return {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
+
+
+def _model(model: SensorModel) -> Json:
+    numbers = {
+        f"{key}_deg" if key in _ANGLES else key: _degrees(value) if key in _ANGLES else value
+        for key, value in asdict(model).items()
+    }
+    return {"type": type(model).__name__, **numbers}
+
+
+def _attitude(sensor: Sensor) -> Json:
+    """Heading, tilt below the horizon and roll (degrees) of the sensor's body, x forward, y left, z up."""
+    world_SE3_body = sensor.pose @ invert(_body_SE3_sensor(sensor.model))
+    forward, left, up = world_SE3_body[:3, 0], world_SE3_body[:3, 1], world_SE3_body[:3, 2]
+    across = float(np.hypot(forward[0], forward[1]))
+    tilt = np.arctan2(-forward[2], across)
+    if across < 1e-9:  # straight up or down: heading and roll turn about one axis, so roll is zero
+        return {"heading_deg": _degrees(np.arctan2(-left[0], left[1])), "tilt_deg": _degrees(tilt), "roll_deg": 0.0}
+    heading, roll = np.arctan2(forward[1], forward[0]), np.arctan2(left[2], up[2])
+    return {"heading_deg": _degrees(heading), "tilt_deg": _degrees(tilt), "roll_deg": _degrees(roll)}
+
+
+def _body_SE3_sensor(model: SensorModel) -> np.ndarray:
+    return BODY_SE3_CAMERA if isinstance(model, DepthCamera) else np.eye(4)
+
+
+def _degrees(angle: float) -> float:
+    """Rounded far below any meaning, so that degrees → radians → degrees comes back to the same number."""
+    return round(float(np.rad2deg(angle)), 9) + 0.0

@@ -1,0 +1,209 @@
+"""Road networks: SUMO's netconvert run on plain nodes and edges or on map files, and the road surface they describe.
+
+Plain input is rows of attributes, named as SUMO's plain XML names them. Coordinates stay as given: network coordinates
+are site coordinates. https://sumo.dlr.de/docs/Networks/PlainXML.html
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+
+MOTOR = "passenger taxi bus coach delivery truck emergency motorcycle moped bicycle"
+FOOT = "pedestrian"
+_RAIL = {"tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "cable_car", "ship"}
+_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
+_OPTIONS = (
+    "--offset.disable-normalization",
+    "--no-turnarounds",
+    "--walkingareas",
+    "--junctions.corner-detail=6",
+    "--junctions.internal-link-detail=20",
+    "--precision=3",
+    "--default.lanewidth=3.5",
+)
+
+Row = Mapping[str, Any]
+Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
+
+
+def street(
+    lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
+) -> list[Row]:
+    """One direction's lanes, from the kerb inwards: footway, shoulder nobody drives on, `lanes` lanes (widths in m)."""
+    rows: list[Row] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
+    rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
+    return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
+
+
+def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> str:
+    """Points as SUMO writes a shape.
+
+    >>> line([(0, 0), (1.5, -2)])
+    '0.000,0.000 1.500,-2.000'
+    """
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
+
+
+def build_network(
+    nodes: Iterable[Row],
+    edges: Iterable[Row],
+    *,
+    connections: Iterable[Row] = (),
+    crossings: Iterable[Row] | None = None,
+    roundabouts: Iterable[Row] = (),
+    options: Sequence[str] = (),
+) -> str:
+    """The net.xml text of a network; the same rows give the same text.
+
+    nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
+    `street` makes them; connections: from, to, fromLane, toLane...; crossings: node, edges, width, priority, None lets
+    netconvert guess them; roundabouts: nodes, edges; options: further netconvert options.
+
+    Raises ValueError with netconvert's own words where it refuses the rows, ImportError where SUMO is not installed.
+    """
+    guess = ["--crossings.guess"] if crossings is None else []
+    with tempfile.TemporaryDirectory() as folder:
+        files = {
+            "node": _xml("nodes", (_element("node", row) for row in nodes)),
+            "edge": _xml("edges", [*map(_edge, edges), *(_element("roundabout", row) for row in roundabouts)]),
+            "connection": _xml(
+                "connections",
+                [
+                    *(_element("connection", row) for row in connections),
+                    *(_element("crossing", row) for row in crossings or ()),
+                ],
+            ),
+        }
+        for kind, text in files.items():
+            Path(folder, kind).write_text(text, encoding="utf-8")
+        return convert([*(f"--{kind}-files={Path(folder, kind)}" for kind in files), *guess, *options])
+
+
+def convert(options: Sequence[str]) -> str:
+    """The net.xml text netconvert makes of `options`, without its comments (dates and paths).
+
+    >>> convert(["--node-files=/nowhere"])
+    Traceback (most recent call last):
+    ValueError: netconvert: ...
+    """
+    command = [str(netconvert()), *_OPTIONS, *options]
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder, "net.xml")
+        run = subprocess.run([*command, f"--output-file={output}"], capture_output=True, text=True, check=False)
+        if run.returncode or not output.is_file():
+            said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or ["Error: no network made"]
+            raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
+        return _COMMENT.sub("", output.read_text(encoding="utf-8"))
+
+
+def netconvert() -> Path:
+    """Where SUMO's netconvert is: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH."""
+    package = importlib.util.find_spec("sumo")
+    homes = [Path(package.origin).parent] if package and package.origin else []
+    homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
+    found = [home / "bin" / "netconvert" for home in homes if (home / "bin" / "netconvert").is_file()]
+    on_path = shutil.which("netconvert")
+    if not found and not on_path:
+        raise ImportError("a road network needs SUMO's netconvert, which is not installed: pip install coview[sim]")
+    return found[0] if found else Path(str(on_path))
+
+
+def road_polygons(
+    network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
+) -> tuple[Polygons, Polygons]:
+    """What wheels use (lanes, shoulders, junctions, crossings) and what only feet use (sidewalks, walking areas) of a
+    net.xml text: simple polygons within `margin` (m) around `area` (xmin ymin xmax ymax)."""
+    root = ElementTree.fromstring(network)
+    xmin, ymin, xmax, ymax = area
+    window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
+    lanes: list[shapely.Geometry] = []
+    footways: list[shapely.Geometry] = []
+    for edge in root.iter("edge"):
+        function = edge.get("function", "normal")
+        if function == "internal":
+            continue
+        for lane in edge.iter("lane"):
+            if function == "walkingarea":
+                footways.append(_outline(lane))
+            elif not _users(lane) <= _RAIL or not _users(lane):
+                only_feet = function != "crossing" and "pedestrian" in _users(lane) and "passenger" not in _users(lane)
+                (footways if only_feet else lanes).append(_strip(lane))
+    corners = shapely.union_all(footways)
+    junctions = [_outline(j) for j in root.iter("junction") if j.get("type") != "internal"]
+    lanes += [junction.difference(corners) for junction in junctions]
+    return _clipped(lanes, window), _clipped(footways, window)
+
+
+def _users(lane: ElementTree.Element) -> set[str]:
+    allowed = set(lane.get("allow", "").split()) or {"all"}
+    forbidden = set(lane.get("disallow", "").split())
+    if "all" in forbidden:
+        return set()
+    return (set(f"{MOTOR} {FOOT}".split()) | _RAIL if "all" in allowed else allowed) - forbidden
+
+
+def _strip(lane: ElementTree.Element) -> shapely.Geometry:
+    half = float(lane.get("width", "3.2")) / 2
+    return shapely.LineString(_coordinates(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
+
+
+def _outline(element: ElementTree.Element) -> shapely.Geometry:
+    coordinates = _coordinates(element)
+    return shapely.make_valid(shapely.Polygon(coordinates)) if len(coordinates) > 2 else shapely.Polygon()
+
+
+def _coordinates(element: ElementTree.Element) -> np.ndarray:
+    points = [p.split(",")[:2] for p in element.get("shape", "").split()]
+    return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _clipped(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
+    """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
+    clipped = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
+    parts = (part for shape in clipped for part in shapely.get_parts(shape) if part.geom_type == "Polygon")
+    simple = (piece for part in parts for piece in _without_holes(part) if piece.area > 0.1)
+    return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple)
+
+
+def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+    """`polygon` cut through its holes until none is left."""
+    if not polygon.interiors:
+        return [polygon]
+    x = shapely.Polygon(polygon.interiors[0]).centroid.x
+    xmin, ymin, xmax, ymax = polygon.bounds
+    halves = (
+        polygon.intersection(half) for half in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
+    )
+    parts = [part for half in halves for part in shapely.get_parts(half) if part.geom_type == "Polygon"]
+    return [piece for part in parts for piece in _without_holes(part)]
+
+
+def _xml(root: str, elements: Iterable[str]) -> str:
+    return f"<{root}>\n" + "\n".join(elements) + f"\n</{root}>\n"
+
+
+def _element(tag: str, attributes: Row, inside: str = "") -> str:
+    written = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
+    return f"<{tag} {written}>{inside}</{tag}>"
+
+
+def _edge(row: Row) -> str:
+    lanes = row.get("lanes", ())
+    inside = "".join(_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
+    attributes = {key: value for key, value in row.items() if key != "lanes"}
+    return _element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside)
