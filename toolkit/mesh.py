@@ -1,0 +1,133 @@
+"""Triangle meshes from a few solids: lofts, tubes, ellipsoids, boxes and extruded polygons, all wound outwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64, Int64
+
+
+class Mesh(NamedTuple):
+    """Vertices (m) and, per triangle, the rows of its three corners, counter-clockwise seen from outside."""
+
+    vertices: Float64[np.ndarray, "k 3"]
+    triangles: Int64[np.ndarray, "m 3"]
+
+
+def merge(meshes: Iterable[Mesh]) -> Mesh:
+    """All meshes as one.
+
+    >>> [len(part) for part in merge([box((1, 1, 1)), box((1, 1, 1), (3, 0, 0))])]
+    [20, 32]
+    """
+    meshes = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), *meshes]
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
+    """The skin over s closed rings of p points each, with both ends capped.
+
+    Outwards where a ring runs counter-clockwise seen against the direction in which the rings follow each other.
+    """
+    s, p, _ = rings.shape
+    ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
+    a, b = (ring + point).ravel(), (ring + (point + 1) % p).ravel()
+    first, last = s * p, s * p + 1
+    around, onward = np.arange(p), (np.arange(p) + 1) % p
+    caps = [
+        np.stack([onward, around, np.full(p, first)], axis=1),
+        np.stack([around + (s - 1) * p, onward + (s - 1) * p, np.full(p, last)], axis=1),
+    ]
+    skin = [np.stack([a, b, b + p], axis=1), np.stack([a, b + p, a + p], axis=1)]
+    vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
+    return Mesh(vertices.astype(np.float64), np.concatenate(skin + caps).astype(np.int64))
+
+
+def tube(
+    path: Float[np.ndarray, "s 3"] | list[tuple[float, float, float]],
+    radii: float | list[float] | Float[np.ndarray, " s"],
+    sides: int = 8,
+    flat: float = 1.0,
+) -> Mesh:
+    """A round bar along `path`, `radii` thick at its points; `flat` scales its breadth along y (or z for bars along y)."""
+    line = np.asarray(path, np.float64)
+    along = np.gradient(line, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    reference = np.array([0.0, 1.0, 0.0]) if np.abs(along[:, 1]).max() < 0.95 else np.array([0.0, 0.0, 1.0])
+    across = np.cross(reference, along)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    aside = np.cross(along, across) * flat
+    angle = np.arange(sides) * 2 * np.pi / sides
+    circle = across[:, None] * np.cos(angle)[:, None] + aside[:, None] * np.sin(angle)[:, None]
+    return loft(line[:, None] + circle * np.broadcast_to(np.asarray(radii, np.float64), len(line))[:, None, None])
+
+
+def ellipsoid(
+    centre: tuple[float, float, float], radii: tuple[float, float, float], rings: int = 5, sides: int = 8
+) -> Mesh:
+    """An ellipsoid with poles along z."""
+    polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
+    polar[[0, -1]] *= 0.999
+    around = (np.arange(sides) * 2 * np.pi / sides)[None]
+    unit = np.stack(np.broadcast_arrays(np.cos(polar) * np.cos(around), np.cos(polar) * np.sin(around), np.sin(polar)))
+    return loft(np.moveaxis(unit, 0, -1) * radii + centre)
+
+
+def box(size: tuple[float, float, float], centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
+    """A cuboid with edges along the axes."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
+    rings = np.stack([corners + [0, 0, -0.5], corners + [0, 0, 0.5]])
+    return loft(rings * size + centre)
+
+
+def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
+    """A vertical prism over a simple polygon, holes not allowed."""
+    outline = shapely.geometry.polygon.orient(shapely.Polygon(polygon))
+    ring = np.asarray(outline.exterior.coords)[:-1]
+    walls = loft(np.stack([np.column_stack([ring, np.full(len(ring), z)]) for z in (base, top)]))
+    sides = Mesh(walls.vertices, walls.triangles[: 2 * len(ring)])
+    lid = triangulate(outline)
+    low, high = (np.column_stack([lid.vertices[:, :2], np.full(len(lid.vertices), z)]) for z in (base, top))
+    return merge([sides, Mesh(high, lid.triangles), Mesh(low, lid.triangles[:, ::-1])])
+
+
+def triangulate(shape: shapely.Geometry) -> Mesh:
+    """A polygon or several, holes and all, as triangles at z = 0 facing up."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
+    if len(parts) == 0:
+        return merge([])
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    corners = np.where((ax * by - ay * bx < 0)[:, None, None], corners[:, ::-1], corners)
+    flat = np.concatenate([corners.reshape(-1, 2), np.zeros((3 * len(corners), 1))], axis=1)
+    return Mesh(flat, np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def moved(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
+    """The mesh turned by `yaw` (rad) about z, then shifted."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)
+
+
+def mirrored(mesh: Mesh) -> Mesh:
+    """The mesh with left and right (y) exchanged."""
+    return Mesh(mesh.vertices * [1.0, -1.0, 1.0], mesh.triangles[:, ::-1])
+
+
+def volume(mesh: Mesh) -> float:
+    """Enclosed volume (m³); negative where the mesh is wound inwards.
+
+    >>> round(volume(box((1, 2, 3))), 6)
+    6.0
+    """
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
