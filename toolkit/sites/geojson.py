@@ -175,14 +175,17 @@ def _read_model(properties: Json, where: str) -> SensorModel:
     if kind not in ("DepthCamera", "SpinningLidar"):
         raise ValueError(f"{where}.type must be DepthCamera or SpinningLidar, got {kind!r}")
     model = DepthCamera if kind == "DepthCamera" else SpinningLidar
-    known = {f"{f.name}_deg" if f.name in _ANGLES else f.name: f for f in fields(model)}
+    known = {_written(f.name): f for f in fields(model)}
     values: dict[str, Any] = {}
-    for key in properties.keys() - {"type"}:
-        if key not in known:
+    for key, value in properties.items():
+        if key not in ("type", *known):
             raise ValueError(f"{where}.{key} is unknown to {kind}: it has {', '.join(known)}")
-        value = _number(properties, key, where)
-        whole = isinstance(known[key].default, int)
-        values[known[key].name] = int(value) if whole else float(np.deg2rad(value)) if key.endswith("_deg") else value
+        if isinstance(value, list):
+            values[key] = tuple(_numbers(value, 2, f"{where}.{key}"))
+        elif key != "type":
+            number = _number(properties, key, where)
+            number = int(number) if isinstance(known[key].default, int) else number
+            values[known[key].name] = float(np.deg2rad(number)) if key.endswith("_deg") else number
     return _named(where, lambda: model(**values))
 
 
@@ -228,10 +231,13 @@ def _number(container: Json, key: str, where: str) -> float:
 
 
 def _position(coordinates: list[Any], dimensions: int, where: str) -> list[float]:
-    where = f"{where}.geometry.coordinates"
-    if len(coordinates) != dimensions:
-        raise ValueError(f"{where} must be {dimensions} numbers, got {len(coordinates)}")
-    return [_number(dict(zip("xyz", coordinates, strict=False)), axis, where) for axis in "xyz"[:dimensions]]
+    return _numbers(coordinates, dimensions, f"{where}.geometry.coordinates")
+
+
+def _numbers(row: list[Any], count: int, where: str) -> list[float]:
+    if len(row) != count:
+        raise ValueError(f"{where} must be {count} numbers, got {len(row)}")
+    return [_number({str(i): value}, str(i), where) for i, value in enumerate(row)]
 
 
 def _matrix(container: Json, key: str) -> np.ndarray:
@@ -265,11 +271,13 @@ def _rest(mount: Mount, *left_out: str) -> Json:
 
 
 def _model(model: SensorModel) -> Json:
-    numbers = {
-        f"{key}_deg" if key in _ANGLES else key: _degrees(value) if key in _ANGLES else value
-        for key, value in asdict(model).items()
-    }
+    values = {key: value for key, value in asdict(model).items() if value is not None}
+    numbers = {_written(key): _degrees(value) if key in _ANGLES else value for key, value in values.items()}
     return {"type": type(model).__name__, **numbers}
+
+
+def _written(key: str) -> str:
+    return f"{key}_deg" if key in _ANGLES else key
 
 
 def _attitude(sensor: Sensor) -> Json:

@@ -1,0 +1,172 @@
+"""The paper's T-junction: CARLA Town01, junction 255, in the axes of the published overview picture.
+
+Site frame: a (x) to the right along the through road, b (y) up, zero in the middle of the detection area:
+a = 196 - y_carla, b = 104 - x_carla. Roads, buildings and sensor posts are at the published places; heights of
+buildings, the furniture and the parked cars' bays are made up.
+
+The tilt is not published. See `TILT_DEG`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toolkit.geometry import look
+from toolkit.sensors import DepthCamera, Sensor
+from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sites import furniture as f
+from toolkit.sites.network import build_network, road_polygons, street
+
+AREA = (-40.0, -20.0, 40.0, 20.0)
+RELIEF = Relief(amplitude=0.08, seed=255)
+# right-handed CARLA map (x, -y_carla): x = 104 - b, y = a - 196
+MAP_SE3_SITE = np.array([[0.0, -1, 0, 104], [1, 0, 0, -196], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+THROUGH_B, SIDE_A = 13.6, -0.8
+LANE, SHOULDER, FOOTWAY = 4.0, 0.3, 4.0
+
+HEIGHT = 5.2
+TILT_DEG = 8.0
+POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in the tuple is the paper's sensor id
+    (40.9, 8.1, 155.0),
+    (-7.7, 21.9, 295.0),
+    (-45.6, 10.1, 15.0),
+    (8.0, 5.6, 52.0),
+    (-8.3, 18.5, 208.0),
+    (-5.5, -27.5, 64.0),
+)
+
+
+def build() -> Site:
+    """The site, its network made by netconvert."""
+    net = network()
+    lanes, footways = road_polygons(net, AREA)
+    solids = [*buildings(), *street_furniture(), *f.kerbs(lanes, footways)]
+    return Site(
+        name="tjunction",
+        area=np.array(AREA),
+        lanes=lanes,
+        footways=footways,
+        solids=f.settle(solids, RELIEF),
+        mounts=mounts(),
+        sensors=sensors(),
+        parking=parking(),
+        network=net,
+        map_SE3_site=MAP_SE3_SITE,
+        relief=RELIEF,
+    )
+
+
+def network() -> str:
+    """The through road and the side road that gives way, both two-way, 80 m and more beyond the area."""
+    nodes = [
+        {"id": "left", "x": -125, "y": THROUGH_B},
+        {"id": "right", "x": 125, "y": THROUGH_B},
+        {"id": "side", "x": SIDE_A, "y": -105},
+        {"id": "junction", "x": SIDE_A, "y": THROUGH_B, "type": "priority", "radius": 5.5},
+    ]
+    lanes = street(1, width=LANE, shoulder=SHOULDER, footway=FOOTWAY, speed=11.1)
+    ends = [(arm, "junction") for arm in ("left", "right", "side")]
+    edges = [
+        {
+            "id": f"{start}_{end}",
+            "from": start,
+            "to": end,
+            "priority": 1 if "side" in (start, end) else 3,
+            "lanes": lanes,
+        }
+        for start, end in ends + [(end, start) for start, end in ends]
+    ]
+    return build_network(nodes, edges)
+
+
+def sensors() -> tuple[Sensor, ...]:
+    """The paper's six depth cameras, named d0..d5 by its ids."""
+    tilt = np.deg2rad(TILT_DEG)
+    return tuple(
+        Sensor(f"d{i}", DepthCamera(), look((a, b, HEIGHT), np.deg2rad(heading), tilt))
+        for i, (a, b, heading) in enumerate(POSTS)
+    )
+
+
+def buildings() -> list[Solid]:
+    """Houses and the pond of the published picture. The two that reach over the footway there (eaves) end behind it."""
+    return [
+        f.building(-38.6, -4.5, -27.7, 5.1, 4.2),  # hut
+        f.building(-26.5, -6.2, -14.7, 5.1, 4.8),  # pavilion
+        f.building(-26.5, -17.4, -14.7, -6.2, 7.5),
+        f.building(-49.0, -29.0, -28.0, -4.8, 11.0),
+        f.building(-28.8, -29.0, -19.0, -19.4, 8.0),
+        f.building(-44.0, 27.0, -26.0, 38.0, 7.0),
+        f.building(-20.0, 28.0, -6.0, 40.0, 9.0),
+        f.building(14.0, 27.5, 34.0, 39.0, 6.5),
+        Solid(f.rectangle(13, -29, 35, 4), -1.5, -0.5, "pond"),
+    ]
+
+
+def street_furniture() -> list[Solid]:
+    """Posts, trees, hedges, walls, signs and bins, all behind the footways except the sensors' own posts."""
+    lamps = [(a, 22.2) for a in (-36, -20, 6, 22, 38)] + [(a, 5.0) for a in (-42, -11, 12, 28, 44)]
+    lamps += [(-9.4, -16.0), (7.8, -22.0), (7.8, -8.0), (-9.4, -34.0)]
+    trees = [(-31, 23.6), (-15, 24.0), (1.5, 24.0), (12, 23.7), (29, 23.8), (42, 24)]
+    trees += [
+        (17.5, 4.6),
+        (25.0, 4.6),
+        (33.0, 4.6),
+        (37.5, 3.5),
+        (37.5, -6.0),
+        (-12.2, -3.5),
+        (-11.8, -19.0),
+        (11.8, -27.0),
+    ]
+    return [
+        *(f.post(a, b, HEIGHT - 0.2) for i, (a, b, _) in enumerate(POSTS) if i != 2),
+        # Post 2 stands on the footway; its camera hangs from an arm over the road's edge.
+        f.post(-45.6, 9.15, HEIGHT + 0.2),
+        Solid(f.bar((-45.6, 9.15), (-45.6, 10.1), 0.08), HEIGHT + 0.1, HEIGHT + 0.2, "post"),
+        *(f.post(a, b, 6.5, 0.09) for a, b in lamps),
+        *(
+            solid
+            for i, place in enumerate(trees)
+            for solid in f.tree(*place, height=6.0 + i % 4 * 0.7, crown=1.3 + i % 3 * 0.2)
+        ),
+        *f.hedge([(-48, 22.7), (-21, 22.7)], 1.5),
+        *f.wall([(-18.5, 22.6), (-2.5, 22.6)], 1.9),
+        *f.railing([(0.5, 22.6), (18, 22.6)]),
+        *f.hedge([(31, 22.7), (48, 22.7)], 1.2),
+        *f.shelter(19.5, 22.0, 24.0, 23.6),
+        *f.railing([(35.3, -29), (35.3, 4.4), (12.7, 4.4), (12.7, -29)]),
+        *f.hedge([(36.5, 4.8), (48, 4.8)], 1.0),
+        *f.hedge([(-14.2, -17.0), (-14.2, -7.0)], 1.3),
+        *f.bollards((-9.5, 0.5), (-12.5, 4.7), 4),
+        *f.bollards((7.9, 0.0), (11.5, 4.2), 4),
+        *f.sign(-5.6, 3.2, -np.pi / 2),
+        *f.sign(-16.0, 22.2, np.pi),
+        *f.sign(16.0, 5.0, 0.0),
+        *(f.litter_bin(a, b) for a, b in ((-10.0, -8.5), (8.2, -15.0), (25.0, 22.4), (-23.0, 22.2), (38.5, 5.0))),
+        f.bench(-12.6, -13.0, along_x=False),
+        f.bench(9.0, 22.3),
+        f.bench(30.0, 4.9),
+    ]
+
+
+def parking() -> np.ndarray:
+    """Bays x, y, yaw along both forecourts of the side road."""
+    right = [(10.2, b, np.pi / 2) for b in (-23.6, -17.4, -11.2, -4.6)]
+    left = [(-11.2, b, -np.pi / 2) for b in (-28.5, -13.5, -7.0)]
+    return np.array(right + left)
+
+
+def mounts() -> tuple[Mount, ...]:
+    """Where sensors may hang: the lamp posts' line behind each footway every 7 m, and corners of buildings."""
+    ground = Site("", np.array(AREA), relief=RELIEF).ground
+    poles = [(a, 22.2) for a in np.arange(-45.5, 46, 7)] + [(a, 5.0) for a in np.arange(-45.5, -10, 7)]
+    poles += [(a, 5.0) for a in np.arange(10.5, 46, 7)] + [(-9.4, b) for b in np.arange(-33, 0, 6.5)]
+    poles += [(7.8, b) for b in np.arange(-33, 0, 6.5)]
+    corners = [(-27.6, 5.2), (-14.6, 5.2), (-14.6, -6.2), (-14.6, -17.5), (-18.9, -19.3), (-38.7, 5.2)]
+    rows = [(f"pole{i:02}", place, 8.0, 1.0, 2000.0) for i, place in enumerate(poles)]
+    rows += [(f"corner{i:02}", place, 4.5, 0.6, 1000.0) for i, place in enumerate(corners)]
+    return tuple(
+        Mount(name, np.array([a, b, round(float(ground(np.array([a, b]))), 3)]), 3.0, top, price, capacity)
+        for name, (a, b), top, price, capacity in rows
+    )
