@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -103,6 +103,7 @@ class Detections:
         return Detections(*(np.concatenate(column) for column in columns))
 
 
+@runtime_checkable
 class Detector(Protocol):
     """Anything that turns the points of one frame, world frame, into detections, world frame."""
 

@@ -2,7 +2,8 @@
 
 Both models share one rule. `rays()` gives a vector per pixel in the sensor's own frame, scaled so that
 
-    point = measurement · ray            (paper equation 2 for the camera)
+    point = measurement · ray                                    (paper equation 2 for the camera)
+    point in the world = measurement · (R ray) + t               (paper equation 1; R ray is `Sensor.world_rays`)
 
 For a camera the ray has z = 1 and the measurement is depth along the optical axis; for a lidar the ray has length 1
 and the measurement is range. A measurement that is NaN, infinite, zero or negative is no return and makes no point.
@@ -11,11 +12,11 @@ and the measurement is range. A measurement that is NaN, infinite, zero or negat
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.geometry import check_pose
 
 
@@ -25,7 +26,8 @@ class DepthCamera:
 
     width, height: full image (pixels); stride: every stride-th pixel of each row and column is measured;
     fov: horizontal field of view (rad); sigma: standard deviation of the additive depth noise (m);
-    max_range: depth beyond which nothing returns (m).
+    max_range: depth beyond which nothing returns (m); centre: principal point (u, v) in pixels of the full image,
+    None for the middle.
     """
 
     width: int = 400
@@ -34,6 +36,7 @@ class DepthCamera:
     fov: float = np.pi / 2
     sigma: float = 0.015
     max_range: float = 1000.0
+    centre: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if min(self.width, self.height, self.stride) < 1:
@@ -49,9 +52,10 @@ class DepthCamera:
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K in pixels of the full image: focal length f = (width / 2) / tan(fov / 2), centre in the middle."""
+        """K in pixels of the full image: f = (width / 2) / tan(fov / 2), both ways; principal point `centre`."""
         focal = self.width / 2 / np.tan(self.fov / 2)
-        return np.array([[focal, 0.0, self.width / 2], [0.0, focal, self.height / 2], [0.0, 0.0, 1.0]])
+        u, v = self.centre or (self.width / 2, self.height / 2)
+        return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Ray per measured pixel, camera frame, z = 1: ((u - cu) / f, (v - cv) / f, 1)."""
@@ -61,7 +65,7 @@ class DepthCamera:
         self, depth: Float[np.ndarray, "rows columns"], rng: np.random.Generator
     ) -> Float32[np.ndarray, "rows columns"]:
         """Depth with N(0, sigma) added; what returned nothing still returns nothing."""
-        return _noisy(depth, self.sigma, rng)
+        return _noisy(depth, self, rng)
 
 
 @dataclass(frozen=True)
@@ -103,31 +107,56 @@ class SpinningLidar:
         self, ranges: Float[np.ndarray, "rows columns"], rng: np.random.Generator
     ) -> Float32[np.ndarray, "rows columns"]:
         """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
-        return _noisy(ranges, self.sigma, rng)
+        return _noisy(ranges, self, rng)
 
 
 SensorModel = DepthCamera | SpinningLidar
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensor:
-    """A sensor model at a place: `pose` is world_SE3_sensor. Raises ValueError where the pose is no rigid motion."""
+    """A sensor model at a place: `pose` is world_SE3_sensor. Raises ValueError where the pose is no rigid motion.
+
+    The world is a site's own frame, metres from an origin near by: points are float32, good to 1 mm within 10 km of it.
+    """
 
     name: str
     model: SensorModel
     pose: Float64[np.ndarray, "4 4"] = field(repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}"))
+        pose = check_pose(self.pose, f"pose of sensor {self.name!r}").copy()
+        pose.setflags(write=False)
+        object.__setattr__(self, "pose", pose)
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Sensor)
+            and (self.name, self.model) == (other.name, other.model)
+            and np.array_equal(self.pose, other.pose)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.model))
 
     @property
     def position(self) -> Float64[np.ndarray, "3"]:
         """Where it is, world frame (m)."""
         return self.pose[:3, 3]
 
+    @cached_property
+    def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
+        """x, y and z of each pixel's ray in the world's axes, row after row of the image (paper equation 1)."""
+        rays = self.model.rays().reshape(-1, 3).astype(np.float64)
+        return _frozen(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))
 
-def returned(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> np.ndarray:
-    """Mask of measurements that make a point: finite, positive and nearer than `max_range`."""
+
+def returned(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
+    """Mask of measurements that make a point: finite, positive and nearer than `max_range`.
+
+    >>> returned(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
+    array([False, False, False,  True, False, False])
+    """
     return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
 
 
@@ -154,10 +183,10 @@ def _frozen(rays: np.ndarray) -> np.ndarray:
     return rays
 
 
-def _noisy(measurement: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
+def _noisy(measurement: np.ndarray, model: SensorModel, rng: np.random.Generator) -> np.ndarray:
     clean = np.asarray(measurement, np.float32)
-    noise = rng.standard_normal(clean.shape, dtype=np.float32) * np.float32(sigma)
-    return np.where(returned(clean), clean + noise, np.float32(0))
+    noise = rng.standard_normal(clean.shape, dtype=np.float32) * np.float32(model.sigma)
+    return np.where(returned(clean, model.max_range), clean + noise, np.float32(0))
 
 
 def _check_noise(sigma: float, max_range: float) -> None:

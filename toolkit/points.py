@@ -1,0 +1,134 @@
+"""Points in the world frame as plain (n, 3) float32 arrays: measured by which sensor, inside which area, how far away.
+
+This is the fast path of every evaluation, and needs NumPy only; `toolkit.clouds` offers the same on Open3D clouds.
+Per sensor the rays are turned into the world once and kept, so that a frame costs one multiplication, one addition and
+one comparison per coordinate (paper equations 1 and 2 and the crop of section II-B).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.frame import Frame
+from toolkit.sensors import Sensor, SpinningLidar, returned
+
+if TYPE_CHECKING:
+    from toolkit.site import Site
+
+Metric = Literal["horizontal", "published"]
+
+
+def frame_points(
+    frame: Frame,
+    sensors: Sequence[int | str] | None = None,
+    *,
+    area: Sequence[int | float] | Float[np.ndarray, "4"],
+    height: float = 4.0,
+    rng: np.random.Generator | None = None,
+) -> list[Float32[np.ndarray, "_ 3"]]:
+    """What each sensor would send: its points inside the detection area, world frame, one (n, 3) array per sensor.
+
+    sensors: indices or names, None for all; area: xmin, ymin, xmax, ymax (m); points with 0 < z < height stay.
+    rng draws the sensors' noise; without one the measurements are taken as they are.
+    Raises ValueError for a sensor the frame does not have and for an area that is none.
+    """
+    bounds = check_area(area)
+    clouds = []
+    for index in select_sensors(frame.sensors, sensors):
+        sensor, measurement = frame.sensors[index], frame.measurements[index]
+        if rng is not None:
+            measurement = sensor.model.noisy(measurement, rng)
+        xyz, valid = unproject(sensor, measurement)
+        keep = np.flatnonzero(valid & inside(xyz.T, bounds, height))
+        clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
+    return clouds
+
+
+def unproject(
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"]
+) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
+    """x, y and z in the world of every pixel, row after row of the image, and which of them returned anything."""
+    if measurement.shape != sensor.model.shape:
+        raise ValueError(
+            f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
+        )
+    flat = np.asarray(measurement, np.float32).ravel()
+    valid = returned(flat, sensor.model.max_range)
+    xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
+    xyz += sensor.position.astype(np.float32)[:, None]
+    return xyz, valid
+
+
+def inside(
+    points: Float[np.ndarray, "n 3"], area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0
+) -> Bool[np.ndarray, " n"]:
+    """Which points lie in the area (its edge included) and strictly between `floor` and `height`, as published.
+
+    >>> inside(np.array([[0, 0, 1], [9, 0, 1], [0, 0, 4.0]]), np.array([-1.0, -1, 1, 1]))
+    array([ True, False, False])
+    """
+    x, y, z = points.T
+    xmin, ymin, xmax, ymax = area.tolist()
+    return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
+
+
+def beyond(
+    points: Float[np.ndarray, "n 3"],
+    sensor: Sensor | Float[np.ndarray, "4 4"],
+    radius: float,
+    metric: Metric = "horizontal",
+) -> Bool[np.ndarray, " n"]:
+    """Which points, world frame, lie outside a circle of `radius` (m) about a sensor, or about a camera's pose.
+
+    Hybrid fusion sends these (paper section II-E). "horizontal" measures in the world's horizontal plane, as the paper
+    says; "published" in the plane of the sensor's forward and sideways axes, tilted with it, as its code does.
+    """
+    if not radius >= 0:
+        raise ValueError(f"radius must be at least 0 m, got {radius}")
+    pose = sensor.pose if isinstance(sensor, Sensor) else sensor
+    lidar = isinstance(sensor, Sensor) and isinstance(sensor.model, SpinningLidar)
+    if metric == "horizontal":
+        across = points[:, :2] - pose[:2, 3]
+    elif metric == "published":
+        across = (points - pose[:3, 3]) @ pose[:3, [0, 1] if lidar else [0, 2]]
+    else:
+        raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
+    return np.einsum("ij,ij->i", across, across) > radius**2
+
+
+def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
+    """Positions in `available` of the sensors named or numbered in `wanted`, None for all.
+
+    Raises ValueError that lists what there is, for one that is not there.
+    """
+    names = [sensor.name for sensor in available]
+    if wanted is None:
+        return list(range(len(names)))
+    if isinstance(wanted, str):
+        raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
+    return [_position(names, which) for which in wanted]
+
+
+def _position(names: list[str], which: int | str) -> int:
+    if isinstance(which, str) and which in names:
+        return names.index(which)
+    if isinstance(which, int | np.integer) and 0 <= which < len(names):
+        return int(which)
+    raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
+
+
+def check_area(area: Site | Sequence[int | float] | Float[np.ndarray, "..."]) -> Float64[np.ndarray, "4"]:
+    """The area xmin, ymin, xmax, ymax (m) of a site, or these numbers themselves; ValueError if it encloses nothing."""
+    bounds = np.asarray(getattr(area, "area", area), np.float64)
+    if bounds.shape != (4,) or not np.isfinite(bounds).all() or not (bounds[:2] < bounds[2:]).all():
+        raise ValueError(f"area must be xmin, ymin, xmax, ymax with min < max, got {bounds.tolist()}")
+    return bounds
+
+
+def crop_height(area: object, height: float | None = None) -> float:
+    """The height (m) up to which points are kept: the one given, else a site's own, else 4 m (paper section II-B)."""
+    return float(getattr(area, "height", 4.0) if height is None else height)
