@@ -1,0 +1,192 @@
+"""Fuse recorded clouds: any usual point file, and the pose of the sensor that recorded it.
+
+    .ply .pcd .npz       whatever Open3D reads
+    .xyz .txt .csv       text, x y z first in each row, separated by blanks or commas
+    .npy                 array (n, 3 or more), x y z first
+    .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
+    .feather             columns x, y, z, as Argoverse 2 has them (needs pyarrow)
+
+A pose is world_SE3_sensor, and `inverted` means that the file gives the extrinsic matrix instead, world → sensor. It is
+16 numbers (4×4 by rows), 12 (the first three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON,
+one pose, a list of them, or an object {name: pose}; or text, one pose a line with its name before it or not, or one
+pose in four lines. A name is that of the cloud's file without its ending. Everything is float64, so that map
+coordinates of a million metres keep their millimetres.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.clouds import Cloud, from_points, fuse, load, positions
+from toolkit.geometry import check_pose, invert, transform
+
+Pose = Float64[np.ndarray, "4 4"]
+
+
+def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> Cloud:
+    """One cloud, float64, in the poses' common frame; sensor k recorded paths[k] and stood at poses[k].
+
+    Raises FileNotFoundError, and ValueError for a file that holds no points and for a pose that is none.
+    """
+    if len(paths) != len(poses):
+        raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
+    parts = []
+    for number, (path, pose) in enumerate(zip(paths, poses, strict=True)):
+        placed = transform(check_pose(pose, f"pose of {path}"), read_points(path))
+        parts.append(from_points(placed, number))
+    return fuse(parts)
+
+
+def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
+    """The points of one file, as they stand in it, less those that are not finite."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such cloud file: {path}")
+    points = np.asarray(_read(path), np.float64)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
+    """The poses of a file by name; those without one are called 0, 1, 2, ... Raises ValueError that names a bad one."""
+    path = Path(path)
+    text = path.read_text(encoding="utf-8")
+    try:
+        numbers = _poses_of_json(json.loads(text)) if path.suffix.lower() == ".json" else _poses_of_text(text)
+    except ValueError as error:
+        raise ValueError(f"{path} holds no poses: {error}") from None
+    poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}
+    return {name: invert(pose) for name, pose in poses.items()} if inverted else poses
+
+
+def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
+    """The pose of each cloud: the one that has its file's name or, where no pose has a name, the one in its place."""
+    stems = [Path(path).name.split(".")[0] for path in paths]
+    if all(stem in poses for stem in stems):
+        return [poses[stem] for stem in stems]
+    if len(poses) == len(paths) and all(name.isdigit() for name in poses):
+        return list(poses.values())
+    raise ValueError(f"cannot tell which pose is whose: files {', '.join(stems)}, poses {', '.join(poses)}")
+
+
+def parse_pose(numbers: Any, name: str = "pose") -> Pose:
+    """A pose of 16, 12 or 7 numbers, nested or flat.
+
+    >>> parse_pose([1, 0, 0, 0, 5, 6, 7])[:3, 3]
+    array([5., 6., 7.])
+    """
+    try:
+        flat = np.array(numbers, np.float64).ravel()
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be numbers, got {numbers!r}") from None
+    if flat.size == 7:
+        return check_pose(quaternion_pose(flat[:4], flat[4:]), name)
+    if flat.size == 12:
+        flat = np.append(flat, [0.0, 0.0, 0.0, 1.0])
+    if flat.size != 16:
+        raise ValueError(f"{name} must be 16, 12 or 7 numbers (4×4, 3×4, or qw qx qy qz tx ty tz), got {flat.size}")
+    return check_pose(flat.reshape(4, 4), name)
+
+
+def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
+    """The pose turned by a unit quaternion w x y z and then moved (m).
+
+    >>> quaternion_pose(np.array([0.0, 0, 0, 1]), np.zeros(3))[:2, :2]
+    array([[-1., 0.], [ 0., -1.]])
+    """
+    norm = float(np.linalg.norm(quaternion))
+    if not 0.99 < norm < 1.01:
+        raise ValueError(f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length {norm:.4g}")
+    w, x, y, z = quaternion / norm
+    pose = np.eye(4)
+    pose[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    pose[:3, 3] = translation
+    return pose
+
+
+def read_table(path: str | Path) -> dict[str, np.ndarray]:
+    """The columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
+    try:
+        from pyarrow import ArrowInvalid, feather
+    except ImportError:
+        raise ImportError("reading .feather needs pyarrow: pip install pyarrow") from None
+    try:
+        table = feather.read_table(path)
+    except (ArrowInvalid, OSError) as error:
+        raise ValueError(f"{path} is no feather file that can be read: {error}") from None
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _read(path: Path) -> np.ndarray:
+    ending = path.suffix.lower()
+    if ending in (".ply", ".pcd", ".npz"):
+        return positions(load(path))
+    if ending in (".xyz", ".txt", ".csv"):
+        return _columns(_numbers_of_text(path), path)
+    if ending == ".npy":
+        return _columns(_array(path), path)
+    if ending == ".bin":
+        return _columns(_floats(path, 5 if path.name.lower().endswith(".pcd.bin") else 4), path)
+    if ending == ".feather":
+        table = read_table(path)
+        if not {"x", "y", "z"} <= table.keys():
+            raise ValueError(f"{path} must have columns x, y and z, got {', '.join(table)}")
+        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
+
+
+def _columns(table: np.ndarray, path: Path) -> np.ndarray:
+    if table.ndim != 2 or table.shape[1] < 3:
+        raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
+    return table[:, :3]
+
+
+def _numbers_of_text(path: Path) -> np.ndarray:
+    rows = [line.split("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+    try:
+        return np.array([row[:3] for row in rows if row], np.float64).reshape(-1, 3)
+    except ValueError:
+        raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+
+
+def _array(path: Path) -> np.ndarray:
+    try:
+        return np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise ValueError(f"{path} is no .npy array that can be read: {error}") from None
+
+
+def _floats(path: Path, columns: int) -> np.ndarray:
+    size = path.stat().st_size
+    if size % (4 * columns):
+        raise ValueError(f"{path} must hold rows of {columns} float32, but {size} bytes are no whole number of them")
+    return np.fromfile(path, "<f4").reshape(-1, columns)
+
+
+def _poses_of_json(content: Any) -> dict[str, Any]:
+    if isinstance(content, dict):
+        return content
+    if not isinstance(content, list) or not content:
+        raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")
+    single = np.array(content, dtype=object).size in (7, 12, 16) and not isinstance(content[0], dict)
+    return {str(k): pose for k, pose in enumerate([content] if single else content)}
+
+
+def _poses_of_text(text: str) -> dict[str, Any]:
+    rows = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
+    rows = [row for row in rows if row]
+    if not rows:
+        raise ValueError("it is empty")
+    if [len(row) for row in rows] in ([4] * 4, [4] * 3):
+        return {"0": [number for row in rows for number in row]}
+    named = [row[0] if len(row) in (8, 13, 17) else str(k) for k, row in enumerate(rows)]
+    return {name: row[1:] if len(row) in (8, 13, 17) else row for name, row in zip(named, rows, strict=True)}
