@@ -1,0 +1,133 @@
+"""`VoxelNetConfig`: all that fixes the shape and meaning of a network, from the published size to the light one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, SupportsFloat
+
+SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
+_VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
+
+
+@dataclass(frozen=True)
+class VoxelNetConfig:
+    """The grid, the widths and the head of one VoxelNet. The defaults are the published network.
+
+    The grid starts at the lower corner of the area; where the area is no multiple of what the network strides over, the
+    grid reaches beyond its upper end, but points outside the area stay ignored. Maps have H along x, W along y.
+
+    Raises ValueError where the numbers cannot make a network.
+
+    >>> VoxelNetConfig.published("tjunction").grid_shape, VoxelNetConfig.light((0, 0, 50, 30)).map_shape
+    ((400, 200, 10), (128, 76))
+    """
+
+    area: tuple[float, float, float, float]  # xmin ymin xmax ymax, m
+    height: tuple[float, float] = (0.0, 4.0)  # m
+    voxel_size: tuple[float, float, float] = (0.2, 0.2, 0.4)  # m
+    max_points: int = 35  # T of the paper: a voxel's points beyond it are dropped at random
+
+    point_features: Literal["published", "local"] = "published"
+    """published: absolute coordinates, and the zeros that pad a voxel to T points take part in its maximum;
+    local: coordinates from the voxel's centre (z: from the ground), no padding, so that any area looks alike."""
+    vfe_widths: tuple[int, ...] = (16,)  # each of them is doubled by appending the voxel's maximum
+    voxel_width: int = 128
+    middle_widths: tuple[int, ...] = (64, 64, 64)  # 3D convolutions; () folds the height into `column_width` channels
+    column_width: int = 0
+
+    rpn_widths: tuple[int, int, int] = (128, 128, 256)
+    rpn_layers: tuple[tuple[int, ...], ...] = ((0, 1, 2, 3), (0, 1, 1, 2, 3, 4), (0, 1, 2, 2, 3, 4))
+    """The order in which each block applies its convolutions: the published one applies one of blocks 2 and 3 twice."""
+    upsample: Literal["concatenate", "add"] = "concatenate"
+    """concatenate: as published, three linear maps side by side; add: their sum, normalised and rectified."""
+    upsample_width: int = 256
+    head3x3: int = 512  # width of the head's 3x3 convolution; 0: none
+
+    head: Literal["published", "quality"] = "published"
+    """published: softmax over background and vehicle, seven residuals with the plain yaw difference;
+    quality: a logit per label, eight residuals with the doubled angle, a direction logit, an IoU logit."""
+    labels: tuple[str, ...] = ("vehicle",)
+    anchor_size: tuple[float, float, float] = (3.9, 1.56, 1.6)  # length width height, m
+    anchor_z: float = 1.6  # height of the anchors' centres, m
+    anchor_yaws: tuple[float, ...] = (0.0, math.pi / 2)
+    quality_power: float = 0.0  # score = class probability · (predicted IoU)^quality_power
+
+    def __post_init__(self) -> None:
+        xmin, ymin, xmax, ymax = self.area
+        if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
+            raise ValueError(f"the area must be xmin ymin xmax ymax with room inside, got {self.area} at {self.height}")
+        if min(self.voxel_size) <= 0 or self.max_points < 1:
+            raise ValueError(f"voxels need a size and points, got size {self.voxel_size} and {self.max_points} points")
+        if bool(self.middle_widths) == bool(self.column_width):
+            raise ValueError(
+                "give either three middle_widths or a column_width, "
+                f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
+            )
+        if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
+            raise ValueError("middle_widths, rpn_widths and rpn_layers go in threes (middle_widths may be empty)")
+
+    @classmethod
+    def published(cls, site: str, **changes: Any) -> VoxelNetConfig:
+        """The network of the paper for "tjunction" or "roundabout" (0.2 m, 0.4 m voxels), in the site's own frame."""
+        if site not in SITE_AREAS:
+            raise ValueError(f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}")
+        return cls(**{"area": SITE_AREAS[site], "voxel_size": _VOXEL_SIZES[site], **changes})
+
+    @classmethod
+    def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> VoxelNetConfig:
+        """The default on a CPU: a quarter of the width, height folded into channels, no 3x3 head; for any area."""
+        light: dict[str, Any] = {
+            "point_features": "local", "vfe_widths": (), "voxel_width": 32, "middle_widths": (), "column_width": 32,
+            "rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
+            "upsample": "add", "upsample_width": 64, "head3x3": 0,
+            "head": "quality", "anchor_z": 0.8, "quality_power": 1.0,
+        }  # fmt: skip
+        return cls(**{"area": tuple(float(side) for side in area), **light, **changes})
+
+    @property
+    def grid_shape(self) -> tuple[int, int, int]:
+        """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
+        xmin, ymin, xmax, ymax = self.area
+        nx, ny = _cells(xmax - xmin, self.voxel_size[0]), _cells(ymax - ymin, self.voxel_size[1])
+        return -(-nx // 8) * 8, -(-ny // 8) * 8, _cells(self.height[1] - self.height[0], self.voxel_size[2])
+
+    @property
+    def map_shape(self) -> tuple[int, int]:
+        """Rows (along x) and columns (along y) of the head's maps."""
+        return self.grid_shape[0] // 2, self.grid_shape[1] // 2
+
+    @property
+    def stride(self) -> tuple[float, float]:
+        """Metres between neighbouring anchors along x and y."""
+        return 2 * self.voxel_size[0], 2 * self.voxel_size[1]
+
+    @property
+    def classes(self) -> int:
+        """Class logits per anchor."""
+        return len(self.labels) + (self.head == "published")
+
+    @property
+    def residuals(self) -> int:
+        """Box residuals per anchor."""
+        return 7 if self.head == "published" else 8
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
+        """The configuration of `to_dict`, after JSON made lists of its tuples. Raises ValueError for other keys."""
+        if unknown := set(values) - {field.name for field in fields(cls)}:
+            raise ValueError(f"no such entries in a VoxelNetConfig: {', '.join(sorted(unknown))}; is the file newer?")
+        return cls(**{name: _tuples(value) for name, value in values.items()})
+
+
+def _cells(length: float, size: float) -> int:
+    return math.ceil(round(length / size, 6))
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
