@@ -1,0 +1,282 @@
+"""Oriented boxes as (n, 7) arrays: corners, intersection over union, non-maximum suppression, points inside.
+
+A row is x, y, z (geometric centre), length, width, height (m, full extents), yaw (rad, counter-clockwise from +x):
+
+            1 ────────── length ────────── 0             5 ──────────────────────────────── 4
+            │            ▲ y' (left)       │             │                                  │
+          width          └──▶ x' (front)   │           height        (x, y, z) in the middle
+            │        seen from above       │             │            seen from the right   │
+            2 ──────────────────────────── 3             1 (2) ──────────────────────── 0 (3)
+
+Corners 0 1 2 3 are the bottom, counter-clockwise from front left; 4 5 6 7 stand on top of them.
+
+Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y| <= w/2, and the
+overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box):
+a closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from toolkit.arrays import Bool, Float64, Int64
+
+Metric = Literal["bev", "3d"]
+
+FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
+_PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
+
+# Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
+_FRONT = np.array([1.0, -1.0, -1.0, 1.0])
+_LEFT = np.array([1.0, 1.0, -1.0, -1.0])
+
+
+def check_boxes(boxes: ArrayLike, name: str = "boxes") -> Float64[np.ndarray, "n 7"]:
+    """`boxes` as float64 if every row is a box; else ValueError that names the row and what is wrong with it.
+
+    >>> check_boxes([]).shape
+    (0, 7)
+    >>> check_boxes([[0, 0, 1, 4, 0, 1.5, 0]])
+    Traceback (most recent call last):
+    ValueError: length, width and height must be positive, but boxes row 0 is [0.0, 0.0, 1.0, 4.0, 0.0, 1.5, 0.0]
+    """
+    rows = np.asarray(boxes, np.float64)
+    if rows.size == 0 and rows.ndim < 2:
+        return np.zeros((0, 7))
+    if rows.ndim != 2 or rows.shape[1] != 7:
+        raise ValueError(f"{name} must have shape (n, 7): x y z length width height yaw, got {rows.shape}")
+    for rule, wrong in (
+        ("boxes must hold finite numbers", ~np.isfinite(rows).all(axis=1)),
+        ("length, width and height must be positive", (rows[:, 3:6] <= 0).any(axis=1)),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ValueError(f"{rule}, but {name} row {row} is {rows[row].tolist()}")
+    return rows
+
+
+def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
+    """The four ground corners of each box, counter-clockwise from front left.
+
+    >>> footprints([[10, 0, 1, 4, 2, 1.5, 0]]).tolist()
+    [[[12.0, 1.0], [8.0, 1.0], [8.0, -1.0], [12.0, -1.0]]]
+    """
+    boxes = check_boxes(boxes)
+    return boxes[:, None, :2] + np.stack(_corner_offsets(boxes, boxes[:, 6]), axis=-1)
+
+
+def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
+    """The eight corners of each box, in the order of the drawing above.
+
+    >>> corners([[0, 0, 1, 4, 2, 1.5, 0]])[0, [0, 6]].tolist()
+    [[2.0, 1.0, 0.25], [-2.0, -1.0, 1.75]]
+    """
+    boxes = check_boxes(boxes)
+    ground = np.tile(footprints(boxes), (1, 2, 1))
+    height = boxes[:, 2:3] + boxes[:, 5:6] / 2 * np.repeat([-1.0, 1.0], 4)
+    return np.concatenate([ground, height[..., None]], axis=-1)
+
+
+def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
+    """Intersection over union of the footprints, exact for any yaw.
+
+    >>> iou_bev([[0, 0, 0, 4, 2, 1, 0]], [[2, 0, 9, 4, 2, 1, np.pi]]).round(6)
+    array([[0.333333]])
+    >>> iou_bev([], [[0, 0, 0, 4, 2, 1, 0]]).shape
+    (0, 1)
+    """
+    return _iou_matrix(a, b, "bev")
+
+
+def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
+    """Intersection over union of the volumes, exact for any yaw (paper equation 6).
+
+    >>> iou_3d([[0, 0, 0, 4, 2, 1, 0]], [[0, 0, 0.5, 4, 2, 1, 0]]).round(6)
+    array([[0.333333]])
+    """
+    return _iou_matrix(a, b, "3d")
+
+
+def footprint_inside(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
+    """Share of each footprint of `a` that lies on the footprint of each of `b`.
+
+    >>> footprint_inside([[0, 0, 0, 2, 1, 1, 0]], [[1, 0, 0, 2, 4, 1, 0]]).tolist()
+    [[0.5]]
+    """
+    a, b = check_boxes(a, "a"), check_boxes(b, "b")
+    share = np.zeros((len(a), len(b)))
+    i, j = _near(a, b)
+    share[i, j] = _overlap_area(a[i], b[j]) / (a[i, 3] * a[i, 4])
+    return share
+
+
+def nms(
+    boxes: ArrayLike,
+    scores: ArrayLike,
+    iou_threshold: float,
+    metric: Metric = "bev",
+) -> Int64[np.ndarray, " kept"]:
+    """Greedy non-maximum suppression: indices of the kept boxes, best first.
+
+    A box goes if its IoU with a better kept box is greater than `iou_threshold`. Of equal scores the earlier is better.
+    Raises ValueError for a NaN score, a score per box missing, or a threshold outside 0..1.
+
+    >>> nms([[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]], [0.5, 0.9, 0.1], 0.1)
+    array([1, 2])
+    """
+    boxes, scores = check_boxes(boxes), np.asarray(scores, np.float64)
+    if scores.shape != (len(boxes),):
+        raise ValueError(f"scores must have one entry for each of the {len(boxes)} boxes, got shape {scores.shape}")
+    if np.isnan(scores).any():
+        raise ValueError(f"scores must be numbers, but scores row {int(np.argmax(np.isnan(scores)))} is NaN")
+    if not 0 <= iou_threshold <= 1:
+        raise ValueError(f"iou_threshold must lie in 0..1, got {iou_threshold}")
+
+    best_first = np.argsort(-scores, kind="stable")
+    boxes = boxes[best_first]
+    i, j = _near(boxes, boxes)
+    i, j = i[i < j], j[i < j]
+    clash = _iou_pairs(boxes[i], boxes[j], metric) > iou_threshold
+    i, j = i[clash], j[clash]
+    ends = np.searchsorted(i, np.arange(len(boxes) + 1))  # _near gives i in ascending order
+    keep = np.ones(len(boxes), bool)
+    for row in np.unique(i):
+        if keep[row]:
+            keep[j[ends[row] : ends[row + 1]]] = False
+    return best_first[keep]
+
+
+def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
+    """Which point lies in which box; faces belong to the box. A point that is not finite lies in none.
+
+    >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
+    [[True], [False]]
+    """
+    points, boxes = np.asarray(points), check_boxes(boxes)
+    inside = np.zeros((len(points), len(boxes)), bool)
+    for column, rows in enumerate(_rows_inside(points, boxes)):
+        inside[rows, column] = True
+    return inside
+
+
+def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
+    """Number of points in each box, as `points_in_boxes(points, boxes).sum(axis=0)` but without that array.
+
+    >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
+    array([1])
+    """
+    return np.array([len(rows) for rows in _rows_inside(np.asarray(points), check_boxes(boxes))], np.int64)
+
+
+def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x and y, (n, 4) each, of the footprint's corners about its centre, turned by `angle`."""
+    front, left = boxes[:, 3:4] / 2 * _FRONT, boxes[:, 4:5] / 2 * _LEFT
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return front * cos - left * sin, front * sin + left * cos
+
+
+def _iou_matrix(a: ArrayLike, b: ArrayLike, metric: Metric) -> np.ndarray:
+    a, b = check_boxes(a, "a"), check_boxes(b, "b")
+    iou = np.zeros((len(a), len(b)))
+    i, j = _near(a, b)
+    iou[i, j] = _iou_pairs(a[i], b[j], metric)
+    return iou
+
+
+def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Metric) -> np.ndarray:
+    """IoU of row k of `a` with row k of `b`."""
+    if metric not in ("bev", "3d"):
+        raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
+    overlap, size_a, size_b = _overlap_area(a, b), a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]
+    if metric == "3d":
+        top = np.minimum(a[:, 2] + a[:, 5] / 2, b[:, 2] + b[:, 5] / 2)
+        bottom = np.maximum(a[:, 2] - a[:, 5] / 2, b[:, 2] - b[:, 5] / 2)
+        overlap, size_a, size_b = overlap * np.maximum(top - bottom, 0), size_a * a[:, 5], size_b * b[:, 5]
+    return np.minimum(overlap / (size_a + size_b - overlap), 1.0)
+
+
+def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows i of `a` (ascending) and j of `b` whose footprints' circumscribed circles meet: no other pair overlaps."""
+    radius_a, radius_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
+    along_x = np.argsort(b[:, 0])
+    reach = radius_a + radius_b.max(initial=0)
+    first = np.searchsorted(b[along_x, 0], a[:, 0] - reach)
+    count = np.searchsorted(b[along_x, 0], a[:, 0] + reach, side="right") - first
+    i = np.repeat(np.arange(len(a)), count)
+    j = along_x[np.arange(len(i)) + np.repeat(first - np.cumsum(count) + count, count)]
+    apart = (a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2
+    near = apart <= (radius_a[i] + radius_b[j]) ** 2
+    return i[near], j[near]
+
+
+def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Area common to the footprints of row k of `a` and row k of `b`."""
+    parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
+    return np.concatenate([np.zeros(0), *(_overlap_area_at_once(a[part], b[part]) for part in parts)])
+
+
+def _overlap_area_at_once(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    (dx, dy), cos, sin = (a[:, :2] - b[:, :2]).T, np.cos(b[:, 6]), np.sin(b[:, 6])
+    x, y = _corner_offsets(a, a[:, 6] - b[:, 6])
+    x, y = x + (dx * cos + dy * sin)[:, None], y + (dy * cos - dx * sin)[:, None]
+    half_length, half_width = b[:, 3:4] / 2, b[:, 4:5] / 2
+    run, rise = np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y
+
+    start = np.clip(x, -half_length, half_length)
+    end = np.roll(start, -1, axis=1)
+    slope = rise / _nonzero(run)
+    y_start = y + (start - x) * slope
+    y_end = y + (end - x) * slope
+    climb = _nonzero(y_end - y_start)
+    below = np.clip((-half_width - y_start) / climb, 0, 1)  # where along the edge y passes -w/2 ...
+    above = np.clip((half_width - y_start) / climb, 0, 1)  # ... and +w/2
+    turn = below + above
+    mean_y = (
+        np.clip(y_start, -half_width, half_width) * turn + np.clip(y_end, -half_width, half_width) * (2 - turn)
+    ) / 2
+    area = ((start - end) * mean_y).sum(axis=1)
+    return np.clip(area, 0, np.minimum(a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]))
+
+
+def _nonzero(divisor: np.ndarray) -> np.ndarray:
+    """The divisor with 1 where an edge is too short in that direction (under a picometre) for the quotient to count."""
+    return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
+
+
+def _rows_inside(points: np.ndarray, boxes: np.ndarray) -> Iterator[np.ndarray]:
+    """For each box the rows of the points in it.
+
+    Points are put in order of their slice along x, so that a box looks at its own slices only; those few are
+    measured from the box's centre in float64, which keeps map coordinates of a million metres exact.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
+        raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
+    if not len(boxes):
+        return
+    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE
+    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
+    west, east = boxes[:, 0] - reach, boxes[:, 0] + reach
+    x = points[:, 0].astype(np.float64)
+    among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
+    first, x_slice, last = (_slice_along_x(some, west.min(), east.max()) for some in (west, x[among], east))
+    order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
+    rows = among[order]
+    first, last = np.searchsorted(x_slice[order], first), np.searchsorted(x_slice[order], last, side="right")
+    y = points[rows, 1].astype(np.float64)
+    reach = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
+    for k, box in enumerate(boxes):
+        near = np.flatnonzero(np.abs(y[first[k] : last[k]] - box[1]) <= reach[k]) + first[k]
+        dx, dy, dz = (points[rows[near]].astype(np.float64) - box[:3]).T
+        ahead, aside = dx * cos[k] + dy * sin[k], dy * cos[k] - dx * sin[k]
+        inside = (np.abs(ahead) <= half[k, 0]) & (np.abs(aside) <= half[k, 1]) & (np.abs(dz) <= half[k, 2])
+        yield rows[near[inside]]
+
+
+def _slice_along_x(x: np.ndarray, lowest: float, highest: float) -> np.ndarray:
+    return ((x - lowest) * (4096 / (highest - lowest))).astype(np.uint16)
