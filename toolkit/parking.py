@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.arrays import Float64, Int64
 from toolkit.objects import VEHICLE
+from toolkit.road_users import RoadUsers
 from toolkit.site import Site
-
-if TYPE_CHECKING:
-    from toolkit.bodies import Body
+from toolkit.spacing import Obstacles
 
 STAY = 20.0  # frames, mean
+ROOM = (5.6, 2.2, 2.0)  # m, length, width and height a bay must offer
 OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
 
 
@@ -30,28 +29,30 @@ class Parked:
     poses: Float64[np.ndarray, "n 3"]
 
     @staticmethod
-    def draw(site: Site, bodies: Sequence[Body], rng: np.random.Generator, ids: Iterator[int], most: int) -> Parked:
-        """Vehicles in a random share of the site's bays, not more than `most`."""
-        bays = site.parking
+    def draw(
+        site: Site, obstacles: Obstacles, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int], most: int
+    ) -> Parked:
+        """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`."""
+        x, y, yaw = site.parking.T
+        room = np.column_stack([x, y, np.full((len(x), 4), (0.0, *ROOM)), yaw])
+        bays = site.parking[~obstacles.hit(room)]
         number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
         places = rng.permutation(len(bays))[:number]
         none = Parked(bays, places, np.zeros(number, np.int64), np.zeros(number, np.int64), np.zeros((number, 3)))
-        return none._refilled(np.ones(number, bool), bodies, rng, ids)
+        return none._refilled(np.ones(number, bool), users, rng, ids)
 
-    def later(self, bodies: Sequence[Body], rng: np.random.Generator, ids: Iterator[int]) -> Parked:
+    def later(self, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
         """One frame later: each vehicle has left with probability 1 / `STAY`, and another stands in a free bay."""
-        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, bodies, rng, ids)
+        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, users, rng, ids)
 
-    def _refilled(
-        self, left: np.ndarray, bodies: Sequence[Body], rng: np.random.Generator, ids: Iterator[int]
-    ) -> Parked:
+    def _refilled(self, left: np.ndarray, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
         if not left.any():
             return self
         number = int(left.sum())
         parked = replace(self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")})
         free = np.setdiff1d(np.arange(len(self.bays)), self.places[~left])
         parked.places[left] = rng.permutation(free)[:number]
-        parked.bodies[left] = rng.choice([row for row, body in enumerate(bodies) if body.label == VEHICLE], number)
+        parked.bodies[left] = rng.choice(np.flatnonzero(users.labels == VEHICLE), number)
         parked.ids[left] = [next(ids) for _ in range(number)]
         parked.poses[left] = self.bays[parked.places[left]] + rng.normal(0, [0.15, 0.15, np.deg2rad(2.0)], (number, 3))
         parked.poses[left, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first

@@ -6,33 +6,26 @@ bumper, both on the path, so headings turn continuously through bends. A body's 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64, Int64
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.objects import PEDESTRIAN
+from toolkit.road_users import POSITIONS, SHARES, SWAY, RoadUsers
 from toolkit.roads import Roads, distance_to_area
 from toolkit.site import Site
 from toolkit.sumo import STEP
 
-if TYPE_CHECKING:
-    from toolkit.bodies import Body
-
-HEAVY_SHARE = 0.08  # of the vehicles
-SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}  # paper, Dataset
 LIFE = 4  # frames an object is seen in
 REACH = 25.0  # m round the area in which things are spawned; they are given up `_LEEWAY` farther out
-BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
 
 _LEEWAY = 10.0
 _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
 _TRIES = 8  # places looked at before a spawn is put off to the next step
-_POSITIONS = 3  # lateral positions in the lane, drawn per body
 _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
-_SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}  # degrees; deviation of an object's yaw
 
 
 @dataclass
@@ -56,31 +49,28 @@ class Population:
         self,
         sumo: Any,
         site: Site,
-        bodies: Sequence[Body],
+        users: RoadUsers,
         rng: np.random.Generator,
         ids: Iterator[int],
         most: int,
     ) -> None:
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
-        self.labels = [body.label for body in bodies]
-        self.lengths = [body.size[0] for body in bodies]
-        self.classes = [sumo_class(body) for body in bodies]
+        self.users = users
         self.roads = Roads.read(sumo)
-        self.places = {kind: self.roads.places(site.area, REACH, kind) for kind in sorted(set(self.classes))}
+        self.places = {kind: self.roads.places(site.area, REACH, kind) for kind in sorted(set(users.classes))}
         if not len(self.places["passenger"]):
             raise ValueError(
                 f"site {site.name!r}: no lane open to cars within {REACH:.0f} m of the area {site.area.tolist()}: "
                 "give the network in site coordinates, or move the area onto the road"
             )
-        self.choices = {
-            label: [
-                row for row, kind in enumerate(self.classes) if self.labels[row] == label and len(self.places[kind])
-            ]
-            for label in SHARES
-        }
+        possible = np.array([len(self.places[kind]) > 0 for kind in users.classes])
+        rows = {label: np.flatnonzero(possible & (users.labels == label)) for label in SHARES}
+        self.choices = {label: rows_of_label for label, rows_of_label in rows.items() if len(rows_of_label)}
+        shares = np.array([SHARES[label] for label in self.choices])
+        self.shares = shares / shares.sum()
         self.movers: dict[int, Mover] = {}
         self.walks: dict[tuple[str, str], list[str]] = {}
-        self.routes: dict[tuple[str, ...], str] = {}
+        self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
         """Simulate on, filling up the population before every step."""
@@ -115,9 +105,7 @@ class Population:
 
     def _spawn(self) -> None:
         positions = {walks: self._positions(walks) for walks in (False, True)}
-        labels = [label for label, rows in self.choices.items() if rows]
-        shares = np.array([SHARES[label] for label in labels])
-        for label in self.rng.choice(labels, self.most - len(self.movers), p=shares / shares.sum()):
+        for label in self.rng.choice(list(self.choices), self.most - len(self.movers), p=self.shares):
             body = int(self.rng.choice(self.choices[label]))
             walks = label == PEDESTRIAN
             place = self._free_place(body, positions[walks])
@@ -129,31 +117,33 @@ class Population:
                 body,
                 walks,
                 aside=self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0,
-                turn=np.deg2rad(self.rng.normal(0, _SWAY[label])),
+                turn=np.deg2rad(self.rng.normal(0, SWAY[label])),
             )
-            positions[walks] = np.vstack([positions[walks], self.places[self.classes[body]].points[place]])
+            positions[walks] = np.vstack([positions[walks], self.places[self.users.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
         """A random place away from the taken ones with room for the body behind it, if one is found quickly."""
-        places, length = self.places[self.classes[body]], self.lengths[body]
+        places, length = self.places[self.users.classes[body]], self.users.sizes[body, 0]
         candidates = self.rng.integers(len(places), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
-        free = (gaps > (length + 2) ** 2).all(axis=1)
-        if self.labels[body] != PEDESTRIAN:
+        drives = self.users.labels[body] != PEDESTRIAN
+        free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
+        if drives:
             free &= places.offsets[candidates] >= np.minimum(length, places.lengths[candidates] - 1)
         return int(candidates[np.argmax(free)]) if free.any() else None
 
     def _add_driver(self, name: str, body: int, place: int) -> None:
-        places = self.places[self.classes[body]]
+        places = self.places[self.users.classes[body]]
         lane = places.lanes[place]
-        edges = self.roads.route(lane, self.classes[body], _ROUTE_LENGTH, self.rng)
-        route = self.routes.setdefault(tuple(edges), f"route{len(self.routes)}")
-        if route not in self.sumo.route.getIDList():
+        edges = self.roads.route(lane, self.users.classes[body], _ROUTE_LENGTH, self.rng)
+        route = " ".join(edges)
+        if route not in self.routes:
             self.sumo.route.add(route, edges)
+            self.routes.add(route)
         self.sumo.vehicle.add(
             name,
             route,
-            f"{body}-{self.rng.integers(_POSITIONS)}",
+            f"{body}-{self.rng.integers(POSITIONS)}",
             departLane=lane.rpartition("_")[2],
             departPos=f"{places.offsets[place]:.2f}",
             departSpeed="max",
@@ -178,7 +168,7 @@ class Population:
         domain = self.sumo.person if mover.walks else self.sumo.vehicle
         x, y = domain.getPosition(str(name))
         yaw = np.pi / 2 - np.deg2rad(domain.getAngle(str(name)))  # SUMO: clockwise from north
-        back = 0.0 if mover.walks else self.lengths[mover.body] / 2
+        back = 0.0 if mover.walks else self.users.sizes[mover.body, 0] / 2
         x -= back * np.cos(yaw) + mover.aside * np.sin(yaw)
         y -= back * np.sin(yaw) - mover.aside * np.cos(yaw)
         yaw += mover.turn
@@ -192,25 +182,3 @@ class Population:
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.movers:
                 self.sumo.vehicle.remove(name)
-
-
-def sumo_class(body: Body) -> str:
-    """SUMO's vehicle class of a body, which says which lanes it may use."""
-    two_wheeler = "bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle"
-    return {VEHICLE: "passenger", HEAVY: "truck", CYCLIST: two_wheeler, PEDESTRIAN: "pedestrian"}[body.label]
-
-
-def vehicle_types(bodies: Sequence[Body], rng: np.random.Generator) -> str:
-    """SUMO's additional file that declares type "body-position" for every body and lateral position in the lane."""
-    rows = []
-    for number, body in enumerate(bodies):
-        length, width, height = body.size
-        spread = {VEHICLE: 0.25, CYCLIST: 0.8}.get(body.label, 0.0)
-        for position in range(_POSITIONS):
-            offset = np.clip(rng.normal(0, spread), -1.2, 1.2)
-            gap = 0.5 if body.label == PEDESTRIAN else rng.uniform(1.0, 2.5)
-            rows.append(
-                f'<vType id="{number}-{position}" vClass="{sumo_class(body)}" length="{length:.2f}" width="{width:.2f}" '
-                f'height="{height:.2f}" minGap="{gap:.2f}" latAlignment="{offset:.2f}"/>'
-            )
-    return f"<additional>\n{chr(10).join(rows)}\n</additional>\n"

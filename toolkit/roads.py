@@ -34,7 +34,7 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on lanes: name and length (m) of each one's lane, offset from its start (m), and point in the site frame."""
+    """Places on lanes: the lane's name and length (m), the offset from its start (m), the point in the site frame."""
 
     lanes: tuple[str, ...]
     lengths: Float64[np.ndarray, " n"]
@@ -93,7 +93,7 @@ class Roads:
         return edges
 
     def _onward(self, lane: Lane, vehicle_class: str) -> list[str]:
-        """Lanes that follow this one, or its neighbours where it only ends; back where one came from only if need be."""
+        """Lanes that follow this one or, where it just ends, those that follow its neighbours."""
         for candidate in (lane, *self._neighbours[lane.edge]):
             allowed = [name for name in candidate.following if vehicle_class not in self.lanes[name].forbidden]
             if allowed:

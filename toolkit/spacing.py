@@ -35,22 +35,21 @@ def separate(
 ) -> tuple[Float64[np.ndarray, "n 7"], Bool[np.ndarray, " n"], int]:
     """Boxes that keep apart, which rows of them are kept, and how many were moved or dropped.
 
-    Earlier rows have precedence. A row that is in the way steps aside by up to 1 m across its heading; where that does
-    not help, it is dropped.
+    Earlier rows have precedence. A row that is in the way steps aside by up to 1 m across its heading, to where it is
+    in nobody's way; where there is no such place, it is dropped.
     """
     kept = np.ones(len(boxes), bool)
-    if not (overlaps(boxes).any() or obstacles.hit(boxes).any()):
+    in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
+    if not len(in_the_way):
         return boxes, kept, 0
-    settled = boxes.copy()
-    for row in range(len(boxes)):
-        before = np.flatnonzero(kept[:row])
+    settled, shapes = boxes.copy(), _shapes(boxes)
+    for row in in_the_way:
+        kept[row] = False  # so that `kept` are the others
         places = _beside(boxes[row])
-        shapes = _shapes(places)
-        free = ~obstacles.hit(places)
-        if len(before):
-            free &= ~shapely.intersects(shapes[:, None], _shapes(settled[before])[None]).any(axis=1)
-        kept[row] = free.any()
-        settled[row] = places[np.argmax(free)]
+        place_shapes = _shapes(places)
+        free = ~obstacles.hit(places) & ~shapely.intersects(place_shapes[:, None], shapes[kept][None]).any(axis=1)
+        first = np.argmax(free)
+        kept[row], settled[row], shapes[row] = free[first], places[first], place_shapes[first]
     return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
 
 

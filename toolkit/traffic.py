@@ -1,10 +1,10 @@
 """Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
 
-As in the paper's dataset, what is spawned is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2, 0.2 (of the
-cars 8 % are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its place.
-Frames lie 5 s apart. Classes without bodies, or without lanes of their own near the area (pedestrians, where there is no
-footway), are left out and the other probabilities grow in proportion. Parked vehicles come on top of the spawned ones,
-within the 30, and stay longer.
+As in the paper's dataset, what is spawned is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
+(8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its
+place. Frames lie 5 s apart. Classes without bodies, or without lanes of their own near the area (pedestrians, where
+there is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are not spawned but
+drawn for the bays; they count among the 30 and stay longer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE, Objects
 from toolkit.parking import Parked
-from toolkit.population import Population, vehicle_types
+from toolkit.population import Population
+from toolkit.road_users import RoadUsers
 from toolkit.site import Site
 from toolkit.spacing import Obstacles, separate
 from toolkit.sumo import STEP, running
@@ -80,35 +81,32 @@ def simulate(
 def _run(
     site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, interval: float, most: int
 ) -> Iterator[Snapshot]:
-    ids, obstacles = count(), Obstacles(site)
-    parked = Parked.draw(site, bodies, rng, ids, most // 3)
-    with running(site.network, vehicle_types(bodies, rng), seed=int(rng.integers(2**31 - 1))) as sumo:
-        population = Population(sumo, site, bodies, rng, ids, most - len(parked.ids))
+    ids, obstacles, users = count(), Obstacles(site), RoadUsers.of(bodies)
+    parked = Parked.draw(site, obstacles, users, rng, ids, most // 3)
+    with running(site.network, users.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
+        population = Population(sumo, site, users, rng, ids, most - len(parked.ids))
         population.advance(WARM_UP)
         for index in range(frames):
-            yield _snapshot(site, bodies, population, parked, obstacles, index * interval)
-            parked = parked.later(bodies, rng, ids)
+            yield _snapshot(site, users, population, parked, obstacles, index * interval)
+            parked = parked.later(users, rng, ids)
             population.advance(interval)
 
 
 def _snapshot(
-    site: Site, bodies: Sequence[Body], population: Population, parked: Parked, obstacles: Obstacles, time: float
+    site: Site, users: RoadUsers, population: Population, parked: Parked, obstacles: Obstacles, time: float
 ) -> Snapshot:
     """What is near the area now; what cannot be kept apart leaves the simulation."""
-    moving, moving_bodies, moving_poses = population.state()
-    ids = np.concatenate([parked.ids, moving])
-    chosen = np.concatenate([parked.bodies, moving_bodies])
-    poses = np.concatenate([parked.poses, moving_poses])
-    sizes = np.array([body.size for body in bodies])[chosen].reshape(-1, 3)
+    standing = (parked.ids, parked.bodies, parked.poses)
+    ids, bodies, poses = (np.concatenate(both) for both in zip(standing, population.state(), strict=True))
+    sizes = users.sizes[bodies]
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, poses[:, 2]])
     boxes, kept, repaired = separate(boxes, obstacles)
     population.remove(ids[~kept])
     seen = np.flatnonzero(kept)[_touch(boxes[kept], site.area, MARGIN)]
     population.count_frame(ids[seen])
-    boxes = boxes[seen]
+    boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
-    labels = np.array([bodies[body].label for body in chosen[seen]], np.int64)
-    return Snapshot(Objects(boxes, labels, ids[seen]), chosen[seen], time, repaired)
+    return Snapshot(Objects(boxes, users.labels[bodies], ids), bodies, time, repaired)
 
 
 def _touch(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"], margin: float) -> Bool[np.ndarray, " n"]:
