@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.site import Relief, Site, Solid
+from toolkit.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
 Polygons = Iterable[Float[np.ndarray, "_ 2"]]
@@ -120,16 +120,70 @@ def kerbs(lanes: Polygons, footways: Polygons, height: float = 0.12, width: floa
     return solids
 
 
+def clear_of_road(solids: Iterable[Solid], lanes: Polygons, footways: Polygons, gap: float = 0.2) -> list[Solid]:
+    """Solids with what stands on road or footway, or within `gap` m of them, cut off; the largest piece is kept."""
+    street = _surface(lanes, footways).buffer(gap)
+    cleared = []
+    for solid in solids:
+        rest = shapely.Polygon(solid.footprint).difference(street)
+        if rest.area > 0.01:
+            largest = max(shapely.get_parts(rest), key=lambda part: part.area).simplify(0.01)
+            footprint = shapely.get_coordinates(shapely.set_precision(largest, 1e-3).exterior)[:-1]
+            cleared.append(replace(solid, footprint=footprint))
+    return cleared
+
+
+def kerbside(lanes: Polygons, footways: Polygons, *, behind: float, spacing: float) -> list[Point]:
+    """Places `behind` m outside the street, every `spacing` m along its outlines."""
+    street = _surface(lanes, footways).buffer(0.05).buffer(behind - 0.05)
+    outlines = [part.exterior for part in shapely.get_parts(street)]
+    outlines += [hole for part in shapely.get_parts(street) for hole in part.interiors]
+    places = [o.interpolate(d) for o in outlines for d in np.arange(0, o.length, spacing)]
+    return [(round(p.x, 2), round(p.y, 2)) for p in places]
+
+
+def free_places(places: Iterable[Point], solids: Iterable[Solid], area: Sequence[float], margin: float) -> list[Point]:
+    """The places within `margin` m of `area` that lie in no solid."""
+    occupied = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind != "kerb"]).buffer(0.05)
+    window = shapely.box(area[0] - margin, area[1] - margin, area[2] + margin, area[3] + margin)
+    return [place for place in places if window.contains(p := shapely.Point(place)) and not occupied.intersects(p)]
+
+
+def poles(
+    places: Iterable[Point],
+    relief: Relief,
+    prefix: str,
+    *,
+    top: float = 8.0,
+    price: float = 1.0,
+    capacity: float = 2000.0,
+) -> list[Mount]:
+    """Mounts `prefix`00, `prefix`01, ... that stand on the ground, usable from 3 m up to `top` m."""
+    mounts = []
+    for i, (x, y) in enumerate(places):
+        foot = np.array([x, y, _ground(relief, x, y)])
+        mounts.append(Mount(f"{prefix}{i:02}", foot, 3.0, top, price, capacity))
+    return mounts
+
+
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Solids made for level ground, lifted by the ground under the middle of each; what stands on the ground (base 0)
     reaches 0.3 m into it, so that no gap shows."""
-    ground = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground
     settled = []
     for solid in solids:
-        lift = float(ground(solid.footprint.mean(axis=0)).round(3))
+        lift = _ground(relief, *solid.footprint.mean(axis=0))
         base = -0.3 if solid.base == 0 else solid.base
         settled.append(replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3)))
     return tuple(settled)
+
+
+def _ground(relief: Relief, x: float, y: float) -> float:
+    level = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(np.array([x, y]))
+    return round(float(level), 3)
+
+
+def _surface(lanes: Polygons, footways: Polygons) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(p) for p in (*lanes, *footways)])
 
 
 def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:

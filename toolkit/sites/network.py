@@ -65,6 +65,7 @@ def build_network(
     *,
     connections: Iterable[Row] = (),
     crossings: Iterable[Row] | None = None,
+    walking_areas: Iterable[Row] = (),
     roundabouts: Iterable[Row] = (),
     options: Sequence[str] = (),
 ) -> str:
@@ -72,7 +73,7 @@ def build_network(
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
     `street` makes them; connections: from, to, fromLane, toLane...; crossings: node, edges, width, priority, None lets
-    netconvert guess them; roundabouts: nodes, edges; options: further netconvert options.
+    netconvert guess them; walking_areas: node, edges, shape; roundabouts: nodes, edges; options: of netconvert.
 
     Raises ValueError with netconvert's own words where it refuses the rows, ImportError where SUMO is not installed.
     """
@@ -86,6 +87,7 @@ def build_network(
                 [
                     *(_element("connection", row) for row in connections),
                     *(_element("crossing", row) for row in crossings or ()),
+                    *(_element("walkingArea", row) for row in walking_areas),
                 ],
             ),
         }

@@ -18,7 +18,7 @@ from toolkit.sites import furniture as f
 from toolkit.sites.network import build_network, road_polygons, street
 
 AREA = (-40.0, -20.0, 40.0, 20.0)
-RELIEF = Relief(amplitude=0.08, seed=255)
+RELIEF = Relief(amplitude=0.08, seed=45)
 # right-handed CARLA map (x, -y_carla): x = 104 - b, y = a - 196
 MAP_SE3_SITE = np.array([[0.0, -1, 0, 104], [1, 0, 0, -196], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -26,7 +26,7 @@ THROUGH_B, SIDE_A = 13.6, -0.8
 LANE, SHOULDER, FOOTWAY = 4.0, 0.3, 4.0
 
 HEIGHT = 5.2
-TILT_DEG = 8.0
+TILT_DEG = 3.0
 POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in the tuple is the paper's sensor id
     (40.9, 8.1, 155.0),
     (-7.7, 21.9, 295.0),
@@ -35,22 +35,27 @@ POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in th
     (-8.3, 18.5, 208.0),
     (-5.5, -27.5, 64.0),
 )
+FEET = tuple((a, 9.15 if i == 2 else b) for i, (a, b, _) in enumerate(POSTS))
+PARKING = np.array(  # x, y, yaw: along both forecourts of the side road
+    [(10.4, b, np.pi / 2) for b in (-23.6, -17.4, -11.2, -4.9)] + [(-11.2, b, -np.pi / 2) for b in (-28.5, -14.0, -7.0)]
+)
 
 
 def build() -> Site:
     """The site, its network made by netconvert."""
     net = network()
     lanes, footways = road_polygons(net, AREA)
-    solids = [*buildings(), *street_furniture(), *f.kerbs(lanes, footways)]
+    beside = f.clear_of_road([*buildings(), *street_furniture()], lanes, footways, gap=0.15)
+    solids = f.settle([*beside, *sensor_posts(), *f.kerbs(lanes, footways)], RELIEF)
     return Site(
         name="tjunction",
         area=np.array(AREA),
         lanes=lanes,
         footways=footways,
-        solids=f.settle(solids, RELIEF),
-        mounts=mounts(),
+        solids=solids,
+        mounts=mounts(lanes, footways, solids),
         sensors=sensors(),
-        parking=parking(),
+        parking=PARKING,
         network=net,
         map_SE3_site=MAP_SE3_SITE,
         relief=RELIEF,
@@ -90,10 +95,11 @@ def sensors() -> tuple[Sensor, ...]:
 
 
 def buildings() -> list[Solid]:
-    """Houses and the pond of the published picture. The two that reach over the footway there (eaves) end behind it."""
+    """Houses and the pond of the published picture, and houses beyond the through road. Two of them reach over the
+    footway in the picture (eaves): `build` cuts them off behind it."""
     return [
-        f.building(-38.6, -4.5, -27.7, 5.1, 4.2),  # hut
-        f.building(-26.5, -6.2, -14.7, 5.1, 4.8),  # pavilion
+        f.building(-38.6, -4.5, -27.7, 5.9, 4.2),  # hut
+        f.building(-26.5, -6.2, -14.7, 6.2, 4.8),  # pavilion
         f.building(-26.5, -17.4, -14.7, -6.2, 7.5),
         f.building(-49.0, -29.0, -28.0, -4.8, 11.0),
         f.building(-28.8, -29.0, -19.0, -19.4, 8.0),
@@ -104,69 +110,48 @@ def buildings() -> list[Solid]:
     ]
 
 
+def sensor_posts() -> list[Solid]:
+    """A post under each sensor. Post 2 stands on the footway: its camera hangs from an arm over the road's edge."""
+    arm = Solid(f.bar((-45.6, 9.15), (-45.6, 10.1), 0.08), HEIGHT + 0.1, HEIGHT + 0.2, "post")
+    return [*(f.post(*foot, HEIGHT + 0.2 if foot == FEET[2] else HEIGHT - 0.2) for foot in FEET), arm]
+
+
 def street_furniture() -> list[Solid]:
-    """Posts, trees, hedges, walls, signs and bins, all behind the footways except the sensors' own posts."""
-    lamps = [(a, 22.2) for a in (-36, -20, 6, 22, 38)] + [(a, 5.0) for a in (-42, -11, 12, 28, 44)]
-    lamps += [(-9.4, -16.0), (7.8, -22.0), (7.8, -8.0), (-9.4, -34.0)]
-    trees = [(-31, 23.6), (-15, 24.0), (1.5, 24.0), (12, 23.7), (29, 23.8), (42, 24)]
-    trees += [
-        (17.5, 4.6),
-        (25.0, 4.6),
-        (33.0, 4.6),
-        (37.5, 3.5),
-        (37.5, -6.0),
-        (-12.2, -3.5),
-        (-11.8, -19.0),
-        (11.8, -27.0),
-    ]
+    """Lamps, trees, hedges, walls, signs and bins, all behind the footways."""
+    lamps = [(a, 22.2) for a in (-36.0, -20.0, 6.0, 22.0, 38.0)] + [(a, 5.0) for a in (-42.0, 14.0, 28.0, 44.0)]
+    lamps += [(-9.4, -16.0), (7.8, -22.0), (7.8, -8.0), (-9.4, -34.0), (-12.9, 2.8)]
+    trees = [(-31.0, 23.6), (-15.0, 24.0), (1.5, 24.0), (12.0, 23.7), (29.0, 23.8), (42.0, 24.0)]
+    trees += [(17.5, 4.6), (25.0, 4.6), (33.0, 4.6), (37.5, 3.5), (37.5, -6.0)]
+    trees += [(-12.9, -2.6), (-12.2, -20.3), (11.8, -28.5)]
     return [
-        *(f.post(a, b, HEIGHT - 0.2) for i, (a, b, _) in enumerate(POSTS) if i != 2),
-        # Post 2 stands on the footway; its camera hangs from an arm over the road's edge.
-        f.post(-45.6, 9.15, HEIGHT + 0.2),
-        Solid(f.bar((-45.6, 9.15), (-45.6, 10.1), 0.08), HEIGHT + 0.1, HEIGHT + 0.2, "post"),
         *(f.post(a, b, 6.5, 0.09) for a, b in lamps),
-        *(
-            solid
-            for i, place in enumerate(trees)
-            for solid in f.tree(*place, height=6.0 + i % 4 * 0.7, crown=1.3 + i % 3 * 0.2)
-        ),
+        *(s for i, place in enumerate(trees) for s in f.tree(*place, height=6 + i % 4 * 0.7, crown=1.3 + i % 3 * 0.2)),
         *f.hedge([(-48, 22.7), (-21, 22.7)], 1.5),
         *f.wall([(-18.5, 22.6), (-2.5, 22.6)], 1.9),
         *f.railing([(0.5, 22.6), (18, 22.6)]),
         *f.hedge([(31, 22.7), (48, 22.7)], 1.2),
-        *f.shelter(19.5, 22.0, 24.0, 23.6),
+        *f.shelter(19.5, 22.1, 24.0, 23.6),
         *f.railing([(35.3, -29), (35.3, 4.4), (12.7, 4.4), (12.7, -29)]),
         *f.hedge([(36.5, 4.8), (48, 4.8)], 1.0),
         *f.hedge([(-14.2, -17.0), (-14.2, -7.0)], 1.3),
-        *f.bollards((-9.5, 0.5), (-12.5, 4.7), 4),
-        *f.bollards((7.9, 0.0), (11.5, 4.2), 4),
-        *f.sign(-5.6, 3.2, -np.pi / 2),
-        *f.sign(-16.0, 22.2, np.pi),
-        *f.sign(16.0, 5.0, 0.0),
-        *(f.litter_bin(a, b) for a, b in ((-10.0, -8.5), (8.2, -15.0), (25.0, 22.4), (-23.0, 22.2), (38.5, 5.0))),
-        f.bench(-12.6, -13.0, along_x=False),
+        *f.bollards((-9.9, -0.1), (-14.2, 4.3), 4),
+        *f.bollards((8.5, -0.1), (12.8, 4.3), 4),
+        *f.sign(-9.7, -1.2, -np.pi / 2),
+        *f.sign(-16.0, 22.3, np.pi),
+        *f.sign(16.0, 4.9, 0.0),
+        *(f.litter_bin(a, b) for a, b in ((-9.6, -10.2), (8.2, -14.3), (25.0, 22.4), (-23.0, 22.3), (38.5, 4.9))),
+        f.bench(-13.3, -13.0, along_x=False),
         f.bench(9.0, 22.3),
-        f.bench(30.0, 4.9),
+        f.bench(30.0, 4.8),
     ]
 
 
-def parking() -> np.ndarray:
-    """Bays x, y, yaw along both forecourts of the side road."""
-    right = [(10.2, b, np.pi / 2) for b in (-23.6, -17.4, -11.2, -4.6)]
-    left = [(-11.2, b, -np.pi / 2) for b in (-28.5, -13.5, -7.0)]
-    return np.array(right + left)
-
-
-def mounts() -> tuple[Mount, ...]:
-    """Where sensors may hang: the lamp posts' line behind each footway every 7 m, and corners of buildings."""
-    ground = Site("", np.array(AREA), relief=RELIEF).ground
-    poles = [(a, 22.2) for a in np.arange(-45.5, 46, 7)] + [(a, 5.0) for a in np.arange(-45.5, -10, 7)]
-    poles += [(a, 5.0) for a in np.arange(10.5, 46, 7)] + [(-9.4, b) for b in np.arange(-33, 0, 6.5)]
-    poles += [(7.8, b) for b in np.arange(-33, 0, 6.5)]
+def mounts(lanes: f.Polygons, footways: f.Polygons, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
+    """Where sensors may hang: the present posts, poles behind the footways every 5 m, and corners of buildings."""
     corners = [(-27.6, 5.2), (-14.6, 5.2), (-14.6, -6.2), (-14.6, -17.5), (-18.9, -19.3), (-38.7, 5.2)]
-    rows = [(f"pole{i:02}", place, 8.0, 1.0, 2000.0) for i, place in enumerate(poles)]
-    rows += [(f"corner{i:02}", place, 4.5, 0.6, 1000.0) for i, place in enumerate(corners)]
-    return tuple(
-        Mount(name, np.array([a, b, round(float(ground(np.array([a, b]))), 3)]), 3.0, top, price, capacity)
-        for name, (a, b), top, price, capacity in rows
+    places = f.kerbside(lanes, footways, behind=0.1, spacing=5.0)
+    return (
+        *f.poles(FEET, RELIEF, "post"),
+        *f.poles(f.free_places(places, solids, AREA, 6.0), RELIEF, "pole"),
+        *f.poles(corners, RELIEF, "corner", top=4.0, price=0.6, capacity=1000.0),
     )
