@@ -1,0 +1,239 @@
+"""Junctions nobody made by hand: 3 to 5 legs or a roundabout, drawn with what stands beside them and what watches them.
+
+Training a detector for any junction, and testing a placement search, needs hundreds of them; a seed says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.geometry import look, pose
+from toolkit.sensors import DepthCamera, Sensor, SensorModel, SpinningLidar
+from toolkit.site import Mount, Relief, Site
+from toolkit.sites.furniture import settle
+from toolkit.sites.network import Row, build_network, line, road_polygons, street
+from toolkit.sites.surroundings import Road, furnish, place_mounts
+
+REACH = 140.0  # how far a leg goes from the middle of the junction (m)
+POSTED = 2.3  # width of a strip of parking bays (m)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One road that meets the junction: path (k, 2) from the junction outwards; lanes towards it and away from it
+    (0: one-way); widths of a lane, of the footway and of the parking strip on either side (m)."""
+
+    path: Float64[np.ndarray, "k 2"]
+    inbound: int
+    outbound: int
+    lane: float
+    footway: float
+    parking: float
+    speed: float
+
+    @property
+    def half_widths(self) -> tuple[float, float]:
+        """From the path to the outer edge of the footway, left (inbound side) and right (outbound side), seen from the
+        junction (m)."""
+        beside = self.footway + self.parking
+        left, right = (n * self.lane + beside if n else 0.0 for n in (self.inbound, self.outbound))
+        return left, right
+
+
+def random_site(rng: np.random.Generator | int) -> Site:
+    """A junction drawn by `rng` (a generator or a seed); the same seed gives the same site.
+
+    The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. At least
+    12 mounts, 1 to 10 default sensors on them.
+    """
+    rng = np.random.default_rng(rng)
+    name = f"random-{rng.integers(16**6):06x}"
+    area = _area(rng)
+    is_roundabout = rng.random() < 0.25
+    legs, network = _roundabout(rng) if is_roundabout else _crossroads(rng)
+    lanes, footways = road_polygons(network, area)
+    road = Road(tuple(leg.path for leg in legs), tuple(leg.half_widths for leg in legs), lanes, footways)
+    relief = Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31)))
+    mounts = place_mounts(road, area, rng, at_least=12)
+    solids, forecourts = furnish(road, area, mounts, rng)
+    bays = np.concatenate([forecourts, *(_bays(leg, rng) for leg in legs)])
+    site = Site(
+        name=name,
+        area=area,
+        lanes=lanes,
+        footways=footways,
+        solids=settle(solids, relief),
+        parking=bays,
+        network=network,
+        relief=relief,
+    )
+    feet = np.array([mount.position for mount in mounts])
+    feet[:, 2] = site.ground(feet[:, :2]).round(3)
+    site = replace(site, mounts=tuple(replace(m, position=foot) for m, foot in zip(mounts, feet, strict=True)))
+    return replace(site, sensors=random_sensors(site, rng))
+
+
+def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
+    """`count` (None: 1 to 10) depth cameras and lidars on mounts of `site`, 3 to 10 m up, tilted 0 to 30° down, most of
+    them headed for the middle of the area. Cameras come first: d0, d1, ... then lidars l2, l3, ... in order of name.
+
+    Raises ValueError where the site has no mounts or `count` is less than 1.
+    """
+    rng = np.random.default_rng(rng)
+    count = int(rng.integers(1, 11)) if count is None else count
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    if not site.mounts:
+        raise ValueError(f"site {site.name!r} has no mounts to hang sensors on: give it some")
+    order = [rng.permutation(len(site.mounts)) for _ in range(-(-count // len(site.mounts)))]
+    mounts = [site.mounts[i] for i in np.concatenate(order)[:count]]
+    lidars = int(rng.binomial(count, 0.35))
+    digits = len(str(count - 1))
+    return tuple(
+        _hang(f"{'d' if i < count - lidars else 'l'}{i:0{digits}}", i >= count - lidars, mount, site, rng)
+        for i, mount in enumerate(mounts)
+    )
+
+
+def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: np.random.Generator) -> Sensor:
+    x, y, z = (float(c) for c in mount.position)
+    low = min(max(3.0, mount.min_height), mount.max_height)
+    z += rng.uniform(low, max(low, min(10.0, mount.max_height)))
+    size = site.area[2:] - site.area[:2]
+    aim = rng.normal((site.area[:2] + site.area[2:]) / 2, size / 6)
+    towards = np.arctan2(aim[1] - y, aim[0] - x) + rng.normal(0.0, np.deg2rad(15.0))
+    heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
+    tilt = rng.uniform(0.0, np.deg2rad(30.0))
+    if is_lidar:
+        return Sensor(name, _random_lidar(rng), pose(x, y, z, yaw=heading, pitch=tilt / 3))
+    return Sensor(name, _random_camera(rng), look((x, y, z), heading, tilt))
+
+
+def _random_camera(rng: np.random.Generator) -> SensorModel:
+    width = int(rng.choice([320, 360, 400, 440, 480]))
+    return DepthCamera(width=width, height=width * 3 // 4, fov=float(np.deg2rad(rng.uniform(60.0, 100.0))))
+
+
+def _random_lidar(rng: np.random.Generator) -> SensorModel:
+    return SpinningLidar(
+        channels=int(rng.choice([16, 32, 64, 128])),
+        fov_up=float(np.deg2rad(rng.uniform(0.0, 15.0))),
+        fov_down=float(np.deg2rad(rng.uniform(-50.0, -15.0))),
+        azimuth_step=float(np.deg2rad(rng.choice([0.2, 0.4, 0.8]))),
+        azimuth_fov=2 * np.pi if rng.random() < 0.7 else float(np.deg2rad(120.0)),
+        sigma=float(rng.uniform(0.005, 0.03)),
+    )
+
+
+def _area(rng: np.random.Generator) -> Float64[np.ndarray, "4"]:
+    """60..110 m by 40..110 m, its middle within an eighth of its size of the origin."""
+    size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
+    middle = rng.uniform(-size / 8, size / 8)
+    return np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
+
+
+def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
+    """3 to 5 legs that meet in one junction."""
+    count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
+    legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
+    rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
+    nodes: list[Row] = [{"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}]
+    major = rng.permutation(count)[:2]
+    edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)]
+    return legs, build_network(nodes + _ends(legs), edges)
+
+
+def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
+    """3 to 5 legs that meet a ring, driven counter-clockwise."""
+    count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
+    wide = rng.random() < 0.25
+    radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * wide
+    directions = _directions(rng, count)
+    legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
+    ring = street(1 + wide, width=4.5, footway=round(rng.uniform(1.5, 3.0), 2), speed=7.0)
+    nodes: list[Row] = [
+        {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"} for i, leg in enumerate(legs)
+    ]
+    edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, f"r{i}", 1)]
+    for i in range(count):
+        start, end = directions[i], directions[(i + 1) % count]
+        arc = np.linspace(start, start + (end - start) % (2 * np.pi), 16)
+        shape = radius * np.stack([np.cos(arc), np.sin(arc)], axis=1)
+        ends = {"id": f"ring{i}", "from": f"r{i}", "to": f"r{(i + 1) % count}"}
+        edges.append({**ends, "shape": line(shape), "spreadType": "center", "priority": 3, "lanes": ring})
+    circle = {
+        "nodes": " ".join(f"r{i}" for i in range(count)),
+        "edges": " ".join(f"ring{i}" for i in range(count)),
+    }
+    return legs, build_network(nodes + _ends(legs), edges, roundabouts=[circle])
+
+
+def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n"]:
+    """Directions of `count` legs (rad), ascending, no two within 45° of each other."""
+    even = np.arange(count) * 360.0 / count
+    if count == 3 and rng.random() < 0.6:
+        even = np.array([0.0, 90.0, 180.0])
+    skew = {3: 22.0, 4: 22.0, 5: 13.0}[count]
+    return np.deg2rad(even + rng.uniform(-skew, skew, count) + rng.uniform(0.0, 360.0))
+
+
+def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
+    """Legs along `directions`, gently bent; at most one of them is one-way."""
+    lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
+    one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
+    usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
+    legs = []
+    for i, direction in enumerate(directions):
+        lanes = np.clip(usual + rng.integers(-1, 2, 2) * (rng.random(2) < 0.3), 1, most_lanes)
+        if i == one_way:
+            lanes[rng.integers(2)] = 0
+        along = np.linspace(start, REACH, 15)
+        bend = rng.uniform(-14.0, 14.0) * ((along - start) / REACH) ** 2
+        ahead = np.array([np.cos(direction), np.sin(direction)])
+        path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
+        parking = POSTED if rng.random() < 0.3 else 0.0
+        inbound, outbound = (int(n) for n in lanes)
+        walk = round(float(np.clip(footway + rng.uniform(-0.5, 0.5), 1.5, 4.0)), 2)
+        speed = round(float(rng.choice([8.3, 11.1, 13.9])), 1)
+        legs.append(Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, parking, speed))
+    return tuple(legs)
+
+
+def _ends(legs: Sequence[Leg]) -> list[Row]:
+    return [{"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)]
+
+
+def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[Row]:
+    """The edges of a leg: towards the junction, away from it, or both."""
+    rows: list[Row] = []
+    for count, name, start, end, path in (
+        (leg.inbound, f"in{number}", f"e{number}", junction, leg.path[::-1]),
+        (leg.outbound, f"out{number}", junction, f"e{number}", leg.path),
+    ):
+        if count:
+            lanes = street(count, width=leg.lane, footway=leg.footway, shoulder=leg.parking, speed=leg.speed)
+            rows.append(
+                {"id": name, "from": start, "to": end, "shape": line(path), "priority": priority, "lanes": lanes}
+            )
+    return rows
+
+
+def _bays(leg: Leg, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+    """Bays in a leg's parking strips, some of them taken: x, y, yaw."""
+    rows = [np.zeros((0, 3))]
+    path = shapely.LineString(leg.path)
+    for lanes, side in ((leg.inbound, 1), (leg.outbound, -1)) if leg.parking else ():
+        if not lanes:
+            continue
+        at = np.arange(45.0, 85.0, 6.2)
+        at = at[rng.random(len(at)) < 0.6]
+        here, ahead = (shapely.get_coordinates(path.interpolate(s)).reshape(-1, 2) for s in (at, at + 0.5))
+        yaw = np.arctan2(*(ahead - here).T[::-1])
+        across = side * (lanes * leg.lane + leg.parking / 2) * np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
+        rows.append(np.column_stack([here + across, yaw + (np.pi if side > 0 else 0.0)]).round(4))
+    return np.concatenate(rows)
