@@ -1,7 +1,7 @@
 """Bodies of what moves: a triangle mesh per car, two-wheeler, person and lorry, in a box that fits it exactly.
 
-A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. The box is tight around the
-whole mesh, mirrors, umbrellas and loads included, and the wheels or soles touch its floor at z = -height / 2.
+A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. The box is tight
+around the whole mesh, mirrors, umbrellas and loads included, and wheels or soles touch its floor at z = -height / 2.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, Int, Int32
+from toolkit.arrays import Float, Float32, Int, Int32
 from toolkit.cars import CARS, car
 from toolkit.lorries import lorries
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-from toolkit.people import pedestrians, two_wheelers
+from toolkit.people import pedestrians
+from toolkit.riders import two_wheelers
 
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid mesh: vertices (k, 3) m, centred on their bounds; triangles (m, 3), rows of `vertices`; label of `LABELS`."""
+    """A rigid mesh: vertices (k, 3) m, centred on their bounds; triangles (m, 3), rows of `vertices`; a class label."""
 
     name: str
     label: int
@@ -65,15 +66,6 @@ def vary(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
     """The body stretched along each of its axes by a factor N(1, spread), cut at two spreads; its box follows."""
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
     return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles)
-
-
-def boxes_of(
-    bodies: tuple[Body, ...], chosen: Int[np.ndarray, " n"], xyz: Float[np.ndarray, "n 3"], yaw: Float[np.ndarray, " n"]
-) -> Float64[np.ndarray, "n 7"]:
-    """Boxes of bodies standing with their floor's centre at `xyz` and turned by `yaw`."""
-    sizes = np.array([bodies[i].size for i in chosen]).reshape(-1, 3)
-    centres = np.asarray(xyz, np.float64) + sizes[:, 2:] * [0.0, 0.0, 0.5]
-    return np.column_stack([centres, sizes, yaw])
 
 
 @lru_cache(maxsize=1)

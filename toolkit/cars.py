@@ -1,13 +1,14 @@
 """Car bodies lofted from a side profile and a plan outline, one row of figures per model.
 
-A car is a row of cross-sections along x. The side profile gives each its top, the plan outline its width; above the belt line
-the sides lean in (tumblehome), the windscreen and the tail bow in plan, and the wheel arches cut into the flanks.
+A car is a row of cross-sections along x. The side profile gives each its top, the plan outline its width; above the
+belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and the wheel arches cut into the flanks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,14 +17,33 @@ from toolkit.mesh import Mesh, ellipsoid, loft, merge, mirrored, tube
 
 # Side profiles: (distance from the front as a part of the length, height as a part of the total height).
 _PROFILES: dict[str, tuple[tuple[float, float], ...]] = {
-    "hatchback": ((0, 0.38), (0.02, 0.47), (0.24, 0.62), (0.43, 0.965), (0.56, 1), (0.85, 0.955), (0.965, 0.62), (1, 0.5)),
-    "sedan": ((0, 0.38), (0.02, 0.48), (0.27, 0.63), (0.42, 0.965), (0.53, 1), (0.68, 0.955), (0.85, 0.70), (0.98, 0.66), (1, 0.5)),
-    "estate": ((0, 0.38), (0.02, 0.48), (0.26, 0.63), (0.40, 0.965), (0.52, 1), (0.90, 0.95), (0.985, 0.63), (1, 0.48)),
-    "suv": ((0, 0.42), (0.015, 0.54), (0.24, 0.64), (0.37, 0.965), (0.48, 1), (0.89, 0.96), (0.975, 0.62), (1, 0.5)),
-    "van": ((0, 0.32), (0.015, 0.42), (0.10, 0.53), (0.24, 0.955), (0.33, 1), (0.975, 0.985), (0.99, 0.7), (1, 0.4)),
-    "minivan": ((0, 0.36), (0.02, 0.45), (0.16, 0.57), (0.35, 0.96), (0.48, 1), (0.91, 0.965), (0.98, 0.6), (1, 0.46)),
-    "pickup": ((0, 0.46), (0.015, 0.58), (0.23, 0.655), (0.34, 0.97), (0.44, 1), (0.555, 0.97), (0.61, 0.62), (0.985, 0.61), (1, 0.5)),
-    "sports": ((0, 0.38), (0.03, 0.48), (0.34, 0.70), (0.50, 0.975), (0.56, 1), (0.66, 0.965), (0.90, 0.74), (0.985, 0.71), (1, 0.52)),
+    "hatchback": (
+        (0, 0.38), (0.02, 0.47), (0.24, 0.62), (0.43, 0.965), (0.56, 1), (0.85, 0.955), (0.965, 0.62), (1, 0.5),
+    ),
+    "sedan": (
+        (0, 0.38), (0.02, 0.48), (0.27, 0.63), (0.42, 0.965), (0.53, 1), (0.68, 0.955), (0.85, 0.7),
+        (0.98, 0.66), (1, 0.5),
+    ),
+    "estate": (
+        (0, 0.38), (0.02, 0.48), (0.26, 0.63), (0.4, 0.965), (0.52, 1), (0.9, 0.95), (0.985, 0.63), (1, 0.48),
+    ),
+    "suv": (
+        (0, 0.42), (0.015, 0.54), (0.24, 0.64), (0.37, 0.965), (0.48, 1), (0.89, 0.96), (0.975, 0.62), (1, 0.5),
+    ),
+    "van": (
+        (0, 0.32), (0.015, 0.42), (0.1, 0.53), (0.24, 0.955), (0.33, 1), (0.975, 0.985), (0.99, 0.7), (1, 0.4),
+    ),
+    "minivan": (
+        (0, 0.36), (0.02, 0.45), (0.16, 0.57), (0.35, 0.96), (0.48, 1), (0.91, 0.965), (0.98, 0.6), (1, 0.46),
+    ),
+    "pickup": (
+        (0, 0.46), (0.015, 0.58), (0.23, 0.655), (0.34, 0.97), (0.44, 1), (0.555, 0.97),
+        (0.61, 0.62), (0.985, 0.61), (1, 0.5),
+    ),
+    "sports": (
+        (0, 0.38), (0.03, 0.48), (0.34, 0.7), (0.5, 0.975), (0.56, 1), (0.66, 0.965), (0.9, 0.74),
+        (0.985, 0.71), (1, 0.52),
+    ),
 }  # fmt: skip
 
 
@@ -31,8 +51,8 @@ _PROFILES: dict[str, tuple[tuple[float, float], ...]] = {
 class CarShape:
     """What makes one model of car; lengths in metres, the rest as parts of its length, height or width.
 
-    width: without mirrors; belt: height of the window line; tumblehome: how far the roof edge leans in;
-    rounding: depth of the plan rounding at front and rear; rake: how far the roof is shifted back.
+    width: without mirrors; wheel: radius; belt: height of the window line; tumblehome: how far the roof edge leans in;
+    rounding: depth of the plan rounding at front and rear; rake: how far the roof is shifted back; rails: on the roof.
     """
 
     name: str
@@ -41,44 +61,46 @@ class CarShape:
     width: float
     height: float
     wheelbase: float
-    wheel: float = 0.32
-    clearance: float = 0.17
-    belt: float = 0.62
-    tumblehome: float = 0.22
-    rounding: float = 0.16
-    rake: float = 0.0
+    wheel: float
+    clearance: float
+    belt: float
+    tumblehome: float
+    rounding: float
+    rake: float
     rails: bool = False
 
 
 # Mirrors come on top of the width. The last five rows are held out of training (see `toolkit.bodies.catalogue`).
-CARS = (
-    CarShape("city_hatchback", "hatchback", 3.55, 1.62, 1.48, 2.42, wheel=0.28, belt=0.64, rounding=0.20),
-    CarShape("supermini", "hatchback", 3.98, 1.70, 1.46, 2.52, wheel=0.30, rake=0.01),
-    CarShape("compact_hatchback", "hatchback", 4.28, 1.78, 1.45, 2.63, wheel=0.32, tumblehome=0.24, rake=0.02),
-    CarShape("tall_hatchback", "hatchback", 3.72, 1.61, 1.66, 2.46, wheel=0.28, belt=0.58, tumblehome=0.14, rounding=0.13, rake=-0.05),
-    CarShape("small_sedan", "sedan", 4.35, 1.72, 1.47, 2.60, wheel=0.30),
-    CarShape("family_sedan", "sedan", 4.72, 1.82, 1.45, 2.80, wheel=0.33, rake=0.01, tumblehome=0.24),
-    CarShape("executive_sedan", "sedan", 5.05, 1.87, 1.48, 2.98, wheel=0.35, rake=0.03, rounding=0.18),
-    CarShape("classic_sedan", "sedan", 4.55, 1.69, 1.42, 2.66, wheel=0.31, belt=0.60, tumblehome=0.18, rounding=0.08, rake=0.02),
-    CarShape("compact_estate", "estate", 4.45, 1.76, 1.50, 2.66, wheel=0.31, rails=True),
-    CarShape("long_estate", "estate", 4.92, 1.85, 1.49, 2.90, wheel=0.34, rake=0.01, tumblehome=0.20),
-    CarShape("boxy_estate", "estate", 4.70, 1.74, 1.46, 2.75, wheel=0.32, belt=0.60, tumblehome=0.15, rounding=0.09, rake=0.03),
-    CarShape("compact_suv", "suv", 4.18, 1.79, 1.60, 2.60, wheel=0.34, clearance=0.20),
-    CarShape("family_suv", "suv", 4.55, 1.86, 1.67, 2.70, wheel=0.36, clearance=0.21, rails=True),
-    CarShape("large_suv", "suv", 5.02, 1.93, 1.80, 2.98, wheel=0.39, clearance=0.23, tumblehome=0.19),
-    CarShape("offroader", "suv", 4.30, 1.84, 1.90, 2.58, wheel=0.41, clearance=0.26, belt=0.60, tumblehome=0.09, rounding=0.07, rake=-0.01),
-    CarShape("delivery_van", "van", 5.10, 1.92, 1.98, 3.10, wheel=0.34, clearance=0.20, belt=0.55, tumblehome=0.12, rounding=0.10),
-    CarShape("high_roof_van", "van", 5.55, 1.93, 2.28, 3.30, wheel=0.35, clearance=0.21, belt=0.52, tumblehome=0.10, rounding=0.09, rake=-0.02),
-    CarShape("people_carrier", "minivan", 4.75, 1.84, 1.74, 2.88, wheel=0.33, belt=0.56, tumblehome=0.17, rails=True),
-    CarShape("double_cab_pickup", "pickup", 5.32, 1.87, 1.79, 3.15, wheel=0.39, clearance=0.25, rounding=0.09, tumblehome=0.18),
-    CarShape("coupe", "sports", 4.40, 1.82, 1.32, 2.55, wheel=0.33, clearance=0.14, tumblehome=0.30, rounding=0.20),
-    CarShape("mid_engine_sports", "sports", 4.52, 1.91, 1.17, 2.65, wheel=0.34, clearance=0.12, belt=0.66, tumblehome=0.34, rounding=0.18, rake=-0.11),
-    CarShape("roomy_hatchback", "hatchback", 4.12, 1.75, 1.54, 2.58, wheel=0.31, belt=0.60, tumblehome=0.19, rounding=0.14, rake=-0.02),
-    CarShape("fastback_sedan", "sedan", 4.86, 1.86, 1.43, 2.88, wheel=0.34, tumblehome=0.27, rounding=0.21, rake=0.045),
-    CarShape("crossover", "suv", 4.42, 1.83, 1.56, 2.68, wheel=0.35, clearance=0.20, tumblehome=0.25, rounding=0.18, rake=0.03),
-    CarShape("compact_van", "minivan", 4.40, 1.80, 1.84, 2.75, wheel=0.31, clearance=0.18, belt=0.56, tumblehome=0.13, rounding=0.11, rake=-0.03),
-    CarShape("single_cab_pickup", "pickup", 5.02, 1.80, 1.70, 3.02, wheel=0.36, clearance=0.23, rounding=0.10, tumblehome=0.16, rake=-0.035),
+_ROWS: tuple[tuple[Any, ...], ...] = (
+    # name, style, length, width, height, wheelbase, wheel, clearance, belt, tumblehome, rounding, rake[, rails]
+    ("city_hatchback", "hatchback", 3.55, 1.62, 1.48, 2.42, 0.28, 0.17, 0.64, 0.22, 0.20, 0.0),
+    ("supermini", "hatchback", 3.98, 1.70, 1.46, 2.52, 0.30, 0.17, 0.62, 0.22, 0.16, 0.01),
+    ("compact_hatchback", "hatchback", 4.28, 1.78, 1.45, 2.63, 0.32, 0.17, 0.62, 0.24, 0.16, 0.02),
+    ("tall_hatchback", "hatchback", 3.72, 1.61, 1.66, 2.46, 0.28, 0.17, 0.58, 0.14, 0.13, -0.05),
+    ("small_sedan", "sedan", 4.35, 1.72, 1.47, 2.60, 0.30, 0.17, 0.62, 0.22, 0.16, 0.0),
+    ("family_sedan", "sedan", 4.72, 1.82, 1.45, 2.80, 0.33, 0.17, 0.62, 0.24, 0.16, 0.01),
+    ("executive_sedan", "sedan", 5.05, 1.87, 1.48, 2.98, 0.35, 0.17, 0.62, 0.22, 0.18, 0.03),
+    ("classic_sedan", "sedan", 4.55, 1.69, 1.42, 2.66, 0.31, 0.17, 0.60, 0.18, 0.08, 0.02),
+    ("compact_estate", "estate", 4.45, 1.76, 1.50, 2.66, 0.31, 0.17, 0.62, 0.22, 0.16, 0.0, True),
+    ("long_estate", "estate", 4.92, 1.85, 1.49, 2.90, 0.34, 0.17, 0.62, 0.20, 0.16, 0.01),
+    ("boxy_estate", "estate", 4.70, 1.74, 1.46, 2.75, 0.32, 0.17, 0.60, 0.15, 0.09, 0.03),
+    ("compact_suv", "suv", 4.18, 1.79, 1.60, 2.60, 0.34, 0.20, 0.62, 0.22, 0.16, 0.0),
+    ("family_suv", "suv", 4.55, 1.86, 1.67, 2.70, 0.36, 0.21, 0.62, 0.22, 0.16, 0.0, True),
+    ("large_suv", "suv", 5.02, 1.91, 1.80, 2.98, 0.39, 0.23, 0.62, 0.19, 0.16, 0.0),
+    ("offroader", "suv", 4.30, 1.84, 1.90, 2.58, 0.41, 0.26, 0.60, 0.09, 0.07, -0.01),
+    ("delivery_van", "van", 5.10, 1.92, 1.98, 3.10, 0.34, 0.20, 0.55, 0.12, 0.10, 0.0),
+    ("high_roof_van", "van", 5.55, 1.91, 2.28, 3.30, 0.35, 0.21, 0.52, 0.10, 0.09, -0.02),
+    ("people_carrier", "minivan", 4.75, 1.84, 1.74, 2.88, 0.33, 0.17, 0.56, 0.17, 0.16, 0.0, True),
+    ("double_cab_pickup", "pickup", 5.32, 1.87, 1.79, 3.15, 0.39, 0.25, 0.62, 0.18, 0.09, 0.0),
+    ("coupe", "sports", 4.40, 1.82, 1.32, 2.55, 0.33, 0.14, 0.62, 0.30, 0.20, 0.0),
+    ("mid_engine_sports", "sports", 4.52, 1.91, 1.17, 2.65, 0.34, 0.12, 0.66, 0.34, 0.18, -0.11),
+    ("roomy_hatchback", "hatchback", 4.12, 1.75, 1.54, 2.58, 0.31, 0.17, 0.60, 0.19, 0.14, -0.02),
+    ("fastback_sedan", "sedan", 4.86, 1.86, 1.43, 2.88, 0.34, 0.17, 0.62, 0.27, 0.21, 0.045),
+    ("crossover", "suv", 4.42, 1.83, 1.56, 2.68, 0.35, 0.20, 0.62, 0.25, 0.18, 0.03),
+    ("compact_van", "minivan", 4.40, 1.80, 1.84, 2.75, 0.31, 0.18, 0.56, 0.13, 0.11, -0.03),
+    ("single_cab_pickup", "pickup", 5.02, 1.80, 1.70, 3.02, 0.36, 0.23, 0.62, 0.16, 0.10, -0.035),
 )  # fmt: skip
+CARS = tuple(CarShape(*row) for row in _ROWS)
 
 _STATIONS = 20
 _ENDS = 0.62  # width of the very front and rear, as a part of the greatest width
@@ -148,7 +170,7 @@ def _bed(shape: CarShape, s: float) -> bool:
 
 
 def _top(shape: CarShape, s: float, across: float) -> float:
-    """Height of the body at station s and `across` (0 middle, 1 roof edge): bowed in plan, cambered, corners rounded."""
+    """Height of the body at station s and `across` (0 middle, 1 roof edge): bowed in plan, cambered, rounded."""
     bow = 0.035 * across**2 * np.clip((s - 0.55) * 6, -1, 1)
     near = np.linspace(-1, 1, 7) * 0.018
     profile = np.array(_PROFILES[shape.style])

@@ -12,7 +12,9 @@ def lorries() -> dict[str, Mesh]:
     """Box lorries, a tipper and buses, x forward, wheels on z = 0."""
     return {
         "box_lorry": merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
-        "small_box_lorry": merge([_cab(6.3, 2.05, 2.25, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))]),
+        "small_box_lorry": merge(
+            [_cab(6.3, 2.05, 2.25, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))]
+        ),
         "tipper": merge([_cab(7.9, 2.4, 2.75), _skip(7.9, 5.5), *_axles(7.9, 2.45, 0.50, (1.35, 5.3, 6.6))]),
         "city_bus": merge([_bus(12.0, 2.55, 3.0), *_axles(12.0, 2.5, 0.48, (2.7, 8.6))]),
         "midibus": merge([_bus(8.9, 2.35, 2.85), *_axles(8.9, 2.3, 0.42, (2.2, 6.6))]),
@@ -43,7 +45,8 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
     front = length / 2
     shell = _shell(
         [
-            (front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height), (front - 0.25, width, 0.40, height - 0.12),
+            (front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height),
+            (front - 0.25, width, 0.40, height - 0.12),
             (front - 0.07, width * 0.96, 0.40, height - 0.75), (front, width * 0.88, 0.45, height - 1.25),
         ],
         0.09,
@@ -77,8 +80,10 @@ def _bus(length: float, width: float, height: float) -> Mesh:
     x, belt = length / 2, 1.05
     body = _shell(
         [
-            (-x, width * 0.9, 0.4, height - 0.25), (-x + 0.12, width, 0.32, height - 0.06), (-x + 0.4, width, 0.30, height),
-            (x - 0.5, width, 0.30, height), (x - 0.12, width * 0.98, 0.30, height - 0.10), (x, width * 0.90, 0.35, height - 0.45),
+            (-x, width * 0.9, 0.4, height - 0.25), (-x + 0.12, width, 0.32, height - 0.06),
+            (-x + 0.4, width, 0.30, height),
+            (x - 0.5, width, 0.30, height), (x - 0.12, width * 0.98, 0.30, height - 0.10),
+            (x, width * 0.90, 0.35, height - 0.45),
         ],
         0.13,
     )  # fmt: skip

@@ -57,7 +57,7 @@ def tube(
     sides: int = 8,
     flat: float = 1.0,
 ) -> Mesh:
-    """A round bar along `path`, `radii` thick at its points; `flat` scales its breadth along y (or z for bars along y)."""
+    """A round bar along `path`, of `radii` at its points; `flat` scales its breadth along y (x, if it runs along y)."""
     line = np.asarray(path, np.float64)
     along = np.gradient(line, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
@@ -84,7 +84,7 @@ def ellipsoid(
 def box(size: tuple[float, float, float], centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
     """A cuboid with edges along the axes."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
-    rings = np.stack([corners + [0, 0, -0.5], corners + [0, 0, 0.5]])
+    rings = np.stack([corners - [0, 0, 0.5], corners - [0, 0, -0.5]])
     return loft(rings * size + centre)
 
 

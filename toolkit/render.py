@@ -1,19 +1,20 @@
 """What every sensor would measure of a moment, noise-free, and which object each of its rays meets.
 
-What stands still is cast once per sensor and kept; the nearer hit counts. What moves is cast body by body: every body has a
-ray casting scene of its own, in its own frame, built once. Per frame only the rays that can meet an object's box are turned into
-the frame of its body and cast there, so nothing is rebuilt between frames.
+What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
+of its own, in its own frame, built once. Per frame only the rays that can meet an object's box are turned into the
+frame of its body and cast there, so nothing is rebuilt between frames. The nearest hit counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float32, Float64, Int32
+from toolkit.arrays import Float32, Float64, Int32, Int64
 from toolkit.bodies import Body
 from toolkit.boxes import corners
 from toolkit.geometry import invert, pose, transform
@@ -24,6 +25,10 @@ from toolkit.site import Site
 from toolkit.traffic import Snapshot
 
 NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
+
+_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
+
+Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene and the pose body_SE3_world
 
 
 class Rendered(NamedTuple):
@@ -38,8 +43,9 @@ class Renderer:
     """Casts the rays of sensors at a site.
 
     bodies: what `Snapshot.bodies` counts; scenery: the mesh of what stands still, made from the site unless given;
-    threads: of Open3D, 0 for all cores. Holds one image per sensor (`background`, the measurements of the empty site) and
-    no rays, so thousands of sensors fit. Pickles as its arguments; the scenes are built again where it is unpickled.
+    threads: of Open3D, 0 for all cores. `background` is what each sensor measures of the empty site; with it, a sensor
+    takes 4 bytes a pixel and no rays are kept, so thousands of sensors fit. Pickles as its arguments; the scenes are
+    built again where it is unpickled.
     """
 
     def __init__(
@@ -52,11 +58,12 @@ class Renderer:
     ) -> None:
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
-        self._arguments = (site, self.bodies, self.sensors, scenery or build_scenery(site), threads)
+        scenery = build_scenery(site) if scenery is None else scenery
+        self._arguments = (site, self.bodies, self.sensors, scenery, threads)
         self._threads = threads
         self._scenes: dict[int, o3d.t.geometry.RaycastingScene] = {}
         self._sizes = np.array([body.size for body in bodies]).reshape(-1, 3)
-        still = _scene(*self._arguments[3], threads)
+        still = _scene(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -64,41 +71,46 @@ class Renderer:
 
     def render(self, snapshot: Snapshot) -> Rendered:
         """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
-        boxes, chosen = snapshot.objects.boxes, snapshot.bodies
-        self._check(boxes, chosen)
-        world_corners = corners(boxes)
-        images = [self._render(sensor, i, boxes, chosen, world_corners) for i, sensor in enumerate(self.sensors)]
+        self._check(snapshot.objects.boxes, snapshot.bodies)
+        world_corners = corners(snapshot.objects.boxes)
+        movers = [
+            (self._scene_of(body), invert(pose(x, y, z, yaw=yaw)))
+            for body, (x, y, z, *_, yaw) in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+        ]
+        images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
     def _render(
-        self, sensor: Sensor, index: int, boxes: np.ndarray, chosen: np.ndarray, world_corners: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        depth = np.where(self.background[index] > 0, self.background[index], np.float32(sensor.model.max_range))
+        self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
+    ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
+        sensor, still = self.sensors[index], self.background[index]
+        depth = np.where(still > 0, still, np.float32(sensor.model.max_range))
         hits = np.full(depth.shape, -1, np.int32)
-        rays = sensor.model.rays()
+        rays = _homogeneous_rays(sensor.model)
         sensor_corners = transform(invert(sensor.pose), world_corners)
-        for row, pixels in windows(sensor.model, sensor_corners):
-            x, y, z, *_, yaw = boxes[row]
-            body_SE3_sensor = invert(pose(x, y, z, yaw=yaw)) @ sensor.pose
-            found = self._cast(self._scene_of(chosen[row]), rays[pixels], body_SE3_sensor)
+        for row, top, bottom, left, right in windows(sensor.model, sensor_corners).tolist():
+            scene, body_SE3_world = movers[row]
+            pixels = slice(top, bottom), slice(left, right)
+            found = self._cast(scene, rays[pixels], body_SE3_world @ sensor.pose)
             nearer = found < depth[pixels]
-            depth[pixels] = np.where(nearer, found, depth[pixels])
-            hits[pixels] = np.where(nearer, np.int32(row), hits[pixels])
-        empty = (hits < 0) & (self.background[index] == 0)
-        depth[empty] = 0.0
+            np.copyto(depth[pixels], found, where=nearer)
+            hits[pixels][nearer] = row
+        depth[(hits < 0) & (still == 0)] = 0
         return depth, hits
 
     def _cast_all(self, scene: o3d.t.geometry.RaycastingScene, sensor: Sensor) -> np.ndarray:
-        found = self._cast(scene, sensor.model.rays(), sensor.pose)
+        found = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
         return np.where(found < sensor.model.max_range, found, np.float32(0))
 
     def _cast(
         self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
     ) -> Float32[np.ndarray, "_ _"]:
-        """Measurement along each ray (rows, columns, 3), infinite where it meets nothing beyond `NEAR`."""
-        lines = np.empty((*rays.shape[:-1], 6), np.float32)
-        lines[..., 3:] = rays @ scene_SE3_sensor[:3, :3].T.astype(np.float32)
-        lines[..., :3] = scene_SE3_sensor[:3, 3].astype(np.float32) + np.float32(NEAR) * lines[..., 3:]
+        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
+        start_and_direction = np.zeros((4, 6), np.float32)
+        start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
+        start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
+        start_and_direction[3, :3] = scene_SE3_sensor[:3, 3]
+        lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
         hit = scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
         return hit["t_hit"].numpy() + np.float32(NEAR)
 
@@ -118,63 +130,78 @@ class Renderer:
             )
 
 
-def windows(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Iterator[tuple[int, tuple[slice, slice]]]:
-    """(row, pixels) for every box, given by its corners in the sensor frame, that some ray may meet: a rectangle of pixels
-    which holds all of those rays. A box behind a lidar's seam comes twice."""
+def windows(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+    """(row, top, bottom, left, right) of a rectangle of pixels for every box, given by its corners in the sensor frame,
+    that some ray may meet: no ray outside the rectangle meets it. A box across the seam of a lidar comes twice."""
     if isinstance(model, DepthCamera):
-        bounds = _camera_bounds(model, sensor_corners)
+        found = _camera_bounds(model, sensor_corners)
     else:
-        bounds = _lidar_bounds(model, sensor_corners)
+        found = _lidar_bounds(model, sensor_corners)
     rows, columns = model.shape
-    for row, top, bottom, left, right in bounds:
-        top, bottom, left, right = max(top, 0), min(bottom, rows), max(left, 0), min(right, columns)
-        if top < bottom and left < right:
-            yield row, (slice(top, bottom), slice(left, right))
+    low, high = np.clip(found[:, [1, 3]], 0, None), np.minimum(found[:, [2, 4]], [rows, columns])
+    some = (low < high).all(axis=1)
+    return np.column_stack([found[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
 
 
-def _camera_bounds(camera: DepthCamera, sensor_corners: np.ndarray) -> Iterator[tuple[int, int, int, int, int]]:
-    """Row, top, bottom, left, right per box: the rectangle round its projected corners; all pixels where it reaches behind."""
+def _camera_bounds(camera: DepthCamera, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
+    """Rectangles round the corners of the part of each box that lies in front of the camera."""
+    start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
+    rise = end[..., 2:] - start[..., 2:]
+    share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
+    points = np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
+    depth = points[..., 2:]
+    ahead = depth >= NEAR - 1e-6
     focal, centre = camera.intrinsic[0, 0], camera.intrinsic[:2, 2]
-    depth = sensor_corners[..., 2]
-    seen = np.flatnonzero((depth.max(axis=1, initial=0) > NEAR) & (depth.min(axis=1, initial=np.inf) < camera.max_range))
-    for row in seen:
-        if depth[row].min() <= NEAR:
-            yield int(row), 0, camera.shape[0], 0, camera.shape[1]
-            continue
-        pixels = (sensor_corners[row, :, :2] / depth[row, :, None] * focal + centre) / camera.stride
-        left, top = np.floor(pixels.min(axis=0)).astype(int)
-        right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + 1
-        yield int(row), int(top), int(bottom), int(left), int(right)
+    pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / camera.stride
+    first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
+    last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
+    near = sensor_corners[..., 2].min(axis=1) < camera.max_range
+    rows = np.arange(len(sensor_corners))
+    return np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])[near & ahead.any(axis=(1, 2))]
 
 
-def _lidar_bounds(lidar: SpinningLidar, sensor_corners: np.ndarray) -> Iterator[tuple[int, int, int, int, int]]:
-    """Row, top, bottom, left, right per box: the rectangle round the sphere through its corners."""
+def _lidar_bounds(lidar: SpinningLidar, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
+    """Rectangles round the sphere through the corners of each box, at up to three turns of the azimuth."""
     rows, columns = lidar.shape
     middle = sensor_corners.mean(axis=1)
     radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
-    flat, distance = np.linalg.norm(middle[:, :2], axis=1), np.linalg.norm(middle, axis=1)
+    distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
+    elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
+    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
     per_row = (lidar.fov_up - lidar.fov_down) / max(rows - 1, 1) or np.inf
     per_column = lidar.azimuth_fov / columns
-    for row in np.flatnonzero((distance - radius < lidar.max_range)):
-        top, bottom, left, right = 0, rows, 0, columns
-        if distance[row] > radius[row]:
-            elevation, half = np.arcsin(middle[row, 2] / distance[row]), np.arcsin(radius[row] / distance[row])
-            if np.isfinite(per_row):
-                top = int(np.floor((lidar.fov_up - elevation - half) / per_row))
-                bottom = int(np.ceil((lidar.fov_up - elevation + half) / per_row)) + 1
-        if flat[row] <= radius[row]:
-            yield int(row), top, bottom, left, right
-            continue
-        azimuth, half = np.arctan2(middle[row, 1], middle[row, 0]), np.arcsin(radius[row] / flat[row])
-        for turn in (-2 * np.pi, 0.0, 2 * np.pi):
-            first = (azimuth + turn - half) / per_column + (columns - 1) / 2
-            last = (azimuth + turn + half) / per_column + (columns - 1) / 2
-            yield int(row), top, bottom, int(np.floor(first)), int(np.ceil(last)) + 1
+    half_rows = _half_angle(radius, distance) / per_row
+    half_columns = np.minimum(_half_angle(radius, across), np.pi) / per_column
+    row = (lidar.fov_up - elevation) / per_row
+    turns = []
+    for turn in (-2 * np.pi, 0.0, 2 * np.pi):
+        column = (azimuth + turn) / per_column + (columns - 1) / 2
+        bounds = (
+            np.floor(row - half_rows),
+            np.ceil(row + half_rows) + 1,
+            np.floor(column - half_columns),
+            np.ceil(column + half_columns) + 1,
+        )
+        turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < lidar.max_range])
+    return np.concatenate(turns)
+
+
+def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Half the angle under which a sphere appears; a full turn from inside it."""
+    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
+
+
+@lru_cache(maxsize=64)
+def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
+    """Rays with a one appended, so that one product gives a ray's start and direction in any frame."""
+    rays = model.rays()
+    return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
 
 
 def _scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
     scene = o3d.t.geometry.RaycastingScene(threads)
+    tensor = o3d.core.Tensor.from_numpy
     scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)), o3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32))
+        tensor(np.ascontiguousarray(vertices, np.float32)), tensor(np.ascontiguousarray(triangles, np.uint32))
     )
     return scene

@@ -1,8 +1,9 @@
 """What stands still at a site, as one triangle mesh: ground, buildings, hedges, trees and street furniture.
 
-The ground follows `Site.ground`, which is what feet and wheels stand on too. Every solid of the site is worked out by its kind: houses
-get windows set into their walls, hedges a rough surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with
-its surface below. All details come from the place alone: the same site gives the same mesh.
+The ground follows `Site.ground`, which is what feet and wheels stand on too; footways are level with the street behind
+their kerbstones. Every solid is worked out by its kind: houses get windows set into their walls, hedges a rough
+surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Nothing is drawn
+by chance but from the site itself: the same site gives the same mesh.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.mesh import Mesh, extrude, merge, triangulate
+from toolkit.mesh import Mesh, extrude, merge, moved, triangulate
 from toolkit.site import Site, Solid
 
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
@@ -22,6 +23,7 @@ FINE, FAR = 15.0, 150.0
 STOREY, BAY = 3.0, 2.6  # m between windows, upwards and along a wall
 WINDOW_HEIGHT, WINDOW_WIDTH, SILL, RECESS = 1.4, 1.2, 0.9, 0.14  # m
 ROUGHNESS = 0.09  # m, of a hedge
+_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral
 LEAF, LEAVES = 0.42, 11.0  # m, size of a spray of leaves; how many there are per m² of a crown's outline
 
 
@@ -51,10 +53,12 @@ def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
     """Squares in and about the area, oblongs growing with the distance from it, as shapely boxes."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
-    x, y = (
-        np.concatenate([low - outside[::-1], np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL)), high + outside])
-        for low, high in (area[[0, 2]], area[[1, 3]])
-    )
+
+    def lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
+        inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
+        return np.concatenate([low - outside[::-1], inside, high + outside])
+
+    x, y = lines(area[0], area[2]), lines(area[1], area[3])
     (x0, y0), (x1, y1) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
     return shapely.box(x0.ravel(), y0.ravel(), x1.ravel(), y1.ravel())
 
@@ -64,7 +68,7 @@ def _quads(cells: np.ndarray) -> Mesh:
     corners = shapely.get_coordinates(cells).reshape(-1, 5, 2)[:, :4].reshape(-1, 2)
     first = np.arange(0, len(corners), 4)[:, None]
     vertices = np.column_stack([corners, np.zeros(len(corners))])
-    return Mesh(vertices, np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]))
+    return Mesh(vertices, np.concatenate([first + _HALVES[0], first + _HALVES[1]]))
 
 
 def _banks(site: Site) -> list[Mesh]:
@@ -88,7 +92,7 @@ def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
     corners = _outline(solid.footprint, np.inf)
     walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     roof = triangulate(shapely.Polygon(corners))
-    return merge([*walls, Mesh(roof.vertices + [0.0, 0.0, solid.top], roof.triangles)])
+    return merge([*walls, moved(roof, z=solid.top)])
 
 
 def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
@@ -118,7 +122,7 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
 
 
 def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """A prism with a bumpy skin, a little narrower at the top; never beyond the footprint by more than the roughness."""
+    """A prism with a bumpy skin, a little narrower at the top, beyond its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
@@ -156,7 +160,7 @@ _SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:
-    """The corners of a footprint counter-clockwise, with more points between them where they are farther than `spacing` apart."""
+    """The corners of a footprint counter-clockwise, and points between those that are more than `spacing` apart."""
     ring = shapely.geometry.polygon.orient(shapely.Polygon(footprint)).exterior
     return shapely.get_coordinates(shapely.segmentize(ring, spacing) if np.isfinite(spacing) else ring)[:-1]
 
@@ -169,4 +173,4 @@ def _strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
 
 def _quadrilaterals(corners: Float64[np.ndarray, "q 4 3"]) -> Mesh:
     first = np.arange(0, 4 * len(corners), 4)[:, None]
-    return Mesh(corners.reshape(-1, 3), np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]))
+    return Mesh(corners.reshape(-1, 3), np.concatenate([first + _HALVES[0], first + _HALVES[1]]))
