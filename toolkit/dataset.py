@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, SupportsIndex, overload
 
 import h5py
 import numpy as np
@@ -53,10 +53,10 @@ class CoopDataset:
         return self._length
 
     @overload
-    def __getitem__(self, index: int) -> Frame: ...
+    def __getitem__(self, index: SupportsIndex) -> Frame: ...
     @overload
     def __getitem__(self, index: slice) -> list[Frame]: ...
-    def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
+    def __getitem__(self, index: SupportsIndex | slice) -> Frame | list[Frame]:
         if isinstance(index, slice):
             return [self._frame(k) for k in range(*index.indices(len(self)))]
         k = operator.index(index)
@@ -107,7 +107,9 @@ class CoopDataset:
             raise ValueError(f"{self.path}: objects/{k} is missing: every frame needs its objects, no rows for none")
         ids = None if self._starts is None else file["coview/object_ids"][self._starts[k] : self._starts[k + 1]]
         name = f"{self.path}: objects/{k}"
-        return published.objects_of(file[f"objects/{k}"][()], self.site.map_SE3_site, ids, name)
+        rows = file[f"objects/{k}"]
+        rows = rows[()] if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
+        return published.objects_of(rows, self.site.map_SE3_site, ids, name)
 
 
 def noisy(frame: Frame, seed: int) -> Frame:

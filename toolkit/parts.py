@@ -35,8 +35,8 @@ _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 class Work(Protocol):
     """What is made in blocks; it is pickled to every worker."""
 
-    def start(self) -> Callable[[int], Iterator[Any]]:
-        """Get ready, once a process; returns the function that makes the items of a block."""
+    def start(self, threads: int) -> Callable[[int], Iterator[Any]]:
+        """Get ready, once a process, which may use so many threads; returns what makes the items of a block."""
         ...
 
     def encode(self, items: Sequence[Any]) -> bytes:
@@ -151,7 +151,7 @@ def make_parts(
         raise ValueError(f"workers must be at least 1, got {workers}")
     done = 0
     if blocks and min(workers, len(blocks)) == 1:
-        make = work.start()
+        make = work.start(os.cpu_count() or 1)
 
         def count() -> None:
             nonlocal done
@@ -199,8 +199,9 @@ def _make_parts_in_processes(
 ) -> None:
     context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
     done = context.Value("q")
+    threads = max(1, (os.cpu_count() or 1) // workers)
     others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(workers, context, _start_worker, (work, folder, done)) as pool:
+    with ProcessPoolExecutor(workers, context, _start_worker, (work, folder, done, threads)) as pool:
         pending = {pool.submit(_work, block) for block in blocks}
         try:
             while pending:
@@ -223,7 +224,7 @@ def _make_parts_in_processes(
 _worker: tuple[Work, PartFolder, Callable[[int], Iterator[Any]], Callable[[], None]]
 
 
-def _start_worker(work: Work, folder: PartFolder, done: Any) -> None:
+def _start_worker(work: Work, folder: PartFolder, done: Any, threads: int) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -232,7 +233,7 @@ def _start_worker(work: Work, folder: PartFolder, done: Any) -> None:
         with done.get_lock():
             done.value += 1
 
-    _worker = work, folder, work.start(), count
+    _worker = work, folder, work.start(threads), count
 
 
 def _work(block: int) -> None:

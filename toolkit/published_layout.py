@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import Float, Float32, Float64, Shaped
 from toolkit.geometry import check_pose, invert
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors import DepthCamera
@@ -70,6 +70,8 @@ def camera_of(
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
         raise ValueError(f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}")
     centre = (float(matrix[0, 0]), float(matrix[1, 0]))
+    if not (0 <= centre[0] <= width and 0 <= centre[1] <= height):
+        raise ValueError(f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got {centre}")
     central = np.allclose(centre, (width / 2, height / 2))
     fov = 2 * float(np.arctan(width / 2 / matrix[0, 1]))
     camera = DepthCamera(width, height, fov=fov, centre=None if central else centre)
@@ -91,7 +93,7 @@ def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64
 
 
 def objects_of(
-    rows: Float[np.ndarray, "..."],
+    rows: Shaped[np.ndarray, "..."],
     map_SE3_site: Float[np.ndarray, "4 4"],
     ids: np.ndarray | None = None,
     name: str = "objects",
@@ -129,7 +131,8 @@ def stored_image(
 ) -> Float32[np.ndarray, "height width"]:
     """The full published image of the measured pixels: those at every stride-th place, 0 in between."""
     image = np.zeros((camera.height, camera.width), np.float32)
-    image[:: camera.stride, :: camera.stride] = np.where(depth > 0, rounded(depth), np.float32(NO_RETURN))
+    depth = rounded(depth)
+    image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
     return image
 
 

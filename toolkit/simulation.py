@@ -140,12 +140,12 @@ class Job:
         """What all frames share, for the file."""
         return Header(self.site, self.sensors, tuple(body.name for body in self.bodies), json.dumps(self.plan))
 
-    def start(self) -> Callable[[int], Iterator[Scene]]:
+    def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
         """Build what stands still, once a process; returns the function that makes the scenes of a block."""
         from toolkit.render import Renderer
         from toolkit.traffic import INTERVAL, simulate
 
-        renderer = Renderer(self.site, self.bodies, self.sensors)
+        renderer = Renderer(self.site, self.bodies, self.sensors, threads=threads)
 
         def scenes(block: int) -> Iterator[Scene]:
             seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
