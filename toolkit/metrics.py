@@ -1,0 +1,337 @@
+"""Average precision of detections against ground truth, over the frames of a dataset.
+
+Detection evaluation
+--------------------
+One label is scored at a time, `vehicle` unless told otherwise; detections and truths of other labels do not take part.
+
+Protocol `exact` (paper section "Evaluation Metrics"):
+
+1. The detections of all frames are pooled and taken in order of descending score. Of equal scores the detection whose
+   best IoU is greater goes first, so the order of the input means nothing.
+2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >= threshold with it; it
+   takes the one of greatest IoU. IoU is that of volumes ("3d") or of footprints ("bev"), exact for rotated boxes.
+3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object that is there but
+   is not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
+   see large vehicles in part). Not scored are heavy vehicles when vehicles are scored, and whatever `counted` excludes.
+4. Every other detection is a **false alarm**, in frames without truths too.
+5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
+   precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, as no
+   score threshold can tell them apart.
+6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')    (paper equation 7: all-point interpolation)
+
+Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP is 0.
+
+Protocol `published` does what the code published with the paper does instead, in three places, each a function here:
+`with_truths` skips frames without truths together with their false alarms; `sampled_iou` is the IoU of footprints by
+50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height); `claim_then_test` lets
+each detection claim its arg-max truth before its IoU is tested (strictly greater than the threshold), so that a stray
+box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower score.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import repeat, zip_longest
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.boxes import FACE_TOLERANCE, Metric, check_boxes, footprint_inside, iou_3d, iou_bev
+from toolkit.objects import HEAVY, VEHICLE, Detections, Objects, label_index
+
+Protocol = Literal["exact", "published"]
+
+GRID = 50  # points along each side of a truth's footprint, protocol `published`
+MOSTLY = 0.5  # share of a detection's footprint on an object that is not scored, above which it is ignored
+
+
+@dataclass(frozen=True)
+class Match:
+    """What became of the n detections of one frame, against its m truths; rows are those of the input.
+
+    truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none;
+    ignored: detections that do not count (of another label, or on an object that is not scored);
+    hit: truths that were hit; scored: truths that count.
+    """
+
+    truth: Int64[np.ndarray, " n"]
+    iou: Float64[np.ndarray, " n"]
+    ignored: Bool[np.ndarray, " n"]
+    hit: Bool[np.ndarray, " m"]
+    scored: Bool[np.ndarray, " m"]
+
+    @property
+    def truth_iou(self) -> Float64[np.ndarray, " m"]:
+        """IoU of each truth with the detection that hit it, 0 where none did."""
+        iou = np.zeros(len(self.hit))
+        iou[self.truth[self.truth >= 0]] = self.iou[self.truth >= 0]
+        return iou
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Precision and recall if detections of at least `score` are believed; scores descend, recall ascends."""
+
+    precision: Float64[np.ndarray, " k"]
+    recall: Float64[np.ndarray, " k"]
+    score: Float64[np.ndarray, " k"]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A detector's score at one IoU threshold; precision and recall are those of all its detections together."""
+
+    ap: float
+    precision: float
+    recall: float
+    tp: int
+    fp: int
+    truths: int
+    curve: Curve = field(repr=False)
+
+
+def evaluate(
+    detections: Iterable[Detections],
+    truths: Iterable[Objects],
+    *,
+    iou_thresholds: Sequence[float],
+    metric: Metric = "3d",
+    protocol: Protocol = "exact",
+    label: str | int = "vehicle",
+    counted: Iterable[ArrayLike] | None = None,
+) -> dict[float, Result]:
+    """The result at each IoU threshold, by the definition at the top of this module.
+
+    detections, truths: one of each per frame, any iterables, read once. counted: per frame a mask (m,) of the truths
+    that are scored, the others being there but neither to be found nor false alarms; if not given, all are scored.
+    Raises ValueError for unequal numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
+
+    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
+    >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
+    1.0
+    """
+    _check_names(metric, protocol)
+    thresholds = [_check_threshold(threshold) for threshold in iou_thresholds]
+    scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
+    hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
+    to_find = 0
+    frames = _frames(detections, truths, label_index(label), counted)
+    for frame in with_truths(frames) if protocol == "published" else frames:
+        overlaps = _overlaps(frame, metric, protocol)
+        to_find += len(frame.truths)
+        for threshold in thresholds:
+            taken, ignored = _resolve(overlaps, threshold, protocol)
+            scores[threshold].append(overlaps.scores[~ignored])
+            hits[threshold].append(taken[~ignored] >= 0)
+    return {t: _result(np.concatenate(scores[t]), np.concatenate(hits[t]), to_find) for t in thresholds}
+
+
+def match(
+    detections: Detections,
+    truths: Objects,
+    iou_threshold: float,
+    *,
+    metric: Metric = "3d",
+    protocol: Protocol = "exact",
+    label: str | int = "vehicle",
+    counted: ArrayLike | None = None,
+) -> Match:
+    """Which detection of one frame hit which truth; arguments as in `evaluate`.
+
+    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
+    >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
+    array([-1,  0])
+    """
+    _check_names(metric, protocol)
+    frame = _frame(detections, truths, label_index(label), counted)
+    overlaps = _overlaps(frame, metric, protocol)
+    taken, ignored = _resolve(overlaps, _check_threshold(iou_threshold), protocol)
+    rows = frame.rows[overlaps.order]
+    hitting = np.flatnonzero(taken >= 0)
+
+    result = Match(
+        truth=np.full(len(detections), -1),
+        iou=np.zeros(len(detections)),
+        ignored=np.ones(len(detections), bool),
+        hit=np.zeros(len(truths), bool),
+        scored=np.isin(np.arange(len(truths)), frame.columns),
+    )
+    result.truth[rows[hitting]] = frame.columns[taken[hitting]]
+    result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
+    result.ignored[rows] = ignored
+    result.hit[frame.columns[taken[hitting]]] = True
+    return result
+
+
+def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
+    """The curve of n pooled detections, in any order, against a number of truths.
+
+    >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
+    array([0.25, 0.25, 0.5 ])
+    """
+    best_first = np.argsort(-scores, kind="stable")
+    scores = scores[best_first]
+    last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
+    tp = np.cumsum(hits[best_first])[last_of_equals]
+    recall = tp / truths if truths else np.full(len(tp), np.nan)
+    return Curve(tp / (last_of_equals + 1), recall, scores[last_of_equals])
+
+
+def average_precision(curve: Curve) -> float:
+    """All-point interpolated AP (paper equation 7); NaN where recall is.
+
+    >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
+    0.8333333333333333
+    """
+    envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
+    return float((np.diff(curve.recall, prepend=0.0) * envelope).sum())
+
+
+def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
+    """Per detection, best score first, the free truth of greatest IoU >= threshold that it takes, or -1."""
+    taken = np.full(len(iou), -1)
+    free = iou.copy()
+    for row in np.flatnonzero((iou >= threshold).any(axis=1)):
+        truth = free[row].argmax()
+        if free[row, truth] >= threshold:
+            taken[row] = truth
+            free[:, truth] = 0
+    return taken
+
+
+def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
+    """As `greedy`, but the first to claim a truth, however little it overlaps, is the only one that may hit it."""
+    taken = np.full(len(iou), -1)
+    if iou.shape[1]:
+        claimed, first = np.unique(iou.argmax(axis=1), return_index=True)
+        hit = iou[first, claimed] > threshold
+        taken[first[hit]] = claimed[hit]
+    return taken
+
+
+def sampled_iou(detected: ArrayLike, truths: ArrayLike, metric: Metric = "3d") -> Float64[np.ndarray, "n m"]:
+    """IoU of (n, 7) and (m, 7) boxes by 50 × 50 points over each truth's footprint, edges included.
+
+    For "3d" it is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
+    """
+    a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
+    half = a[:, 3:5] / 2 + FACE_TOLERANCE
+    share = np.zeros((len(a), len(b)))
+    near = iou_bev(a, b) > 0
+    for column, (x, y, _, length, width, _, yaw) in enumerate(b):
+        rows = np.flatnonzero(near[:, column])
+        (cos_a, sin_a), turn = (f(a[rows, 6]) for f in (np.cos, np.sin)), yaw - a[rows, 6]
+        dx, dy = x - a[rows, 0], y - a[rows, 1]
+        u, v = np.linspace(-length / 2, length / 2, GRID), np.linspace(-width / 2, width / 2, GRID)
+        cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        ahead = (dx * cos_a + dy * sin_a)[:, None, None] + (u * cos)[:, :, None] - (v * sin)[:, None, :]
+        aside = (dy * cos_a - dx * sin_a)[:, None, None] + (u * sin)[:, :, None] + (v * cos)[:, None, :]
+        inside = (np.abs(ahead) <= half[rows, 0, None, None]) & (np.abs(aside) <= half[rows, 1, None, None])
+        share[rows, column] = inside.mean(axis=(1, 2))
+    overlap = share * (b[:, 3] * b[:, 4])
+    iou = overlap / ((a[:, 3] * a[:, 4])[:, None] + b[:, 3] * b[:, 4] - overlap)
+    if metric == "3d":
+        top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
+        bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], b[:, 2] - b[:, 5] / 2)
+        iou *= np.maximum(top - bottom, 0) / np.maximum(a[:, 5:6], b[:, 5])
+    return iou
+
+
+class _Frame(NamedTuple):
+    """What takes part in one frame: the detections of the label, scored truths, objects that are not scored."""
+
+    boxes: np.ndarray
+    scores: np.ndarray
+    rows: np.ndarray  # of the detections in the input
+    truths: np.ndarray
+    columns: np.ndarray  # of the truths in the input
+    unscored: np.ndarray
+
+
+def with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
+    """Only the frames that have something to find; the false alarms of the others go with them."""
+    return (frame for frame in frames if len(frame.truths))
+
+
+class _Overlaps(NamedTuple):
+    """The detections of a frame, best first, against its truths and against what is not scored."""
+
+    order: np.ndarray  # (n,) rows of the detections, best first; all the others are in this order
+    scores: np.ndarray  # (n,)
+    iou: np.ndarray  # (n, m) with the truths
+    unscored_iou: np.ndarray  # (n,) greatest IoU with an object that is not scored
+    unscored_share: np.ndarray  # (n,) greatest share of the footprint on such an object
+
+
+def _overlaps(frame: _Frame, metric: Metric, protocol: Protocol) -> _Overlaps:
+    exact = iou_3d if metric == "3d" else iou_bev
+    between = partial(sampled_iou, metric=metric) if protocol == "published" else exact
+    iou = between(frame.boxes, frame.truths)
+    unscored_iou = between(frame.boxes, frame.unscored).max(axis=1, initial=0)
+    unscored_share = footprint_inside(frame.boxes, frame.unscored).max(axis=1, initial=0)
+    order = np.lexsort((-iou.max(axis=1, initial=0), -frame.scores))
+    return _Overlaps(order, frame.scores[order], iou[order], unscored_iou[order], unscored_share[order])
+
+
+def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
+    """Per detection, best first, the truth it hit or -1, and whether it is ignored."""
+    taken = (claim_then_test if protocol == "published" else greedy)(overlaps.iou, threshold)
+    elsewhere = (overlaps.unscored_iou >= threshold) | (overlaps.unscored_share > MOSTLY)
+    return taken, elsewhere & (taken < 0)
+
+
+def _frames(
+    detections: Iterable[Detections], truths: Iterable[Objects], label: int, counted: Iterable[ArrayLike] | None
+) -> Iterator[_Frame]:
+    masks = repeat(None) if counted is None else iter(counted)
+    ended = object()
+    for number, (detected, there) in enumerate(zip_longest(detections, truths, fillvalue=ended)):
+        mask = next(masks, ended)
+        if ended in (detected, there, mask):
+            raise ValueError(
+                f"detections, truths and counted need as many frames, but one of them ended after {number}"
+            )
+        yield _frame(detected, there, label, mask, f" of frame {number}")
+
+
+def _frame(detected: Detections, there: Objects, label: int, counted: ArrayLike | None, where: str = "") -> _Frame:
+    if np.isnan(detected.scores).any():
+        raise ValueError(f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is NaN")
+    scored = there.labels == label
+    unscored = (there.labels == HEAVY) if label == VEHICLE else np.zeros(len(there), bool)
+    if counted is not None:
+        mask = np.asarray(counted, bool)
+        if mask.shape != scored.shape:
+            raise ValueError(f"counted{where} must have one entry for each of {len(there)} truths, got {mask.shape}")
+        scored, unscored = scored & mask, unscored | (scored & ~mask)
+    rows, columns = np.flatnonzero(detected.labels == label), np.flatnonzero(scored)
+    boxes, truths = check_boxes(detected.boxes, "detections" + where), check_boxes(there.boxes, "truths" + where)
+    return _Frame(boxes[rows], detected.scores[rows], rows, truths[columns], columns, truths[unscored])
+
+
+def _result(scores: np.ndarray, hits: np.ndarray, truths: int) -> Result:
+    curve, tp = precision_recall(scores, hits, truths), int(hits.sum())
+    return Result(
+        ap=average_precision(curve) if truths else np.nan,
+        precision=tp / len(hits) if len(hits) else np.nan,
+        recall=tp / truths if truths else np.nan,
+        tp=tp,
+        fp=len(hits) - tp,
+        truths=truths,
+        curve=curve,
+    )
+
+
+def _check_threshold(iou_threshold: float) -> float:
+    if not 0 < iou_threshold <= 1:
+        raise ValueError(f"an IoU threshold must lie in (0, 1], got {iou_threshold}")
+    return float(iou_threshold)
+
+
+def _check_names(metric: str, protocol: str) -> None:
+    if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
+        raise ValueError(f'need metric "3d" or "bev" and protocol "exact" or "published", got {metric!r}, {protocol!r}')
