@@ -49,7 +49,7 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
     """Every body traffic may use: cars, two-wheelers, pedestrians, lorries and buses, and the meshes of a folder.
 
     held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on;
-    meshes: see `load_meshes`; they come last.
+    meshes: a folder of mesh files, see `toolkit.meshes`; theirs come last.
 
     >>> [sum(body.label == label for body in catalogue()) for label in range(4)]
     [21, 7, 14, 5]

@@ -19,9 +19,9 @@ def two_wheelers() -> dict[str, Mesh]:
         "racing_bicycle": (_bicycle(0.335), _rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
         "child_bicycle": (grown(_bicycle(0.34), 0.72), _rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
         "cargo_bicycle": (_bicycle(0.33), crate, _rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
-        "motorcycle": (_motorcycle(), _rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, stout=1.12, rest=(-0.05, 0.36))),
+        "motorcycle": (_motorcycle(), _rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
         "sport_motorcycle": (
-            _motorcycle(fairing=True), _rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, stout=1.08, rest=(-0.05, 0.42)),
+            _motorcycle(fairing=True), _rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
         ),
         "scooter": (_scooter(), _rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
     }  # fmt: skip

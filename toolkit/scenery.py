@@ -2,8 +2,8 @@
 
 The ground follows `Site.ground`, which is what feet and wheels stand on too; footways are level with the street behind
 their kerbstones. Every solid is worked out by its kind: houses get windows set into their walls, hedges a rough
-surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Nothing is drawn
-by chance but from the site itself: the same site gives the same mesh.
+surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Chance is
+seeded by the site: the same site gives the same mesh.
 """
 
 from __future__ import annotations
