@@ -21,7 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 try:
     import fcntl
@@ -32,6 +32,7 @@ _PART = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
 _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
+@runtime_checkable
 class Work(Protocol):
     """What is made in blocks; it is pickled to every worker."""
 
