@@ -287,14 +287,12 @@ def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple
 def _frames(
     detections: Iterable[Detections], truths: Iterable[Objects], label: int, counted: Iterable[ArrayLike] | None
 ) -> Iterator[_Frame]:
-    masks = repeat(None) if counted is None else iter(counted)
-    ended = object()
-    for number, (detected, there) in enumerate(zip_longest(detections, truths, fillvalue=ended)):
-        mask = next(masks, ended)
-        if ended in (detected, there, mask):
-            raise ValueError(
-                f"detections, truths and counted need as many frames, but one of them ended after {number}"
-            )
+    masks: Iterator[Any] = iter(counted) if counted is not None else repeat(None)
+    pairs: Iterator[tuple[Any, Any]] = zip_longest(detections, truths)
+    for number, (detected, there) in enumerate(pairs):
+        mask = next(masks, None)
+        if detected is None or there is None or (counted is not None and mask is None):
+            raise ValueError(f"detections, truths and counted need as many frames, but one ended after {number}")
         yield _frame(detected, there, label, mask, f" of frame {number}")
 
 
