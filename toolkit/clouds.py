@@ -8,20 +8,17 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import open3d as o3d
 
 from toolkit.arrays import Bool, Float, Float64, Int, Int64
 from toolkit.boxes import count_points
-from toolkit.points import Metric, beyond, check_area, crop_height, frame_points, inside, unproject
+from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, unproject
 from toolkit.sensors import Sensor
-
-if TYPE_CHECKING:
-    from toolkit.site import Site
 
 __all__ = [
     "DensityMap",
@@ -41,7 +38,6 @@ __all__ = [
 ]
 
 Cloud = o3d.t.geometry.PointCloud
-Area = Sequence[int | float] | Float[np.ndarray, "4"]
 
 
 def from_depth(
@@ -95,12 +91,12 @@ def fuse(clouds: Iterable[Cloud]) -> Cloud:
     return from_points(np.concatenate(points), np.concatenate(numbers))
 
 
-def crop(cloud: Cloud, area: Site | Area, height: float | None = None, *, floor: float = 0.0) -> Cloud:
+def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> Cloud:
     """The points inside a site's detection area, or xmin, ymin, xmax, ymax (m), with floor < z < height.
 
     height: the site's own where one is given, else 4 m (paper section II-B).
     """
-    return _select(cloud, inside(positions(cloud), check_area(area), crop_height(area, height), floor))
+    return _select(cloud, inside(positions(cloud), area_of(area), height_of(area, height), floor))
 
 
 def outside_radius(
@@ -138,11 +134,11 @@ class DensityMap(NamedTuple):
     sensors: Int64[np.ndarray, "rows columns"]
 
 
-def density_map(cloud: Cloud, area: Site | Area, cell: float = 1.0) -> DensityMap:
+def density_map(cloud: Cloud, area: Area, cell: float = 1.0) -> DensityMap:
     """Points per m² and distinct sensors per cell of `cell` m; the last row and column may reach past the area."""
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
-    xmin, ymin, xmax, ymax = check_area(area)
+    xmin, ymin, xmax, ymax = area_of(area)
     columns, rows = (max(1, int(np.ceil(extent / cell - 1e-9))) for extent in (xmax - xmin, ymax - ymin))
     x, y, _ = positions(cloud).astype(np.float64).T
     within = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)

@@ -16,22 +16,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Int64
+from toolkit.arrays import Float32, Int64
 from toolkit.boxes import nms
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
-from toolkit.points import Metric, beyond, check_area, crop_height, frame_points, select_sensors
-
-if TYPE_CHECKING:
-    from toolkit.site import Site
+from toolkit.points import Area, Metric, beyond, frame_points, select_sensors
+from toolkit.site import Site
 
 NMS_IOU = 0.1
 HYBRID_RADIUS = {"tjunction": 20.0, "roundabout": 12.0}
-Area = Sequence[int | float] | Float[np.ndarray, "4"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ def early(
     detector: Detector,
     sensors: Sequence[int | str] | None = None,
     *,
-    site: Site | Area,
+    site: Area,
     height: float | None = None,
     accounting: Accounting = PAPER,
     iou_threshold: float = NMS_IOU,
@@ -75,7 +71,7 @@ def early(
     `toolkit.dataset.noisy`. Raises ValueError for a sensor the frame does not have.
     """
     chosen = select_sensors(frame.sensors, sensors)
-    clouds = frame_points(frame, sorted(chosen), area=check_area(site), height=crop_height(site, height))
+    clouds = frame_points(frame, sorted(chosen), area=site, height=height)
     fused = fuse_early(clouds, detector, accounting=accounting, iou_threshold=iou_threshold)
     return Fused(fused.detections, fused.bits[_places(chosen)])
 
@@ -85,14 +81,14 @@ def late(
     detector: Detector,
     sensors: Sequence[int | str] | None = None,
     *,
-    site: Site | Area,
+    site: Area,
     height: float | None = None,
     accounting: Accounting = PAPER,
     iou_threshold: float = NMS_IOU,
 ) -> Fused:
     """Detect in the points of each sensor and fuse the boxes (paper section II-D). Arguments as in `early`."""
     chosen = select_sensors(frame.sensors, sensors)
-    clouds = frame_points(frame, chosen, area=check_area(site), height=crop_height(site, height))
+    clouds = frame_points(frame, chosen, area=site, height=height)
     return fuse_late([detector(points) for points in clouds], accounting=accounting, iou_threshold=iou_threshold)
 
 
@@ -101,7 +97,7 @@ def hybrid(
     detector: Detector,
     sensors: Sequence[int | str] | None = None,
     *,
-    site: Site | Area,
+    site: Area,
     height: float | None = None,
     radius: float | None = None,
     metric: Metric = "horizontal",
@@ -115,7 +111,7 @@ def hybrid(
     """
     chosen = select_sensors(frame.sensors, sensors)
     radius = hybrid_radius(site) if radius is None else radius
-    clouds = frame_points(frame, sorted(chosen), area=check_area(site), height=crop_height(site, height))
+    clouds = frame_points(frame, sorted(chosen), area=site, height=height)
     far = [
         points[beyond(points, frame.sensors[which], radius, metric)]
         for which, points in zip(sorted(chosen), clouds, strict=True)
@@ -169,9 +165,9 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
     return ordered[nms(ordered.boxes, ordered.scores, iou_threshold)]
 
 
-def hybrid_radius(site: Site | Area) -> float:
+def hybrid_radius(site: Area) -> float:
     """The radius (m) within which hybrid fusion sends no points (section IV-B); 20 where the paper has none."""
-    return HYBRID_RADIUS.get(getattr(site, "name", ""), 20.0)
+    return HYBRID_RADIUS.get(site.name, 20.0) if isinstance(site, Site) else 20.0
 
 
 def _places(chosen: list[int]) -> np.ndarray:

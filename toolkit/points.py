@@ -8,42 +8,42 @@ one comparison per coordinate (paper equations 1 and 2 and the crop of section I
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.frame import Frame
 from toolkit.sensors import Sensor, SpinningLidar, returned
-
-if TYPE_CHECKING:
-    from toolkit.site import Site
+from toolkit.site import Site, check_area
 
 Metric = Literal["horizontal", "published"]
+Area = Site | Sequence[int | float] | Float[np.ndarray, "4"]
 
 
 def frame_points(
     frame: Frame,
     sensors: Sequence[int | str] | None = None,
     *,
-    area: Sequence[int | float] | Float[np.ndarray, "4"],
-    height: float = 4.0,
+    area: Area,
+    height: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> list[Float32[np.ndarray, "_ 3"]]:
     """What each sensor would send: its points inside the detection area, world frame, one (n, 3) array per sensor.
 
-    sensors: indices or names, None for all; area: xmin, ymin, xmax, ymax (m); points with 0 < z < height stay.
+    sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with
+    0 < z < height stay, by default the site's own height, else 4 m.
     rng draws the sensors' noise; without one the measurements are taken as they are.
     Raises ValueError for a sensor the frame does not have and for an area that is none.
     """
-    bounds = check_area(area)
+    bounds, top = area_of(area), height_of(area, height)
     clouds = []
     for index in select_sensors(frame.sensors, sensors):
         sensor, measurement = frame.sensors[index], frame.measurements[index]
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
         xyz, valid = unproject(sensor, measurement)
-        keep = np.flatnonzero(valid & inside(xyz.T, bounds, height))
+        keep = np.flatnonzero(valid & inside(xyz.T, bounds, top))
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
 
@@ -74,6 +74,12 @@ def inside(
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
+
+
+def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
+    """Which boxes have their centre in the area, its edge included, at any height."""
+    (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
+    return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
 
 def beyond(
@@ -121,14 +127,13 @@ def _position(names: list[str], which: int | str) -> int:
     raise ValueError(f"no sensor {which!r}: choose among 0..{len(names) - 1} or {', '.join(names)}")
 
 
-def check_area(area: Site | Sequence[int | float] | Float[np.ndarray, "..."]) -> Float64[np.ndarray, "4"]:
-    """The area xmin, ymin, xmax, ymax (m) of a site, or these numbers themselves; ValueError if it encloses nothing."""
-    bounds = np.asarray(getattr(area, "area", area), np.float64)
-    if bounds.shape != (4,) or not np.isfinite(bounds).all() or not (bounds[:2] < bounds[2:]).all():
-        raise ValueError(f"area must be xmin, ymin, xmax, ymax with min < max, got {bounds.tolist()}")
-    return bounds
+def area_of(place: Area) -> Float64[np.ndarray, "4"]:
+    """xmin, ymin, xmax, ymax (m) of a site, or these numbers themselves; ValueError if they enclose nothing."""
+    return place.area if isinstance(place, Site) else check_area(place)
 
 
-def crop_height(area: object, height: float | None = None) -> float:
+def height_of(place: Area, height: float | None = None) -> float:
     """The height (m) up to which points are kept: the one given, else a site's own, else 4 m (paper section II-B)."""
-    return float(getattr(area, "height", 4.0) if height is None else height)
+    if height is not None:
+        return height
+    return place.height if isinstance(place, Site) else 4.0

@@ -1,0 +1,206 @@
+import gc
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from toolkit.clouds import (
+    crop,
+    density_cdf,
+    density_map,
+    from_depth,
+    from_points,
+    fuse,
+    load,
+    outside_radius,
+    points_per_box,
+    positions,
+    save,
+    sensor_numbers,
+)
+from toolkit.geometry import look, pose, transform
+from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
+from toolkit.site import Site
+
+AREA = (-40, -20, 40, 20)
+CAMERA = Sensor("c", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0, tilt=0.2))
+LIDAR = Sensor("l", SpinningLidar(channels=8), pose(5.0, -3.0, 5.2, yaw=0.3))
+
+
+def random_depth(sensor, seed=0):
+    return np.random.default_rng(seed).uniform(1, 30, sensor.model.shape).astype(np.float32)
+
+
+def random_cloud(n=500, seed=0):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-50, -30, -2], [50, 30, 6], (n, 3)).astype(np.float32)
+    return from_points(points, rng.integers(0, 6, n))
+
+
+def test_from_depth_agrees_with_open3d():
+    depth = random_depth(CAMERA)
+    intrinsic = o3d.camera.PinholeCameraIntrinsic(200, 150, 100, 100, 100, 75)  # every second pixel: half of K
+    theirs = o3d.geometry.PointCloud.create_from_depth_image(
+        o3d.geometry.Image(depth), intrinsic, depth_scale=1.0, depth_trunc=1000.0
+    ).transform(CAMERA.pose)
+    np.testing.assert_allclose(positions(from_depth(CAMERA, depth)), np.asarray(theirs.points), atol=1e-4)
+
+
+@pytest.mark.parametrize("sensor", [CAMERA, LIDAR])
+def test_from_depth_is_measurement_times_ray_in_the_world(sensor):
+    depth = random_depth(sensor)
+    cloud = from_depth(sensor, depth, sensor_id=4)
+    expected = transform(sensor.pose, (depth[..., None] * sensor.model.rays()).reshape(-1, 3).astype(np.float64))
+    np.testing.assert_allclose(positions(cloud), expected, atol=1e-4)
+    assert cloud.point.positions.dtype == o3d.core.float32
+    assert cloud.point["sensor"].dtype == o3d.core.int32
+    assert tuple(cloud.point["sensor"].shape) == (depth.size, 1)
+    assert (sensor_numbers(cloud) == 4).all()
+
+
+@pytest.mark.parametrize("sensor", [CAMERA, LIDAR])
+def test_no_return_makes_no_point(sensor):
+    depth = np.zeros(sensor.model.shape, np.float32)
+    depth[0, :6] = [np.nan, np.inf, -np.inf, -1.0, sensor.model.max_range, 7.0]
+    assert len(positions(from_depth(sensor, depth))) == 1
+    assert positions(from_depth(sensor, np.zeros_like(depth))).shape == (0, 3)
+
+
+def test_noise_moves_points_along_their_rays_only():
+    depth = random_depth(CAMERA)
+    clean, noisy = (
+        positions(from_depth(CAMERA, depth, rng=rng)).astype(np.float64) - CAMERA.position
+        for rng in (None, np.random.default_rng(1))
+    )
+    assert 0.005 < np.abs(np.linalg.norm(noisy, axis=1) - np.linalg.norm(clean, axis=1)).mean() < 0.03
+    direction = np.cross(noisy, clean) / np.linalg.norm(clean, axis=1, keepdims=True) ** 2
+    assert np.abs(direction).max() < 1e-5
+
+
+def test_an_image_of_another_size_is_refused():
+    with pytest.raises(ValueError, match=r"'c' measures \(150, 200\) pixels"):
+        from_depth(CAMERA, np.ones((3, 4), np.float32))
+
+
+def test_fuse_keeps_every_point_and_its_sensor():
+    parts = [from_depth(CAMERA, random_depth(CAMERA), sensor_id=2), random_cloud(50), from_points(np.zeros((0, 3)))]
+    fused = fuse(parts)
+    np.testing.assert_array_equal(positions(fused), np.concatenate([positions(part) for part in parts]))
+    np.testing.assert_array_equal(sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts]))
+
+
+def test_empty_clouds_go_through_everything():
+    for empty in (fuse([]), crop(random_cloud(), (90, 90, 91, 91)), o3d.t.geometry.PointCloud()):
+        assert positions(fuse([empty, empty])).shape == (0, 3)
+        assert positions(crop(empty, AREA)).shape == (0, 3)
+        assert positions(outside_radius(empty, CAMERA, 1.0)).shape == (0, 3)
+        assert points_per_box(empty, np.array([[0, 0, 1, 4, 2, 1.5, 0]])).tolist() == [0]
+        assert not density_map(empty, AREA).points_per_m2.any()
+
+
+def test_crop_keeps_the_areas_edge_and_neither_ground_nor_ceiling():
+    points = np.array([[40, 20, 1], [40.01, 0, 1], [0, 0, 0], [0, 0, 4], [0, 0, 3.9], [-40, -20, 0.1]], np.float32)
+    kept = positions(crop(from_points(points), AREA))
+    np.testing.assert_array_equal(kept, points[[0, 4, 5]])
+    np.testing.assert_array_equal(positions(crop(from_points(points), AREA, 3.0)), points[[0, 5]])
+    site = Site("low", np.array(AREA, float), height=3.0)
+    np.testing.assert_array_equal(positions(crop(from_points(points), site)), points[[0, 5]])
+
+
+def test_crop_keeps_other_attributes():
+    cloud = random_cloud(20)
+    cloud.point["intensity"] = o3d.core.Tensor(positions(cloud)[:, :1].copy())
+    cropped = crop(cloud, AREA)
+    np.testing.assert_array_equal(cropped.point["intensity"].numpy(), positions(cropped)[:, :1])
+
+
+@pytest.mark.parametrize("area", [(1, 1, 0, 0), (0, 0, 1), (0, 0, np.nan, 1), (0, 0, 0, 1)])
+def test_an_area_that_encloses_nothing_is_refused(area):
+    with pytest.raises(ValueError, match="area"):
+        crop(random_cloud(), area)
+
+
+def test_outside_radius_is_horizontal():
+    points = np.array([[5, 7.1, 90], [5, 6.9, -90], [15.1, -3, 0], [5, -3, 100]], np.float32)
+    kept = positions(outside_radius(from_points(points), CAMERA, 10.0))
+    np.testing.assert_array_equal(kept, points[[0, 2]])
+
+
+def test_published_radius_is_measured_in_the_tilted_frame():
+    cloud = random_cloud(2000)
+    in_camera = (positions(cloud) - CAMERA.position) @ CAMERA.pose[:3, :3]
+    expected = np.hypot(in_camera[:, 0], in_camera[:, 2]) > 20
+    for camera in (CAMERA, CAMERA.pose):
+        kept = positions(outside_radius(cloud, camera, 20.0, "published"))
+        np.testing.assert_array_equal(kept, positions(cloud)[expected])
+    level = Sensor("level", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0))
+    for sensor in (level, LIDAR):
+        both = [positions(outside_radius(cloud, sensor, 20.0, metric)) for metric in ("horizontal", "published")]
+        np.testing.assert_array_equal(*both)
+
+
+def test_radius_is_checked():
+    with pytest.raises(ValueError, match="radius"):
+        outside_radius(random_cloud(), CAMERA, -1.0)
+
+
+def test_points_per_box_counts_cloud_and_array_alike():
+    boxes = np.array([[0, 0, 1, 4, 2, 1.5, 0.3], [20, 10, 1, 9, 9, 5, 1.0], [99, 99, 1, 4, 2, 1.5, 0]])
+    cloud = random_cloud(5000)
+    counts = points_per_box(cloud, boxes)
+    np.testing.assert_array_equal(counts, points_per_box(positions(cloud), boxes))
+    assert counts[1] > 0 == counts[2]
+
+
+def test_density_cdf_is_the_share_of_objects_with_so_many_points_or_fewer():
+    counts = np.random.default_rng(0).integers(0, 30, 200)
+    d, share = density_cdf(counts)
+    assert d[0] == 0
+    assert share[-1] == 1
+    for k in range(len(d)):
+        assert share[k] == (counts <= d[k]).mean()
+    assert density_cdf(np.array([5]))[1].tolist() == [0, 1]
+    assert [len(part) for part in density_cdf(np.zeros(0, np.int64))] == [0, 0]
+
+
+def test_density_map_by_hand():
+    points = np.array([[-40, -20, 1], [-39, -19.5, 1], [-39, -19.5, 2], [40, 20, 1], [41, 0, 1]], np.float32)
+    grid = density_map(from_points(points, np.array([0, 0, 3, 1, 1])), AREA, cell=2.0)
+    assert grid.points_per_m2.shape == grid.sensors.shape == (20, 40)
+    assert grid.points_per_m2[0, 0] == 3 / 4
+    assert grid.sensors[0, 0] == 2
+    assert grid.points_per_m2[-1, -1] == 1 / 4
+    assert grid.points_per_m2.sum() * 4 == 4
+    assert grid.sensors.sum() == 3
+
+
+@pytest.mark.parametrize("ending", ["ply", "pcd", "npz"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_files_keep_positions_and_sensors(tmp_path, ending, dtype):
+    cloud = from_points(np.random.default_rng(0).normal(0, 9, (50, 3)).astype(dtype), np.arange(50) % 7)
+    save(cloud, tmp_path / f"cloud.{ending}")
+    again = load(tmp_path / f"cloud.{ending}")
+    np.testing.assert_array_equal(positions(again), positions(cloud))
+    assert positions(again).dtype == dtype
+    np.testing.assert_array_equal(sensor_numbers(again), sensor_numbers(cloud))
+    assert [path.name for path in tmp_path.iterdir()] == [f"cloud.{ending}"]
+
+
+def test_files_that_cannot_be_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="no points"):
+        save(fuse([]), tmp_path / "a.ply")
+    with pytest.raises(ValueError, match=r"\.ply, \.pcd or \.npz"):
+        save(random_cloud(), tmp_path / "a.las")
+    with pytest.raises(OSError, match="folder exists"):
+        save(random_cloud(), tmp_path / "nowhere" / "a.ply")
+    with pytest.raises(FileNotFoundError):
+        load(tmp_path / "missing.ply")
+    (tmp_path / "damaged.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n")
+    with pytest.raises(ValueError, match="no points that Open3D can read"):
+        load(tmp_path / "damaged.ply")
+
+
+def test_clouds_own_their_memory():
+    clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
+    gc.collect()
+    assert all((positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all() for k, cloud in enumerate(clouds))

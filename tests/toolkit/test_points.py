@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from toolkit.clouds import crop, from_depth, positions
+from toolkit.frame import Frame
+from toolkit.geometry import look, pose
+from toolkit.objects import Objects
+from toolkit.points import centred_in, frame_points, select_sensors
+from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
+
+AREA = (-40, -20, 40, 20)
+SENSORS = (
+    Sensor("a", DepthCamera(), look((30.0, 8.0, 5.2), heading=2.7, tilt=0.1)),
+    Sensor("b", DepthCamera(width=64, height=48), look((-7.0, -12.0, 5.2), heading=1.1, tilt=0.3)),
+    Sensor("c", SpinningLidar(channels=16), pose(0.0, 0.0, 4.0, pitch=0.1)),
+)
+
+
+def frame():
+    rng = np.random.default_rng(0)
+    depths = [rng.uniform(0, 60, sensor.model.shape).astype(np.float32) for sensor in SENSORS]
+    depths[0][:20] = np.nan
+    depths[1][:5] = np.inf
+    return Frame(SENSORS, tuple(depths), Objects.empty())
+
+
+def test_frame_points_are_the_cropped_clouds():
+    scene = frame()
+    for points, sensor, depth in zip(frame_points(scene, area=AREA), SENSORS, scene.measurements, strict=True):
+        expected = positions(crop(from_depth(sensor, depth), AREA))
+        assert len(expected) > 50
+        assert points.dtype == np.float32
+        assert points.flags.c_contiguous
+        np.testing.assert_array_equal(points, expected)
+
+
+def test_noise_is_drawn_from_the_generator():
+    scene = frame()
+    first, again, clean = (
+        frame_points(scene, area=AREA, rng=rng) for rng in (*map(np.random.default_rng, (5, 5)), None)
+    )
+    for a, b, c in zip(first, again, clean, strict=True):
+        np.testing.assert_array_equal(a, b)
+        assert not np.array_equal(a, c)
+
+
+def test_sensors_by_number_and_name():
+    assert select_sensors(SENSORS) == [0, 1, 2]
+    assert select_sensors(SENSORS, ["c", 0]) == [2, 0]
+    assert select_sensors(SENSORS, []) == []
+    both = frame_points(frame(), ["c", 0], area=AREA)
+    alone = frame_points(frame(), area=AREA)
+    np.testing.assert_array_equal(both[0], alone[2])
+    np.testing.assert_array_equal(both[1], alone[0])
+
+
+@pytest.mark.parametrize("unknown", [3, -1, "d", "0"])
+def test_unknown_sensors_are_named(unknown):
+    with pytest.raises(ValueError, match=r"choose among 0\.\.2 or a, b, c"):
+        select_sensors(SENSORS, [unknown])
+
+
+def test_a_name_alone_is_no_list():
+    with pytest.raises(ValueError, match="list of numbers or names"):
+        select_sensors(SENSORS, "abc")
+
+
+def test_moving_site_and_sensors_together_moves_the_points():
+    scene, shift = frame(), np.array([256.0, -128.0, 0.0])
+    moved = tuple(Sensor(s.name, s.model, pose(*shift) @ s.pose) for s in SENSORS)
+    area = np.array(AREA) + np.tile(shift[:2], 2)
+    for here, there in zip(
+        frame_points(scene, area=AREA),
+        frame_points(Frame(moved, scene.measurements, scene.objects), area=area),
+        strict=True,
+    ):
+        np.testing.assert_allclose(there, here + shift, atol=1e-4)
+
+
+def test_centred_in_includes_the_edge():
+    boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
+    assert centred_in(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
