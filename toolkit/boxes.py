@@ -93,7 +93,7 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """Intersection over union of the volumes, exact for any yaw (paper equation 6).
+    """Intersection over union of the volumes, exact for any yaw (paper equation 3).
 
     >>> iou_3d([[0, 0, 0, 4, 2, 1, 0]], [[0, 0, 0.5, 4, 2, 1, 0]]).round(6)
     array([[0.333333]])

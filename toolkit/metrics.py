@@ -17,7 +17,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
    precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, as no
    score threshold can tell them apart.
-6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')    (paper equation 7: all-point interpolation)
+6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')    (paper equations 4 and 5: all-point interpolation)
 
 Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP is 0.
 
@@ -182,7 +182,7 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, "
 
 
 def average_precision(curve: Curve) -> float:
-    """All-point interpolated AP (paper equation 7); NaN where recall is.
+    """All-point interpolated AP (paper equations 4 and 5); NaN where recall is.
 
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=2))
     0.8333333333333333

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from toolkit.geometry import check_pose, invert, look, pose, transform
+
+metre, angle = st.floats(-1000, 1000), st.floats(-10, 10)
+points = arrays(np.float64, st.tuples(st.integers(0, 5), st.just(3)), elements=metre)
+
+
+@st.composite
+def poses(draw):
+    x, y, z = (draw(metre) for _ in range(3))
+    return pose(x, y, z, yaw=draw(angle), pitch=draw(angle), roll=draw(angle))
+
+
+@given(poses(), poses())
+def test_poses_are_closed_under_composition(a, b):
+    for motion in (a, a @ b, invert(a)):
+        check_pose(motion)
+        assert np.linalg.det(motion[:3, :3]) == pytest.approx(1)
+
+
+@given(poses(), poses())
+def test_inverse(a, b):
+    np.testing.assert_allclose(a @ invert(a), np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(invert(invert(a)), a, atol=1e-9)
+    np.testing.assert_allclose(invert(a @ b), invert(b) @ invert(a), atol=1e-8)
+
+
+@given(poses(), points)
+def test_there_and_back(motion, p):
+    np.testing.assert_allclose(transform(invert(motion), transform(motion, p)), p, atol=1e-8)
+
+
+@given(poses(), poses(), points)
+def test_transforms_compose_and_keep_distances(a, b, p):
+    np.testing.assert_allclose(transform(a @ b, p), transform(a, transform(b, p)), atol=1e-8)
+    if len(p) > 1:
+        np.testing.assert_allclose(
+            np.linalg.norm(np.diff(transform(a, p), axis=0), axis=1),
+            np.linalg.norm(np.diff(p, axis=0), axis=1),
+            atol=1e-8,
+        )
+
+
+def test_transform_keeps_dtype_and_leading_shape():
+    image = np.zeros((4, 5, 3), np.float32)
+    assert transform(pose(1.0, 2.0, 3.0), image).dtype == np.float32
+    assert transform(pose(1.0, 2.0, 3.0), image).shape == (4, 5, 3)
+    assert transform(pose(1.0, 2.0, 3.0), np.zeros((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("turn", "forward", "left", "up"),
+    [
+        ({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        ({"yaw": np.pi / 2}, (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+        ({"pitch": np.pi / 2}, (0, 0, -1), (0, 1, 0), (1, 0, 0)),
+        ({"roll": np.pi / 2}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+        ({"yaw": np.pi / 2, "pitch": np.pi / 2}, (0, 0, -1), (-1, 0, 0), (0, 1, 0)),
+    ],
+)
+def test_pose_turns_axes_by_roll_then_pitch_then_yaw(turn, forward, left, up):
+    np.testing.assert_allclose(pose(**turn)[:3, :3].T, [forward, left, up], atol=1e-12)
+
+
+@given(metre, metre, metre, angle, st.floats(-1.5, 1.5))
+def test_look_looks_along_its_heading_with_level_rows(x, y, z, heading, tilt):
+    camera = look((x, y, z), heading, tilt)
+    right, down, ahead = check_pose(camera)[:3, :3].T
+    level = np.cos(tilt)
+    np.testing.assert_allclose(ahead, [np.cos(heading) * level, np.sin(heading) * level, -np.sin(tilt)], atol=1e-12)
+    np.testing.assert_allclose(right, [np.sin(heading), -np.cos(heading), 0], atol=1e-12)
+    assert down[2] < 0
+    np.testing.assert_allclose(camera[:3, 3], [x, y, z])
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.eye(3), r"shape \(4, 4\), got \(3, 3\)"),
+        (np.full((4, 4), np.nan), "NaN or infinite"),
+        (pose(1.0, 2.0, 3.0).T, "pass the transpose"),
+        (np.diag([1.0, -1, 1, 1]), "it mirrors"),
+        (np.diag([2.0, 2, 2, 1]), "determinant 8"),
+        (np.diag([1.0, 1, 0, 1]), "determinant 0"),
+    ],
+)
+def test_what_is_no_rigid_motion_is_refused(matrix, message):
+    with pytest.raises(ValueError, match=message):
+        check_pose(matrix, "extrinsic")
+
+
+def test_points_of_another_shape_are_refused():
+    with pytest.raises((ValueError, TypeError)):
+        transform(np.eye(4), np.zeros((3, 120)))

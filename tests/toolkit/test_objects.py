@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from toolkit.objects import CYCLIST, HEAVY, LABELS, Detections, Objects, label_index
+
+CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
+THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
+
+
+def test_labels_by_name_and_number():
+    assert [label_index(name) for name in LABELS] == [0, 1, 2, 3]
+    assert [label_index(number) for number in range(4)] == [0, 1, 2, 3]
+    for wrong in ("tram", -1, 4):
+        with pytest.raises(ValueError, match="label must be one of"):
+            label_index(wrong)
+
+
+def test_defaults_are_vehicles_numbered_from_zero():
+    objects = Objects(THREE)
+    assert objects.labels.tolist() == [0, 0, 0]
+    assert objects.ids.tolist() == [0, 1, 2]
+    assert Detections(THREE, np.ones(3)).labels.tolist() == [0, 0, 0]
+
+
+def test_rows_stay_together():
+    objects = Objects(THREE, np.array([0, CYCLIST, HEAVY]), np.array([7, 8, 9]))
+    for rows in (np.array([2, 0]), np.array([True, False, True]), slice(0, 2)):
+        part = objects[rows]
+        np.testing.assert_array_equal(part.boxes, THREE[rows])
+        np.testing.assert_array_equal(part.labels, objects.labels[rows])
+        np.testing.assert_array_equal(part.ids, objects.ids[rows])
+    detections = Detections(THREE, np.array([0.1, 0.2, 0.3]), np.array([0, 1, 2]))
+    assert detections[np.array([1])].scores.tolist() == [0.2]
+    assert len(detections[np.zeros(3, bool)]) == 0
+
+
+def test_empty():
+    for nothing in (Objects.empty(), Detections.empty()):
+        assert len(nothing) == 0
+        assert nothing.boxes.shape == (0, 7)
+        assert nothing.labels.shape == (0,)
+
+
+def test_merge_keeps_order():
+    one, two = (Detections(CAR + k, np.array([float(k)]), np.array([k])) for k in (1, 2))
+    merged = Detections.merge([two, Detections.empty(), one])
+    assert merged.scores.tolist() == [2, 1]
+    assert merged.labels.tolist() == [2, 1]
+    assert len(Detections.merge([])) == 0
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Objects(np.zeros((2, 8))),
+        lambda: Objects(CAR, np.array([0, 1])),
+        lambda: Objects(CAR, np.array([4])),
+        lambda: Objects(CAR, ids=np.array([1, 2])),
+        lambda: Detections(CAR, np.ones(2)),
+    ],
+)
+def test_what_does_not_fit_is_refused(make):
+    with pytest.raises((ValueError, TypeError)):
+        make()
+
+
+def test_they_cannot_be_changed():
+    with pytest.raises(AttributeError):
+        Objects(CAR).boxes = THREE
