@@ -36,6 +36,7 @@ class Mover:
     walks: bool
     aside: float
     turn: float
+    inserted: bool = False
     frames: int = 0
 
 
@@ -68,6 +69,7 @@ class Population:
         self.choices = {label: rows_of_label for label, rows_of_label in rows.items() if len(rows_of_label)}
         shares = np.array([SHARES[label] for label in self.choices])
         self.shares = shares / shares.sum()
+        self.due: list[int] = []  # labels drawn, waiting for a place
         self.movers: dict[int, Mover] = {}
         self.walks: dict[tuple[str, str], list[str]] = {}
         self.routes: set[str] = set()
@@ -104,21 +106,26 @@ class Population:
         self.remove(np.array([name for name in seen if self.movers[name].frames >= LIFE], np.int64))
 
     def _spawn(self) -> None:
+        """Fill up to `most`. What finds no place keeps its turn, so that the shares hold where the road is full."""
+        missing = self.most - len(self.movers) - len(self.due)
+        if missing > 0:
+            self.due += self.rng.choice(list(self.choices), missing, p=self.shares).tolist()
+        if not self.due:
+            return
         positions = {walks: self._positions(walks) for walks in (False, True)}
-        for label in self.rng.choice(list(self.choices), self.most - len(self.movers), p=self.shares):
-            body = int(self.rng.choice(self.choices[label]))
+        waiting, self.due = self.due, []
+        for label in waiting:
             walks = label == PEDESTRIAN
+            body = int(self.rng.choice(self.choices[label]))
             place = self._free_place(body, positions[walks])
             if place is None:
+                self.due.append(label)
                 continue
             name = next(self.ids)
             (self._add_walker if walks else self._add_driver)(str(name), body, place)
-            self.movers[name] = Mover(
-                body,
-                walks,
-                aside=self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0,
-                turn=np.deg2rad(self.rng.normal(0, SWAY[label])),
-            )
+            aside = self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0
+            turn = float(np.radians(self.rng.normal(0, SWAY[label])))
+            self.movers[name] = Mover(body, walks, aside, turn)
             positions[walks] = np.vstack([positions[walks], self.places[self.users.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
@@ -167,18 +174,22 @@ class Population:
     def _pose(self, name: int, mover: Mover) -> Float64[np.ndarray, "3"]:
         domain = self.sumo.person if mover.walks else self.sumo.vehicle
         x, y = domain.getPosition(str(name))
-        yaw = np.pi / 2 - np.deg2rad(domain.getAngle(str(name)))  # SUMO: clockwise from north
+        yaw = np.pi / 2 - np.radians(domain.getAngle(str(name)))  # SUMO: clockwise from north
         back = 0.0 if mover.walks else self.users.sizes[mover.body, 0] / 2
         x -= back * np.cos(yaw) + mover.aside * np.sin(yaw)
         y -= back * np.sin(yaw) - mover.aside * np.cos(yaw)
-        yaw += mover.turn
-        return np.array([x, y, np.arctan2(np.sin(yaw), np.cos(yaw))])
+        return np.array([x, y, yaw + mover.turn])
 
     def _forget_the_gone(self) -> None:
-        """Drop what has arrived or could not be inserted; and what SUMO inserts later after all leaves again."""
+        """Drop what has arrived. What SUMO could not insert is due again, and must not come later on its own."""
         there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
-        for name in [name for name in self.movers if str(name) not in there]:
+        for name, mover in list(self.movers.items()):
+            if str(name) in there:
+                mover.inserted = True
+                continue
             del self.movers[name]
+            if not mover.inserted:
+                self.due.append(int(self.users.labels[mover.body]))
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.movers:
                 self.sumo.vehicle.remove(name)

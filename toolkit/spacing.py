@@ -18,7 +18,9 @@ class Obstacles:
     """What stands still and is high enough to be in the way, indexed by place."""
 
     def __init__(self, site: Site) -> None:
-        blocking = [s for s in site.solids if s.top - site.ground(s.footprint.mean(axis=0)) > _WALKABLE]
+        middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
+        above = np.array([solid.top for solid in site.solids]) - site.ground(middles)
+        blocking = [solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE]
         self.bases = np.array([solid.base for solid in blocking])
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
@@ -28,14 +30,15 @@ def running(network: str, types: str, *, seed: int) -> Iterator[Any]:
             "use up or close() the earlier simulation first, or run this one in another process"
         )
     with TemporaryDirectory(prefix="coview-") as folder:
-        files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "errors.txt")}
+        files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
         files["net.xml"].write_text(network, encoding="utf-8")
         files["types.xml"].write_text(types, encoding="utf-8")
         try:
-            sumo.start(["sumo", *_options(files, seed)])
-        except Exception as error:  # SUMO says why only in its log
-            said = files["errors.txt"].read_text(encoding="utf-8").strip() if files["errors.txt"].exists() else ""
-            reason = said.splitlines()[0].removeprefix("Error: ") if said else str(error)
+            with _stderr_into(files["said.txt"]):
+                sumo.start(["sumo", *_options(files["net.xml"], files["types.xml"], seed)])
+        except Exception as error:  # SUMO says why only on stderr
+            said = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
+            reason = said.splitlines()[0].removeprefix("Error: ").rstrip(".")
             raise ValueError(f"SUMO refuses the site's network: {reason}: build it again with netconvert") from None
     try:
         yield sumo
@@ -52,11 +55,24 @@ def load_sumo() -> Any:
         raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
 
 
-def _options(files: dict[str, Path], seed: int) -> list[str]:
+@contextmanager
+def _stderr_into(file: Path) -> Iterator[None]:
+    """What the process writes to stderr goes to a file: SUMO's error log stays empty from the second simulation on."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with file.open("wb") as sink:
+            os.dup2(sink.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def _options(network: Path, types: Path, seed: int) -> list[str]:
     options = {
-        "net-file": files["net.xml"],
-        "additional-files": files["types.xml"],
-        "error-log": files["errors.txt"],
+        "net-file": network,
+        "additional-files": types,
         "seed": seed,
         "step-length": STEP,
         "lateral-resolution": LATERAL_RESOLUTION,

@@ -99,7 +99,8 @@ def _snapshot(
     standing = (parked.ids, parked.bodies, parked.poses)
     ids, bodies, poses = (np.concatenate(both) for both in zip(standing, population.state(), strict=True))
     sizes = users.sizes[bodies]
-    boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, poses[:, 2]])
+    yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
+    boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
     boxes, kept, repaired = separate(boxes, obstacles)
     population.remove(ids[~kept])
     seen = np.flatnonzero(kept)[_touch(boxes[kept], site.area, MARGIN)]
