@@ -121,11 +121,12 @@ def kerbs(lanes: Polygons, footways: Polygons, height: float = 0.12, width: floa
 
 
 def clear_of_road(solids: Iterable[Solid], lanes: Polygons, footways: Polygons, gap: float = 0.2) -> list[Solid]:
-    """Solids with what stands on road or footway, or within `gap` m of them, cut off; the largest piece is kept."""
-    street = _surface(lanes, footways).buffer(gap)
+    """Solids with what stands on road or footway, or within `gap` m of them, cut off; the largest piece is kept. What
+    hangs above 2 m may hang over footways."""
+    street, road = _surface(lanes, footways).buffer(gap), _surface(lanes, ()).buffer(gap)
     cleared = []
     for solid in solids:
-        rest = shapely.Polygon(solid.footprint).difference(street)
+        rest = shapely.Polygon(solid.footprint).difference(street if solid.base < 2 else road)
         if rest.area > 0.01:
             largest = max(shapely.get_parts(rest), key=lambda part: part.area).simplify(0.01)
             footprint = shapely.get_coordinates(shapely.set_precision(largest, 1e-3).exterior)[:-1]
@@ -135,7 +136,7 @@ def clear_of_road(solids: Iterable[Solid], lanes: Polygons, footways: Polygons, 
 
 def kerbside(lanes: Polygons, footways: Polygons, *, behind: float, spacing: float) -> list[Point]:
     """Places `behind` m outside the street, every `spacing` m along its outlines."""
-    street = _surface(lanes, footways).buffer(0.05).buffer(behind - 0.05)
+    street = _surface(lanes, footways).buffer(1.0).buffer(behind - 1.0)  # closes the cracks between lanes
     outlines = [part.exterior for part in shapely.get_parts(street)]
     outlines += [hole for part in shapely.get_parts(street) for hole in part.interiors]
     places = [o.interpolate(d) for o in outlines for d in np.arange(0, o.length, spacing)]
@@ -144,7 +145,9 @@ def kerbside(lanes: Polygons, footways: Polygons, *, behind: float, spacing: flo
 
 def free_places(places: Iterable[Point], solids: Iterable[Solid], area: Sequence[float], margin: float) -> list[Point]:
     """The places within `margin` m of `area` that lie in no solid."""
-    occupied = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind != "kerb"]).buffer(0.05)
+    occupied = shapely.union_all(
+        [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
+    ).buffer(0.05)
     window = shapely.box(area[0] - margin, area[1] - margin, area[2] + margin, area[3] + margin)
     return [place for place in places if window.contains(p := shapely.Point(place)) and not occupied.intersects(p)]
 

@@ -183,8 +183,8 @@ def _read_model(properties: Json, where: str) -> SensorModel:
         if isinstance(value, list):
             values[key] = tuple(_numbers(value, 2, f"{where}.{key}"))
         elif key != "type":
-            number = _number(properties, key, where)
-            number = int(number) if isinstance(known[key].default, int) else number
+            whole = isinstance(known[key].default, int)
+            number = _member(properties, key, int, where) if whole else _number(properties, key, where)
             values[known[key].name] = float(np.deg2rad(number)) if key.endswith("_deg") else number
     return _named(where, lambda: model(**values))
 
@@ -227,7 +227,7 @@ def _number(container: Json, key: str, where: str) -> float:
     value = container.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise ValueError(f"{path} must be a finite number, got {value!r}")
-    return value
+    return float(value)
 
 
 def _position(coordinates: list[Any], dimensions: int, where: str) -> list[float]:

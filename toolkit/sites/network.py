@@ -53,7 +53,7 @@ def street(
 def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> str:
     """Points as SUMO writes a shape.
 
-    >>> line([(0, 0), (1.5, -2)])
+    >>> line([(0.0, 0.0), (1.5, -2.0)])
     '0.000,0.000 1.500,-2.000'
     """
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)

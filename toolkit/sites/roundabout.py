@@ -21,7 +21,7 @@ from toolkit.sites import furniture as f
 from toolkit.sites.network import Row, build_network, line, road_polygons, street
 
 AREA = (-48.0, -48.0, 48.0, 48.0)
-RELIEF = Relief(amplitude=0.08, seed=3)
+RELIEF = Relief(amplitude=0.08, seed=6)
 
 RADIUS, LANE, SHOULDER, FOOTWAY = 20.95, 3.5, 0.5, 2.6  # the reference line lies between the ring's two lanes
 INNER, OUTER = RADIUS - LANE, RADIUS + LANE
@@ -29,7 +29,7 @@ MOUTH, BEND, CROSSING, END = 27.5, 34.0, 43.0, 112.0  # m from the centre along 
 CUT = 24.0  # half the angle (degrees) of the ring that belongs to a junction
 
 HEIGHT = 8.0
-TILT_DEG = 8.0
+TILT_DEG = 5.0
 POSTS = ((29.0, -2.0), (-28.0, 1.0), (0.0, 30.0), (-1.5, -30.0))  # on the east, west, north and south splitter island
 
 
@@ -118,12 +118,12 @@ def buildings() -> list[Solid]:
 def islands() -> list[Solid]:
     """The central island with its low solids, and the splitter islands with signs and the sensors' posts."""
     beds = [(11.5, 0.8, 20), (11.5, 0.8, 110), (11.5, 0.8, 200), (11.5, 0.8, 290)]
-    shrubs = _arc(14.5, 10, 370, 13)[:-1]
+    shrubs = _arc(14.5, 10.0, 370.0, 13)[:-1]
     return [
-        Solid(f.disc(0, 0, INNER - 0.3, 48), 0.0, 0.15, "island"),
-        Solid(f.disc(0, 0, 4.0, 24), 0.15, 0.7, "wall"),
-        Solid(f.disc(0, 0, 1.2, 12), 0.7, 1.9, "wall"),
-        *(h for r, high, at in beds for h in f.hedge([(x, y) for x, y in _arc(r, at, at + 50, 4)], high, 1.6)),
+        Solid(f.disc(0.0, 0.0, INNER - 0.3, 48), 0.0, 0.15, "island"),
+        Solid(f.disc(0.0, 0.0, 4.0, 24), 0.15, 0.7, "wall"),
+        Solid(f.disc(0.0, 0.0, 1.2, 12), 0.7, 1.9, "wall"),
+        *(h for r, high, at in beds for h in f.hedge([(x, y) for x, y in _arc(r, at, at + 50.0, 4.0)], high, 1.6)),
         *(
             Solid(f.disc(x, y, 0.6 + 0.1 * (i % 3)), 0.0, 1.1 + 0.1 * (i % 4), "hedge")
             for i, (x, y) in enumerate(shrubs)
@@ -138,23 +138,27 @@ def street_furniture() -> list[Solid]:
     """The park, and trees, hedges, walls, lamps, signs and bins behind the footways."""
     park = [(a, b) for a in (-46.0, -40.0, -34.0, -29.0) for b in (30.0, 36.5, 43.0)]
     verge = [(18.5, 33.0), (19.5, 41.0), (-17.5, 38.0), (-19.0, 45.0), (-20.5, 22.5), (-38.0, 12.0), (-46.0, 10.5)]
-    verge += [(-24.5, -13.5), (-20.0, -17.5), (17.5, -20.0), (22.5, -16.0), (46.0, -15.6), (-17.8, 31.0)]
+    verge += [(-24.9, -16.8), (22.4, -18.6), (36.7, -15.9), (49.5, -15.8), (-17.8, 31.0)]
     lamps = [(a, b) for a in (-14.5, 15.8) for b in (34.0, 47.0)] + [(-17.6, -40.0), (11.2, -40.0)]
     lamps += [(a, b) for a in (35.0, 47.0) for b in (13.4, -13.4)] + [(-36.0, 8.6), (-47.0, -6.4), (-34.0, -7.4)]
     trees = [*park, *verge]
     return [
-        *(s for i, place in enumerate(trees) for s in f.tree(*place, height=6 + i % 5 * 0.8, crown=1.5 + i % 3 * 0.3)),
+        *(
+            s
+            for i, place in enumerate(trees)
+            for s in f.tree(*place, height=6.0 + i % 5 * 0.8, crown=1.5 + i % 3 * 0.3)
+        ),
         *(f.post(a, b, 8.5, 0.1) for a, b in lamps),
-        *f.hedge([(-49, 26.5), (-26.5, 26.5), (-26.5, 47)], 1.1),
-        *f.hedge([(-49, 16.5), (-30, 18.5)], 1.3),
-        *f.railing([(-19.5, 25.0), (-15.5, 30.0), (-15.0, 48)]),
+        *f.hedge([(-49.0, 26.5), (-26.5, 26.5), (-26.5, 47.0)], 1.1),
+        *f.hedge([(-49.0, 16.5), (-30.0, 18.5)], 1.3),
+        *f.railing([(-19.5, 25.0), (-15.5, 30.0), (-15.0, 48.0)]),
         *f.wall([(28.5, 15.5), (23.5, 17.5), (20.0, 24.0)], 0.9),
         *f.railing([(16.5, 30.0), (16.2, 48.0)]),
-        *f.hedge([(-48, -8.5), (-31, -9.5)], 0.9),
-        *f.bollards((-27.0, -11.0), (-19.0, -19.0), 6),
-        *f.railing([(14.0, -20.8), (21.0, -16.5), (26.0, -14.2), (48, -14.2)]),
+        *f.hedge([(-48.0, -8.5), (-31.0, -9.5)], 0.9),
+        *f.bollards((-28.4, -10.8), (-24.4, -17.6), 5),
+        *f.railing([(18.8, -21.2), (22.5, -17.0), (26.5, -14.6), (48.0, -14.4)]),
         *f.shelter(-46.0, 8.0, -41.5, 9.5),
-        *f.sign(13.5, -25.0, -np.pi / 2),
+        *f.sign(16.8, -21.8, -np.pi / 2),
         *f.sign(-27.5, 12.0, np.pi),
         *(f.litter_bin(a, b) for a, b in ((15.8, 27.0), (-29.0, -8.6), (-40.5, 8.4), (30.0, -13.6), (27.5, 14.0))),
         *(f.bench(a, b) for a, b in ((-37.0, 33.0), (-31.5, 40.0), (-43.0, 40.0), (20.5, 30.0))),
@@ -164,7 +168,7 @@ def street_furniture() -> list[Solid]:
 def mounts(lanes: f.Polygons, footways: f.Polygons, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
     """Where sensors may hang: the present posts, poles behind the footways every 8 m, and corners of buildings."""
     corners = [(28.9, 13.3), (28.9, 30.0), (48.1, 13.3), (-30.0, -18.9), (-49.0, -18.9), (30.0, -21.9), (48.0, -21.9)]
-    places = f.kerbside(lanes, footways, behind=0.1, spacing=8.0)
+    places = f.kerbside(lanes, footways, behind=0.3, spacing=8.0)
     return (
         *f.poles(POSTS, RELIEF, "post", top=10.0),
         *f.poles(f.free_places(places, solids, AREA, 6.0), RELIEF, "pole", top=10.0),
@@ -175,16 +179,17 @@ def mounts(lanes: f.Polygons, footways: f.Polygons, solids: tuple[Solid, ...]) -
 def network() -> str:
     """The ring as four junctions, one in each quadrant, where one leg's traffic enters and the next leg's leaves."""
     road, corner_walks = surface()
+    paved = shapely.union_all([road, *(shapely.Polygon(walk) for walk in corner_walks)])
     nodes: list[Row] = [
         {
             "id": name,
             "x": round(x, 3),
             "y": round(y, 3),
             "type": "priority",
-            "shape": line(_quadrant(road, 45.0 + 90 * i)),
+            "shape": line(_quadrant(paved, 45.0 + 90 * i)),
         }
         for i, name in enumerate(QUADRANTS)
-        for x, y in _arc(RADIUS, 45.0 + 90 * i, 45.0 + 90 * i, 1)
+        for x, y in _arc(RADIUS, 45.0 + 90.0 * i, 45.0 + 90.0 * i, 1)
     ]
     edges: list[Row] = []
     walks: list[Row] = []
@@ -193,7 +198,7 @@ def network() -> str:
         for name, along in ((leg.name, END), (crossing, CROSSING)):
             x, y = leg.place(along, (leg.exit[0] + leg.entry[0]) / 2)
             nodes.append({"id": name, "x": x, "y": y, "radius": 1})
-        ring = _arc(INNER, leg.angle - 45 + CUT, leg.angle + 45 - CUT)
+        ring = _arc(INNER, leg.angle - 45.0 + CUT, leg.angle + 45.0 - CUT)
         edges += [
             _one_way(
                 f"ring_{leg.name}",
@@ -224,7 +229,10 @@ def surface() -> tuple[shapely.Geometry, list[np.ndarray]]:
         width = leg.lanes * LANE + SHOULDER
         for side, outward in ((leg.exit, -width), (leg.entry, width)):
             inner = [leg.place(15.0, side[1]), *leg.edge(side, MOUTH, END)]
-            outer = [leg.place(15.0, side[1] + outward), *leg.edge((side[0] + outward, side[1] + outward), MOUTH, END)]
+            outer = [
+                leg.place(15.0, side[1] + outward),
+                *leg.edge((side[0] + outward, side[1] + outward), MOUTH, END),
+            ]
             carriageways.append(shapely.Polygon([*inner, *outer[::-1]]))
     filled = shapely.union_all([*carriageways, *(shapely.Polygon(splitter(leg)) for leg in LEGS)])
     filled = filled.buffer(9).buffer(-9)  # rounds the corners between legs
@@ -237,7 +245,7 @@ def surface() -> tuple[shapely.Geometry, list[np.ndarray]]:
 def splitter(leg: Leg) -> Float64[np.ndarray, "k 2"]:
     """The island between a leg's carriageways, from the ring to the crossing."""
     sides = [*leg.edge(leg.exit, MOUTH, CROSSING - 4), *leg.edge(leg.entry, MOUTH, CROSSING - 4)[::-1]]
-    island = shapely.Polygon([leg.place(20, leg.exit[1]), *sides, leg.place(20, leg.entry[1])])
+    island = shapely.Polygon([leg.place(20.0, leg.exit[1]), *sides, leg.place(20.0, leg.entry[1])])
     island = island.difference(shapely.Point(0, 0).buffer(OUTER + SHOULDER, 32))
     return _ring(island.buffer(-0.45).buffer(0.4))
 
@@ -267,16 +275,16 @@ def _arc(radius: float, start: float, end: float, points: int = 13) -> Float64[n
 
 def _wedge(middle: float) -> shapely.Geometry:
     """The quarter plane about `middle` degrees, inside the legs' mouths."""
-    quarter = shapely.Polygon([(0, 0), *_arc(200, middle - 45, middle + 45, 3)])
+    quarter = shapely.Polygon([(0, 0), *_arc(200.0, middle - 45.0, middle + 45.0, 3)])
     a = MOUTH
     return quarter.intersection(shapely.box(-a, -a, a, a))
 
 
-def _quadrant(road: shapely.Geometry, middle: float) -> np.ndarray:
-    """The part of the road that is the junction about `middle` degrees."""
+def _quadrant(paved: shapely.Geometry, middle: float) -> np.ndarray:
+    """The part of the paved surface that is the junction about `middle` degrees."""
     ring = shapely.Point(0, 0).buffer(OUTER + SHOULDER, 32)
-    slice_ = shapely.Polygon([(0, 0), *_arc(60, middle - CUT, middle + CUT, 3)])
-    return _ring(road.intersection(_wedge(middle)).difference(ring.difference(slice_)))
+    slice_ = shapely.Polygon([(0, 0), *_arc(60.0, middle - CUT, middle + CUT, 3)])
+    return _ring(paved.intersection(_wedge(middle)).difference(ring.difference(slice_)))
 
 
 def _ring(shape: shapely.Geometry) -> np.ndarray:

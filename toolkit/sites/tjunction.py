@@ -18,7 +18,7 @@ from toolkit.sites import furniture as f
 from toolkit.sites.network import build_network, road_polygons, street
 
 AREA = (-40.0, -20.0, 40.0, 20.0)
-RELIEF = Relief(amplitude=0.08, seed=45)
+RELIEF = Relief(amplitude=0.08, seed=57)
 # right-handed CARLA map (x, -y_carla): x = 104 - b, y = a - 196
 MAP_SE3_SITE = np.array([[0.0, -1, 0, 104], [1, 0, 0, -196], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -26,7 +26,7 @@ THROUGH_B, SIDE_A = 13.6, -0.8
 LANE, SHOULDER, FOOTWAY = 4.0, 0.3, 4.0
 
 HEIGHT = 5.2
-TILT_DEG = 3.0
+TILT_DEG = 5.0
 POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in the tuple is the paper's sensor id
     (40.9, 8.1, 155.0),
     (-7.7, 21.9, 295.0),
@@ -106,7 +106,7 @@ def buildings() -> list[Solid]:
         f.building(-44.0, 27.0, -26.0, 38.0, 7.0),
         f.building(-20.0, 28.0, -6.0, 40.0, 9.0),
         f.building(14.0, 27.5, 34.0, 39.0, 6.5),
-        Solid(f.rectangle(13, -29, 35, 4), -1.5, -0.5, "pond"),
+        Solid(f.rectangle(13.0, -29.0, 35.0, 4.0), -1.5, -0.5, "pond"),
     ]
 
 
@@ -125,18 +125,22 @@ def street_furniture() -> list[Solid]:
     trees += [(-12.9, -2.6), (-12.2, -20.3), (11.8, -28.5)]
     return [
         *(f.post(a, b, 6.5, 0.09) for a, b in lamps),
-        *(s for i, place in enumerate(trees) for s in f.tree(*place, height=6 + i % 4 * 0.7, crown=1.3 + i % 3 * 0.2)),
-        *f.hedge([(-48, 22.7), (-21, 22.7)], 1.5),
+        *(
+            s
+            for i, place in enumerate(trees)
+            for s in f.tree(*place, height=6.0 + i % 4 * 0.7, crown=1.3 + i % 3 * 0.2)
+        ),
+        *f.hedge([(-48.0, 22.7), (-21.0, 22.7)], 1.5),
         *f.wall([(-18.5, 22.6), (-2.5, 22.6)], 1.9),
-        *f.railing([(0.5, 22.6), (18, 22.6)]),
-        *f.hedge([(31, 22.7), (48, 22.7)], 1.2),
+        *f.railing([(0.5, 22.6), (18.0, 22.6)]),
+        *f.hedge([(31.0, 22.7), (48.0, 22.7)], 1.2),
         *f.shelter(19.5, 22.1, 24.0, 23.6),
-        *f.railing([(35.3, -29), (35.3, 4.4), (12.7, 4.4), (12.7, -29)]),
-        *f.hedge([(36.5, 4.8), (48, 4.8)], 1.0),
+        *f.railing([(35.3, -29.0), (35.3, 4.4), (12.7, 4.4), (12.7, -29.0)]),
+        *f.hedge([(36.5, 4.8), (48.0, 4.8)], 1.0),
         *f.hedge([(-14.2, -17.0), (-14.2, -7.0)], 1.3),
         *f.bollards((-9.9, -0.1), (-14.2, 4.3), 4),
         *f.bollards((8.5, -0.1), (12.8, 4.3), 4),
-        *f.sign(-9.7, -1.2, -np.pi / 2),
+        *f.sign(-9.7, -1.2, -np.pi / 2.0),
         *f.sign(-16.0, 22.3, np.pi),
         *f.sign(16.0, 4.9, 0.0),
         *(f.litter_bin(a, b) for a, b in ((-9.6, -10.2), (8.2, -14.3), (25.0, 22.4), (-23.0, 22.3), (38.5, 4.9))),
