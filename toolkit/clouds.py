@@ -8,16 +8,17 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Bool, Float, Float64, Int, Int64
+from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
-from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, unproject
+from toolkit.frame import Frame
+from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
 from toolkit.sensors import Sensor
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "crop",
     "density_cdf",
     "density_map",
+    "frame_cloud",
     "frame_points",
     "from_depth",
     "from_points",
@@ -54,7 +56,25 @@ def from_depth(
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
     xyz, valid = unproject(sensor, measurement)
-    return from_points(xyz.T[valid], sensor_id)
+    return from_points(xyz.take(np.flatnonzero(valid), axis=1).T, sensor_id)
+
+
+def frame_cloud(
+    frame: Frame,
+    sensors: Sequence[int | str] | None = None,
+    *,
+    area: Area,
+    height: float | None = None,
+    rng: np.random.Generator | None = None,
+) -> Cloud:
+    """All a frame's sensors measured inside the area, fused: `from_depth`, `crop` and `fuse` in one, and faster.
+
+    Arguments as of `toolkit.points.frame_points`; each point carries its sensor's position in `frame.sensors`.
+    """
+    chosen = select_sensors(frame.sensors, sensors)
+    clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
+    points = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+    return from_points(points, np.repeat(np.array(chosen, np.int32), [len(cloud) for cloud in clouds]))
 
 
 def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> Cloud:
@@ -76,18 +96,18 @@ def positions(cloud: Cloud) -> Float[np.ndarray, "n 3"]:
     return cloud.point.positions.cpu().numpy()
 
 
-def sensor_numbers(cloud: Cloud) -> Int64[np.ndarray, " n"]:
+def sensor_numbers(cloud: Cloud) -> Int32[np.ndarray, " n"]:
     """The number of the sensor of each point; 0 where the cloud does not say."""
     if "sensor" not in cloud.point:
-        return np.zeros(len(positions(cloud)), np.int64)
-    return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int64)
+        return np.zeros(len(positions(cloud)), np.int32)
+    return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
 def fuse(clouds: Iterable[Cloud]) -> Cloud:
     """All points of all clouds, in order, each with the number of its sensor. No clouds make an empty one."""
     clouds = list(clouds)
     points = [np.zeros((0, 3), np.float32), *map(positions, clouds)]
-    numbers = [np.zeros(0, np.int64), *map(sensor_numbers, clouds)]
+    numbers = [np.zeros(0, np.int32), *map(sensor_numbers, clouds)]
     return from_points(np.concatenate(points), np.concatenate(numbers))
 
 
@@ -182,7 +202,7 @@ def load(path: str | Path) -> Cloud:
 
 def _select(cloud: Cloud, keep: Bool[np.ndarray, " n"]) -> Cloud:
     """The points at a mask, with all their attributes."""
-    chosen = Cloud()
+    chosen, rows = Cloud(), np.flatnonzero(keep)
     for name in cloud.point:
-        chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy()[keep])
+        chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))
     return chosen

@@ -8,6 +8,7 @@ from toolkit.clouds import (
     crop,
     density_cdf,
     density_map,
+    frame_cloud,
     from_depth,
     from_points,
     fuse,
@@ -18,7 +19,9 @@ from toolkit.clouds import (
     save,
     sensor_numbers,
 )
+from toolkit.frame import Frame
 from toolkit.geometry import look, pose, transform
+from toolkit.objects import Objects
 from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
 from toolkit.site import Site
 
@@ -87,6 +90,15 @@ def test_fuse_keeps_every_point_and_its_sensor():
     fused = fuse(parts)
     np.testing.assert_array_equal(positions(fused), np.concatenate([positions(part) for part in parts]))
     np.testing.assert_array_equal(sensor_numbers(fused), np.concatenate([sensor_numbers(part) for part in parts]))
+
+
+def test_frame_cloud_is_depth_cropped_and_fused():
+    frame = Frame((CAMERA, LIDAR), (random_depth(CAMERA), random_depth(LIDAR)), Objects.empty())
+    for chosen in ([0, 1], [1], []):
+        parts = [crop(from_depth(frame.sensors[k], frame.measurements[k], sensor_id=k), AREA) for k in chosen]
+        expected, cloud = fuse(parts), frame_cloud(frame, chosen, area=AREA)
+        np.testing.assert_array_equal(positions(cloud), positions(expected))
+        np.testing.assert_array_equal(sensor_numbers(cloud), sensor_numbers(expected))
 
 
 def test_empty_clouds_go_through_everything():
