@@ -122,7 +122,7 @@ def car(shape: CarShape) -> Mesh:
 def _hull(shape: CarShape) -> Mesh:
     """The painted body: half cross-sections, mirrored and lofted from the rear to the front."""
     s = _stations(shape)
-    half = np.stack([_half_section(shape, x) for x in s[::-1]])
+    half = np.stack([_half_section(shape, x) for x in s[::-1].tolist()])
     other = half[:, -2:0:-1] * [1.0, -1.0, 1.0]
     return loft(np.concatenate([half, other], axis=1))
 

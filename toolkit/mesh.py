@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64, Int64
+
+Vector = tuple[float | int, float | int, float | int]
 
 
 class Mesh(NamedTuple):
@@ -52,7 +54,7 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 
 
 def tube(
-    path: Float[np.ndarray, "s 3"] | list[tuple[float, float, float]],
+    path: Float[np.ndarray, "s 3"] | list[Vector],
     radii: float | list[float] | Float[np.ndarray, " s"],
     sides: int = 8,
     flat: float = 1.0,
@@ -70,9 +72,7 @@ def tube(
     return loft(line[:, None] + circle * np.broadcast_to(np.asarray(radii, np.float64), len(line))[:, None, None])
 
 
-def ellipsoid(
-    centre: tuple[float, float, float], radii: tuple[float, float, float], rings: int = 5, sides: int = 8
-) -> Mesh:
+def ellipsoid(centre: Vector, radii: Vector, rings: int = 5, sides: int = 8) -> Mesh:
     """An ellipsoid with poles along z."""
     polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
     polar[[0, -1]] *= 0.999
@@ -81,7 +81,7 @@ def ellipsoid(
     return loft(np.moveaxis(unit, 0, -1) * radii + centre)
 
 
-def box(size: tuple[float, float, float], centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
+def box(size: Vector, centre: Vector = (0, 0, 0)) -> Mesh:
     """A cuboid with edges along the axes."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
     rings = np.stack([corners - [0, 0, 0.5], corners - [0, 0, -0.5]])
@@ -99,8 +99,8 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
     return merge([sides, Mesh(high, lid.triangles), Mesh(low, lid.triangles[:, ::-1])])
 
 
-def triangulate(shape: shapely.Geometry) -> Mesh:
-    """A polygon or several, holes and all, as triangles at z = 0 facing up."""
+def triangulate(shape: Any) -> Mesh:
+    """A shapely polygon or an array of them, holes and all, as triangles at z = 0 facing up."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(parts) == 0:
         return merge([])

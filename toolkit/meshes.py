@@ -1,7 +1,7 @@
 """Bodies from mesh files of one's own: whatever Open3D reads, checked for units, orientation and class by their size.
 
-Files are in metres, x forward, z up. glTF files are y up and z forward, as their standard says, unless only z up gives a
-plausible body. The class is the name of a folder in the path (`vehicle/`, `cyclist/`, `pedestrian/`, `heavy/`) or the
+Files are in metres, x forward, z up. glTF files are y up and z forward, as their standard says, unless only z up gives
+a plausible body. The class is the name of a folder in the path (`vehicle/`, `cyclist/`, `pedestrian/`, `heavy/`) or the
 beginning of the file's name (`cyclist_old_bicycle.ply`); without either it follows from the size, vehicle first.
 """
 
@@ -71,7 +71,7 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
     """Vertices in use and triangles of a file."""
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         try:
-            mesh = o3d.io.read_triangle_mesh(str(path))
+            mesh = o3d.io.read_triangle_mesh(path)
         except RuntimeError as error:
             raise ValueError(f"{path}: Open3D cannot read it ({error}): export it again") from None
     if not mesh.has_triangles():

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.cars import wheel_at
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, moved, tube
-
-Point = tuple[float, float, float]
+from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, moved, tube
 
 
 @dataclass(frozen=True)
@@ -20,12 +18,12 @@ class Figure:
     stout: breadth of trunk and limbs relative to an average adult.
     """
 
-    hip: Point = (0.0, 0.0, 0.52)
-    neck: Point = (0.01, 0.0, 0.83)
-    knees: tuple[Point, Point] = ((0.02, 0.055, 0.28), (0.02, -0.055, 0.28))
-    ankles: tuple[Point, Point] = ((0.0, 0.06, 0.035), (0.0, -0.06, 0.035))
-    elbows: tuple[Point, Point] = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
-    hands: tuple[Point, Point] = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
+    hip: Vector = (0.0, 0.0, 0.52)
+    neck: Vector = (0.01, 0.0, 0.83)
+    knees: tuple[Vector, Vector] = ((0.02, 0.055, 0.28), (0.02, -0.055, 0.28))
+    ankles: tuple[Vector, Vector] = ((0.0, 0.06, 0.035), (0.0, -0.06, 0.035))
+    elbows: tuple[Vector, Vector] = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
+    hands: tuple[Vector, Vector] = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
     stout: float = 1.0
 
 
@@ -172,5 +170,5 @@ def grown(mesh: Mesh, factor: float) -> Mesh:
     return Mesh(mesh.vertices * factor, mesh.triangles)
 
 
-def _beyond(point: Point, x: float, y: float, z: float) -> Point:
+def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
     return point[0] + x, point[1] + y, point[2] + z

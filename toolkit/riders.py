@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from toolkit.cars import wheel_at
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
-from toolkit.people import Figure, Point, grown, person
+from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, mirrored, tube
+from toolkit.people import Figure, grown, person
 
 
 def two_wheelers() -> dict[str, Mesh]:
@@ -31,7 +31,7 @@ def two_wheelers() -> dict[str, Mesh]:
 def _rider(
     height: float,
     saddle: float,
-    grip: Point,
+    grip: Vector,
     *,
     upright: float,
     stout: float = 1.0,
@@ -58,7 +58,7 @@ def _rider(
     return person(figure, height)
 
 
-def _knee(hip: Point, ankle: Point) -> Point:
+def _knee(hip: Vector, ankle: Vector) -> Vector:
     """Where thigh and shin, each a quarter of the height, meet in front of the line from hip to ankle."""
     a, b = np.array(hip), np.array(ankle)
     along = b - a

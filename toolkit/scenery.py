@@ -2,8 +2,8 @@
 
 The ground follows `Site.ground`, which is what feet and wheels stand on too; footways are level with the street behind
 their kerbstones. Every solid is worked out by its kind: houses get windows set into their walls, hedges a rough
-surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Chance is
-seeded by the site: the same site gives the same mesh.
+surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Chance
+is seeded by the site: the same site gives the same mesh.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def ground(site: Site) -> Mesh:
     shapely.prepare(ponds)
     cells = _cells(site.area)
     wet = shapely.intersects(ponds, cells)
-    shores = shapely.get_parts(shapely.difference(cells[wet], ponds))
+    shores = shapely.difference(cells[wet], ponds)
     flat = merge([_quads(cells[~wet]), triangulate(shores)])
     return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2])]), flat.triangles)
 

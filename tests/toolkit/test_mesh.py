@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+
+from toolkit.mesh import box, ellipsoid, extrude, merge, mirrored, moved, triangulate, tube, volume
+
+L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (box((1, 2, 3), (5, 5, 5)), 6.0),
+        (extrude(L_SHAPE, 1.0, 3.0), 6.0),
+        (extrude(L_SHAPE[::-1], 1.0, 3.0), 6.0),  # clockwise outlines too
+        (tube([(0, 0, 0), (0, 0, 2)], 0.5, 64), np.pi / 2),
+        (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2),
+        (tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2),
+        (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi),
+        (mirrored(box((1, 2, 3), (5, 5, 5))), 6.0),
+        (moved(box((1, 2, 3)), 4.0, yaw=0.7), 6.0),
+        (merge([]), 0.0),
+    ],
+)
+def test_solids_are_closed_and_wound_outwards(mesh, expected):
+    assert volume(mesh) == pytest.approx(expected, rel=0.02)
+
+
+def test_triangulated_holes_stay_open_and_face_up():
+    import shapely
+
+    ring = shapely.Point(0, 0).buffer(2.0).difference(shapely.Point(0, 0).buffer(1.0))
+    a, b, c = np.moveaxis(triangulate(ring).vertices[triangulate(ring).triangles], 1, 0)
+    areas = np.cross(b - a, c - a)[:, 2] / 2
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(ring.area)
+
+
+def test_moved_turns_counter_clockwise():
+    assert np.allclose(moved(box((2, 0.1, 1), (1, 0, 0)), yaw=np.pi / 2).vertices[:, 1].max(), 2.0)
