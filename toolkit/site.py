@@ -144,7 +144,7 @@ class Site:
         if self.relief.amplitude == 0:
             return np.zeros(xy.shape[:-1])
         wave_vectors, phases, weights = _waves(self.relief)
-        return np.cos(xy @ wave_vectors + phases) @ weights
+        return np.asarray(np.cos(xy @ wave_vectors + phases) @ weights)
 
     def save(self, path: str | Path) -> None:
         """Write the site as GeoJSON (local metres), to be read by `load_site` and by GIS tools."""

@@ -117,13 +117,13 @@ def buildings() -> list[Solid]:
 
 def islands() -> list[Solid]:
     """The central island with its low solids, and the splitter islands with signs and the sensors' posts."""
-    beds = [(11.5, 0.8, 20), (11.5, 0.8, 110), (11.5, 0.8, 200), (11.5, 0.8, 290)]
+    beds = [_arc(11.5, at, at + 50.0, 4) for at in (20.0, 110.0, 200.0, 290.0)]
     shrubs = _arc(14.5, 10.0, 370.0, 13)[:-1]
     return [
         Solid(f.disc(0.0, 0.0, INNER - 0.3, 48), 0.0, 0.15, "island"),
         Solid(f.disc(0.0, 0.0, 4.0, 24), 0.15, 0.7, "wall"),
         Solid(f.disc(0.0, 0.0, 1.2, 12), 0.7, 1.9, "wall"),
-        *(h for r, high, at in beds for h in f.hedge([(x, y) for x, y in _arc(r, at, at + 50.0, 4.0)], high, 1.6)),
+        *(h for bed in beds for h in f.hedge([(x, y) for x, y in bed.tolist()], 0.8, 1.6)),
         *(
             Solid(f.disc(x, y, 0.6 + 0.1 * (i % 3)), 0.0, 1.1 + 0.1 * (i % 4), "hedge")
             for i, (x, y) in enumerate(shrubs)
@@ -189,7 +189,7 @@ def network() -> str:
             "shape": line(_quadrant(paved, 45.0 + 90 * i)),
         }
         for i, name in enumerate(QUADRANTS)
-        for x, y in _arc(RADIUS, 45.0 + 90.0 * i, 45.0 + 90.0 * i, 1)
+        for x, y in _arc(RADIUS, 45.0 + 90 * i, 45.0 + 90 * i, 1)
     ]
     edges: list[Row] = []
     walks: list[Row] = []
@@ -205,7 +205,7 @@ def network() -> str:
                 before,
                 after,
                 ring,
-                street(2, width=LANE, shoulder=SHOULDER, footway=0, speed=8.3),
+                street(2, width=LANE, shoulder=SHOULDER, footway=0.0, speed=8.3),
                 5,
             ),
             *_legs_edges(leg, before, after, crossing),
