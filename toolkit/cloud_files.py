@@ -64,6 +64,16 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     return {name: invert(pose) for name, pose in poses.items()} if inverted else poses
 
 
+def poses_of(paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False) -> list[Pose]:
+    """The pose of each cloud file, from one pose file for all of them or from one each."""
+    if len(files) == 1:
+        return match_poses(paths, read_poses(files[0], inverted=inverted))
+    each = [read_poses(file, inverted=inverted) for file in files]
+    if len(files) != len(paths) or any(len(poses) != 1 for poses in each):
+        raise ValueError(f"give one pose file for all {len(paths)} clouds, or {len(paths)} files of one pose each")
+    return [pose for poses in each for pose in poses.values()]
+
+
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
     """The pose of each cloud: the one that has its file's name or, where no pose has a name, the one in its place."""
     stems = [Path(path).name.split(".")[0] for path in paths]

@@ -143,7 +143,7 @@ def format_table(rows: Iterable[Row]) -> str:
     for row in rows:
         lines.setdefault((row.scheme, ",".join(map(str, row.sensors)) or "none"), {})[row.iou] = row
     ious = list(dict.fromkeys(iou for line in lines.values() for iou in line))
-    heads = ["scheme", "sensors", *(f"AP@{iou:g}" for iou in ious), "recall", "kbit/sensor", "ms/frame"]
+    heads = ["scheme", "sensors", *(f"AP@{iou:g}" for iou in ious), f"recall@{ious[0]:g}", "kbit/sensor", "ms/frame"]
     table = [heads]
     for (scheme, sensors), line in lines.items():
         first = line[ious[0]]

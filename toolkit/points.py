@@ -56,6 +56,11 @@ def unproject(
         raise ValueError(
             f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
         )
+    if np.abs(sensor.position).max() > 1e5:
+        raise ValueError(
+            f"sensor {sensor.name!r} stands at {sensor.position.tolist()}, too far from the origin for float32 points: "
+            "take coordinates from an origin near the site"
+        )
     flat = np.asarray(measurement, np.float32).ravel()
     valid = returned(flat, sensor.model.max_range)
     xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))

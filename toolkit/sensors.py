@@ -43,6 +43,8 @@ class DepthCamera:
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
         if not 0 < self.fov < np.pi:
             raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
+        if self.centre is not None and not (len(self.centre) == 2 and np.isfinite(self.centre).all()):
+            raise ValueError(f"centre must be two numbers u, v (pixels), got {self.centre}")
         _check_noise(self.sigma, self.max_range)
 
     @property

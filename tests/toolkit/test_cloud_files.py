@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from toolkit.cloud_files import fuse_files, match_poses, parse_pose, quaternion_pose, read_points, read_poses
+from toolkit.cloud_files import (
+    fuse_files,
+    match_poses,
+    parse_pose,
+    poses_of,
+    quaternion_pose,
+    read_points,
+    read_poses,
+)
 from toolkit.clouds import from_points, positions, save, sensor_numbers
 from toolkit.geometry import invert, pose, transform
 
@@ -115,6 +123,16 @@ def test_matching_by_name_or_place():
     assert match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
     with pytest.raises(ValueError, match="files a, c, poses b, a"):
         match_poses(["a.ply", "c.ply"], poses)
+
+
+def test_one_pose_file_for_all_or_one_each(tmp_path):
+    clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
+    for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
+        (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
+    for files in (["a.json", "b.json"], ["all.json"]):
+        np.testing.assert_allclose(poses_of(clouds, [tmp_path / file for file in files]), POSES)
+    with pytest.raises(ValueError, match="2 files of one pose each"):
+        poses_of(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def test_bad_requests_are_refused(options, message):
 def test_table_and_files(tmp_path):
     rows = run(schemes=["early", "late"], sensor_sets=[[0, 2], None], iou_thresholds=[0.5, 0.7])
     lines = format_table(rows).splitlines()
-    assert lines[0].split() == ["scheme", "sensors", "AP@0.5", "AP@0.7", "recall", "kbit/sensor", "ms/frame"]
+    assert lines[0].split() == ["scheme", "sensors", "AP@0.5", "AP@0.7", "recall@0.5", "kbit/sensor", "ms/frame"]
     assert [line.split()[:2] for line in lines[1:]] == [
         ["early", "0,2"], ["early", "0,1,2"], ["late", "0,2"], ["late", "0,1,2"],
     ]  # fmt: skip

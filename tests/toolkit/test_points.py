@@ -77,6 +77,12 @@ def test_moving_site_and_sensors_together_moves_the_points():
         np.testing.assert_allclose(there, here + shift, atol=1e-4)
 
 
+def test_map_coordinates_are_refused_since_float32_cannot_hold_them():
+    far = Sensor("far", DepthCamera(), look((5e5, 5.4e6, 300.0), heading=0.0))
+    with pytest.raises(ValueError, match="origin near the site"):
+        frame_points(Frame((far,), (np.ones((150, 200), np.float32),), Objects.empty()), area=AREA)
+
+
 def test_centred_in_includes_the_edge():
     boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
     assert centred_in(boxes, np.array(AREA, np.float64)).tolist() == [True, False]

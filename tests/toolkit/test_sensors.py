@@ -107,6 +107,7 @@ def test_sensor_keeps_its_own_pose():
         (lambda: DepthCamera(fov=90.0), "deg2rad"),
         (lambda: DepthCamera(stride=0), "at least 1"),
         (lambda: DepthCamera(sigma=-1.0), "sigma"),
+        (lambda: DepthCamera(centre=(np.nan, 5.0)), "centre"),
         (lambda: DepthCamera(sigma=np.nan), "sigma"),
         (lambda: SpinningLidar(channels=0), "channels"),
         (lambda: SpinningLidar(fov_up=-0.5, fov_down=0.5), "fov_down <= fov_up"),
