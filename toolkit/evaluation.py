@@ -25,12 +25,14 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeVar, get_args, runtim
 
 import numpy as np
 
+from toolkit.arrays import Bool
 from toolkit.boxes import Metric as Overlap
+from toolkit.dataset import noisy
 from toolkit.frame import Frame
 from toolkit.fusion import NMS_IOU, PAPER, Accounting, Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
 from toolkit.metrics import Curve, evaluate
 from toolkit.metrics import Protocol as Scoring
-from toolkit.objects import Detections, Detector
+from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import Metric, beyond, centred_in, frame_points, select_sensors
 from toolkit.sensors import Sensor
 from toolkit.site import Site
@@ -97,11 +99,11 @@ def evaluate_dataset(
     `toolkit.metrics.evaluate`; progress is told the number of frames done.
     Raises ValueError for a scheme or sensor that does not exist and for a recording without frames.
     """
-    from toolkit.dataset import noisy
-
     site, count = dataset.site, min(len(dataset), len(dataset) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to evaluate, got {count} of {len(dataset)}")
+    if not (len(schemes) and len(sensor_sets) and len(iou_thresholds)):
+        raise ValueError("there must be a scheme, a sensor set and an IoU threshold to evaluate")
     sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
     runs = {(_known(scheme), chosen): _Run() for scheme in schemes for chosen in sets}
     rules = _Rules(
@@ -110,31 +112,29 @@ def evaluate_dataset(
     truths, counted = [], []
     for k in range(count):
         frame = dataset[k] if noise_seed is None else noisy(dataset[k], noise_seed)
-        within = centred_in(frame.objects.boxes, site.area)
-        there = within if protocol == "published" else np.ones_like(within)
-        truths.append(frame.objects[there])
-        counted.append(within[there])
+        truth, scored = _truth(frame.objects, site, protocol)
+        truths.append(truth)
+        counted.append(scored)
         seen = _Seen(frame, rules)
         for (scheme, chosen), run in runs.items():
             run.add(*seen.fused(scheme, chosen))
         if progress is not None:
             progress(k + 1)
 
-    rows = []
-    for (scheme, chosen), run in runs.items():
-        results = evaluate(
-            run.detections,
-            truths,
-            iou_thresholds=iou_thresholds,
-            metric=metric,
-            protocol=protocol,
-            label=label,
-            counted=counted,
-        )
-        for iou, found in results.items():
-            figures = (found.ap, found.recall, found.precision, run.kbit_per_sensor, run.ms_per_frame)
-            rows.append(Row(scheme, chosen, iou, *figures, found.curve))
-    return rows
+    score = partial(
+        evaluate,
+        truths=truths,
+        counted=counted,
+        iou_thresholds=iou_thresholds,
+        metric=metric,
+        protocol=protocol,
+        label=label,
+    )
+    return [
+        Row(scheme, chosen, iou, at.ap, at.recall, at.precision, run.kbit_per_sensor, run.ms_per_frame, at.curve)
+        for (scheme, chosen), run in runs.items()
+        for iou, at in score(run.detections).items()
+    ]
 
 
 def format_table(rows: Iterable[Row]) -> str:
@@ -251,6 +251,13 @@ class _Seen:
         boxes, boxes_ms = _parallel(map(self.detections, sensors))
         fused, fusion_ms = _timed(partial(fuse_hybrid, boxes, centre, **costs))
         return fused, max(boxes_ms, clouds_ms + ms) + fusion_ms
+
+
+def _truth(objects: Objects, site: Site, protocol: Scoring) -> tuple[Objects, Bool[np.ndarray, " n"]]:
+    """The objects that are there, and which of them are scored."""
+    within = centred_in(objects.boxes, site.area)
+    there = within if protocol == "published" else np.ones_like(within)
+    return objects[there], within[there]
 
 
 def _timed(call: Callable[[], Result]) -> tuple[Result, float]:

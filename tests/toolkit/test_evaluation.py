@@ -129,6 +129,7 @@ def test_published_protocol_knows_only_what_is_in_the_area():
         ({"schemes": ["middle"]}, "early"),
         ({"sensor_sets": [[9]]}, "no sensor 9"),
         ({"frames": 0}, "a frame to evaluate"),
+        ({"sensor_sets": []}, "a sensor set"),
         ({"iou_thresholds": [7.0]}, "7"),
     ],
 )
