@@ -84,18 +84,16 @@ class Renderer:
         self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
     ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
         sensor, still = self.sensors[index], self.background[index]
-        depth = np.where(still > 0, still, np.float32(sensor.model.max_range))
-        hits = np.full(depth.shape, -1, np.int32)
-        rays = _homogeneous_rays(sensor.model)
+        depth, hits = still.copy(), np.full(still.shape, -1, np.int32)
+        rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
         sensor_corners = transform(invert(sensor.pose), world_corners)
         for row, top, bottom, left, right in windows(sensor.model, sensor_corners).tolist():
             scene, body_SE3_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
             found = self._cast(scene, rays[pixels], body_SE3_world @ sensor.pose)
-            nearer = found < depth[pixels]
+            nearer = found < np.where(depth[pixels] > 0, depth[pixels], max_range)
             np.copyto(depth[pixels], found, where=nearer)
-            hits[pixels][nearer] = row
-        depth[(hits < 0) & (still == 0)] = 0
+            np.copyto(hits[pixels], np.int32(row), where=nearer)
         return depth, hits
 
     def _cast_all(self, scene: o3d.t.geometry.RaycastingScene, sensor: Sensor) -> np.ndarray:
