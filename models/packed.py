@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 
 from toolkit.arrays import Float32
-from toolkit.frame import Frame
+from toolkit.frame import Frame, empty_scene
 from toolkit.objects import Objects
 from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
 
@@ -178,9 +178,9 @@ class _Writer:
         self.file["labels"] = np.concatenate([o.labels for o in objects]).astype(np.int8)
         self.file["box_ends"] = np.concatenate([[0], np.cumsum([len(o) for o in objects])])
 
-    def _rig(self, r: int, recording: Recording) -> tuple[_Rig, list[np.ndarray]]:
+    def _rig(self, r: int, recording: Recording) -> tuple[_Rig, Sequence[np.ndarray]]:
         sensors = recording.frames[0].sensors
-        backgrounds = _empty_site(recording.frames)
+        backgrounds = empty_scene(recording.frames)
         group = self.file.create_group(f"rigs/{r}")
         group.attrs["area"], group.attrs["height"] = np.array(recording.area, np.float64), recording.height
         group.attrs["sensors"] = json.dumps(
@@ -191,7 +191,7 @@ class _Writer:
             group.create_dataset(f"background/{s}", data=background, compression="gzip", shuffle=True)
         return _Rig(sensors, backgrounds, recording.area, recording.height), backgrounds
 
-    def _frame(self, rig: _Rig, backgrounds: list[np.ndarray], frame: Frame) -> np.ndarray:
+    def _frame(self, rig: _Rig, backgrounds: Sequence[np.ndarray], frame: Frame) -> np.ndarray:
         ends = [self.total]
         for s, (measurement, background) in enumerate(zip(frame.measurements, backgrounds, strict=True)):
             pixels = np.flatnonzero(measurement != background).astype(np.uint32)
@@ -215,17 +215,3 @@ class _Writer:
         return self.file.create_dataset(
             name, (0,), dtype, maxshape=(None,), chunks=(1 << 18,), compression="gzip", compression_opts=1, shuffle=True
         )
-
-
-def _empty_site(frames: Sequence[Frame], sample: int = 100) -> list[np.ndarray]:
-    """What each sensor sees behind everything that moves: the farthest return of each pixel over sampled frames."""
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int))
-    farthest: list[np.ndarray] = []
-    for k in chosen:
-        for s, measurement in enumerate(frames[int(k)].measurements):
-            depth = np.where(measurement > 0, measurement, np.inf)
-            if s == len(farthest):
-                farthest.append(depth)
-            else:
-                np.maximum(farthest[s], depth, out=farthest[s])
-    return [np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,3 +33,17 @@ class Frame:
                 raise ValueError(
                     f"sensor {sensor.name!r} measures {sensor.model.shape} pixels, got an image of {measurement.shape}"
                 )
+
+
+def empty_scene(frames: Sequence[Frame], sample: int = 100) -> tuple[Float32[np.ndarray, "_ _"], ...]:
+    """What each sensor measures behind all that moves: the farthest return of each pixel over `sample` spread frames.
+
+    Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises ValueError without frames.
+    """
+    if not len(frames):
+        raise ValueError("there must be a frame to see the empty scene in, got none")
+    farthest: list[np.ndarray] = []
+    for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
+        seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].measurements]
+        farthest = [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
+    return tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)

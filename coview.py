@@ -1,0 +1,445 @@
+"""coview on the command line: each command parses its arguments, calls one function and prints what it returns."""
+
+from __future__ import annotations
+
+import json as to_json
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+from tyro.conf import Positional, subcommand
+
+if TYPE_CHECKING:
+    from toolkit.dataset import CoopDataset
+    from toolkit.objects import Detector
+
+OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
+
+Scheme = Literal["early", "late", "hybrid"]
+
+
+def simulate(
+    site: Positional[str],
+    /,
+    *,
+    out: Path,
+    frames: int = 1000,
+    seed: int = 0,
+    workers: int | None = None,
+    meshes: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Record a site: SUMO moves the traffic, rays are cast, HDF5 in the paper's layout is written.
+
+    Killed at any moment and started again it goes on where it was, to the same bytes.
+
+    Example: coview simulate tjunction --frames 1000 --seed 7 --out tjunction.hdf5
+
+    Args:
+        site: tjunction, roundabout, or a site file.
+        out: HDF5 file to write.
+        frames: How many frames.
+        seed: Same seed, same machine: same bytes.
+        workers: Processes; one per core when left out.
+        meshes: Folder of your own meshes, anything Open3D reads.
+        overwrite: Replace a file that holds another recording.
+        json: Print the summary as JSON.
+    """
+    from toolkit.simulation import simulate_dataset
+    from toolkit.site import load_site
+
+    place = load_site(site)
+    with tqdm(total=frames, unit="frame", disable=json) as bar:
+        new = simulate_dataset(
+            place, frames=frames, seed=seed, out=out, workers=workers, meshes=meshes, overwrite=overwrite,
+            progress=_advance(bar),
+        )  # fmt: skip
+    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seed": seed}
+    _print(summary, f"{out}: {frames} frames at {place.name}, {new} of them made now", json)
+    return OK
+
+
+def evaluate(
+    dataset: Positional[Path],
+    /,
+    *,
+    detector: str = "cluster",
+    schemes: tuple[Scheme, ...] = ("early", "late", "hybrid"),
+    sensors: tuple[str, ...] = ("all",),
+    iou: tuple[float, ...] = (0.7, 0.8, 0.9),
+    metric: Literal["3d", "bev"] = "3d",
+    protocol: Literal["exact", "published"] = "exact",
+    label: Literal["vehicle", "cyclist", "pedestrian", "heavy"] = "vehicle",
+    radius: float | None = None,
+    frames: int | None = None,
+    seed: int = 0,
+    site: str | None = None,
+    out: Path = Path("out/evaluation"),
+    json: bool = False,
+) -> int:
+    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves.
+
+    Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
+
+    Args:
+        dataset: Recording made by coview simulate, or one of the authors' files.
+        detector: cluster; or a trained network: voxelnet for the site's own, a name, or a weights file.
+        schemes: Which of early, late and hybrid fusion.
+        sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
+        iou: IoU thresholds.
+        metric: IoU of volumes or of footprints.
+        protocol: exact, or the published code's own way of counting.
+        label: Class to score.
+        radius: Hybrid fusion shares points farther than this from their sensor (m); the paper's value when left out.
+        frames: Only the first so many frames.
+        seed: Of the sensors' noise.
+        site: Name or file; needed for foreign recordings that show no built-in site.
+        out: Folder for table.json and the PR curves.
+        json: Print the rows as JSON.
+    """
+    from toolkit.evaluation import evaluate_dataset, format_table, save_evaluation
+
+    with _recording(dataset, site) as recording:
+        total = min(len(recording), frames or len(recording))
+        with tqdm(total=total, unit="frame", disable=json) as bar:
+            rows = evaluate_dataset(
+                recording, _detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,
+                sensor_sets=[_sensor_set(chosen) for chosen in sensors], noise_seed=seed, radius=radius,
+                protocol=protocol, metric=metric, label=label, progress=_advance(bar),
+            )  # fmt: skip
+    save_evaluation(rows, out)
+    table = f"{format_table(rows)}\nwritten to {out}/table.json, PR curves beside it"
+    _print({"rows": [row.as_dict() for row in rows]}, table, json)
+    return OK
+
+
+def survey(
+    dataset: Positional[Path],
+    /,
+    *,
+    sensors: tuple[str, ...] = ("all",),
+    frames: int | None = None,
+    seed: int = 0,
+    site: str | None = None,
+    json: bool = False,
+) -> int:
+    """Count what a recording holds: objects per frame, kbit of early fusion, vehicles without a point.
+
+    Example: coview survey tjunction.hdf5 --sensors 4 3,4 0,2,5 all
+
+    Args:
+        dataset: Recording.
+        sensors: Sensor sets, as in coview evaluate.
+        frames: Only the first so many frames.
+        seed: Of the sensors' noise.
+        site: As in coview evaluate.
+        json: Print as JSON.
+    """
+    from toolkit.points import select_sensors
+    from toolkit.survey import survey as count
+
+    with _recording(dataset, site) as recording:
+        total = min(len(recording), frames or len(recording))
+        sets = [select_sensors(recording.sensors, _sensor_set(chosen)) for chosen in sensors]
+        with tqdm(total=total, unit="frame", disable=json) as bar:
+            figures = count(recording, frames=total, noise_seed=seed, progress=_advance(bar)).as_dict(sets)
+    objects = "  ".join(f"{name} {number:.2f}" for name, number in figures["objects_per_frame"].items())
+    lines = [f"objects per frame in the area: {objects}", f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor"]
+    lines += [f"vehicles without a point from {chosen}: {share:.1%}" for chosen, share in figures["unseen"].items()]
+    _print(figures, "\n".join(lines), json)
+    return OK
+
+
+def fuse(
+    clouds: Positional[tuple[Path, ...]] = (),
+    /,
+    *,
+    poses: tuple[Path, ...] = (),
+    inverted: bool = False,
+    area: tuple[float, float, float, float] | None = None,
+    height: float = 4.0,
+    floor: float = 0.0,
+    out: Path | None = None,
+    argoverse: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back and check it.
+
+    Example: coview fuse north.ply south.pcd --poses poses.json --area -40 -20 40 20 --out junction.ply
+    Example: coview fuse --argoverse my-log
+
+    Args:
+        clouds: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin, feather.
+        poses: One file with all poses, or one file for each cloud.
+        inverted: The files give world to sensor (extrinsics) instead of sensor to world.
+        area: Crop to xmin ymin xmax ymax (m).
+        height: Crop above (m), with --area.
+        floor: Crop below (m), with --area.
+        out: Where to write the fused cloud (ply or pcd).
+        argoverse: A log with two lidars; points per labelled cuboid are printed beside the recording's own counts.
+        json: Print as JSON.
+    """
+    from toolkit.cloud_files import fuse_files, poses_of
+    from toolkit.clouds import crop, positions, save
+
+    if argoverse is not None:
+        return _check_argoverse(argoverse, json)
+    if not clouds or not poses:
+        raise ValueError("give cloud files and --poses, or --argoverse LOG")
+    cloud = fuse_files(clouds, poses_of(clouds, poses, inverted=inverted))
+    if area is not None:
+        cloud = crop(cloud, area, height, floor=floor)
+    if out is not None:
+        save(cloud, out)
+    points = positions(cloud)
+    summary = {"files": len(clouds), "points": len(points), "out": out and str(out)}
+    _print(summary, f"{len(points)} points of {len(clouds)} files{f', written to {out}' if out else ''}", json)
+    return OK
+
+
+def doctor(dataset: Positional[Path], /, *, frames: int = 50, site: str | None = None, json: bool = False) -> int:
+    """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1 if any is.
+
+    Example: coview doctor my-recording.hdf5
+
+    Args:
+        dataset: Any recording in the published layout.
+        frames: How many frames to look at.
+        site: As in coview evaluate.
+        json: Print as JSON.
+    """
+    from toolkit.doctor import diagnose
+    from toolkit.site import load_site
+
+    findings = diagnose(dataset, site=load_site(site) if site else None, frames=frames)
+    _print([finding.as_dict() for finding in findings], "\n".join(map(str, findings)) or "nothing suspected", json)
+    return FOUND if findings else OK
+
+
+@dataclass(frozen=True)
+class ImportMap:
+    """Make a site from a real map: roads and footways through SUMO's netconvert, buildings from OpenStreetMap.
+
+    Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
+
+    Attributes:
+        centre: Of the detection area: metres of an OpenDRIVE map, longitude and latitude of an OpenStreetMap file.
+        size: Of the detection area along x and y (m).
+        out: Site file to write.
+        opendrive: OpenDRIVE file (.xodr).
+        osm: OpenStreetMap file (.osm, .osm.gz).
+        heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
+        lefthand: Traffic keeps left (OpenStreetMap only).
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    out: Path
+    opendrive: Path | None = None
+    osm: Path | None = None
+    heading_deg: float = 0.0
+    lefthand: bool = False
+
+    def __call__(self) -> int:
+        """Import, save, say what came of it."""
+        from toolkit.sites.maps import import_opendrive, import_osm
+
+        place: dict[str, Any] = {
+            "centre": self.centre, "size": self.size, "heading": float(np.deg2rad(self.heading_deg))
+        }  # fmt: skip
+        if (self.opendrive is None) == (self.osm is None):
+            raise ValueError("give one map: --opendrive FILE or --osm FILE")
+        if self.opendrive is not None:
+            imported = import_opendrive(self.opendrive, **place)
+        else:
+            imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
+        imported.save(self.out)
+        print(f"{imported}\nwritten to {self.out}")
+        return OK
+
+
+@dataclass(frozen=True)
+class RandomSite:
+    """Draw a junction that nobody made by hand.
+
+    Example: coview site random --seed 3 --out random-3.json
+
+    Attributes:
+        out: Site file to write.
+        seed: Which one.
+    """
+
+    out: Path
+    seed: int = 0
+
+    def __call__(self) -> int:
+        """Draw, save, say what came of it."""
+        from toolkit.sites.random import random_site
+
+        drawn = random_site(self.seed)
+        drawn.save(self.out)
+        print(f"{drawn}\nwritten to {self.out}")
+        return OK
+
+
+@dataclass(frozen=True)
+class ShowSite:
+    """Say what a site holds, and draw it from above when given --out FILE.png.
+
+    Example: coview site show roundabout --out roundabout.png
+
+    Attributes:
+        site: tjunction, roundabout, or a site file.
+        out: Picture to write.
+    """
+
+    site: Positional[str]
+    out: Path | None = None
+
+    def __call__(self) -> int:
+        """Load (and so validate), say what is there, draw."""
+        from toolkit.plots import draw_site
+        from toolkit.site import load_site
+
+        shown = load_site(self.site)
+        print(shown)
+        if self.out is not None:
+            draw_site(shown, self.out)
+        return OK
+
+
+def site(
+    command: Annotated[ImportMap, subcommand("import")]
+    | Annotated[RandomSite, subcommand("random")]
+    | Annotated[ShowSite, subcommand("show")],
+    /,
+) -> int:
+    """Make, draw and check sites."""
+    return command()
+
+
+def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1) -> int:
+    """What six sensors at a T-junction detect by early, late and hybrid fusion: table, pictures, PR curves.
+
+    Args:
+        out: Folder for the recording, the table and the pictures.
+        frames: How many frames to record and score.
+        seed: Of the traffic.
+    """
+    from toolkit.dataset import noisy
+    from toolkit.fusion import early
+    from toolkit.plots import draw_frame
+    from toolkit.points import frame_points
+
+    out.mkdir(parents=True, exist_ok=True)
+    recording_file = out / "tjunction.hdf5"
+    simulate("tjunction", out=recording_file, frames=frames, seed=seed)
+    evaluate(recording_file, out=out)
+    with _recording(recording_file, None) as recording:
+        detector, place = _detector("cluster", recording), recording.site
+        frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
+        draw_frame(
+            place, out / "birds_eye.png", clouds=frame_points(frame, area=place), truth=frame.objects,
+            detections=early(frame, detector, site=place).detections,
+            title=f"{place.name}, frame {frame.index}: early fusion of {len(frame.sensors)} sensors",
+        )  # fmt: skip
+    print(f"pictures in {out}: birds_eye.png, pr_0.7.png")
+    return OK
+
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    "demo": demo, "simulate": simulate, "evaluate": evaluate, "survey": survey, "fuse": fuse, "doctor": doctor,
+    "site": site,
+}  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Fuse, detect and measure what several sensors see of a junction.
+
+    Exit codes: 0 done, 1 the doctor suspects something, 2 bad input, 3 a package is missing, 130 stopped.
+    """
+    warnings.showwarning = lambda message, *_, **__: print(f"coview: note: {message}", file=sys.stderr)
+    try:
+        code = tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="coview",
+            description=main.__doc__,
+            args=arguments,
+            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
+        )
+    except ImportError as error:
+        code = _fail(str(error), MISSING)
+    except (ValueError, OSError, IndexError) as error:
+        code = _fail(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        code = _fail("stopped; the same command goes on where it was", INTERRUPTED)
+    sys.exit(code)
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"coview: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _print(result: Any, text: str, as_json: bool) -> None:
+    print(to_json.dumps(result) if as_json else text)
+
+
+def _advance(bar: Any) -> Callable[[int], None]:
+    """A callback that moves a progress bar to an absolute count."""
+    return lambda done: bar.update(done - bar.n) and None
+
+
+def _recording(dataset: Path, site: str | None) -> CoopDataset:
+    from toolkit.dataset import CoopDataset
+    from toolkit.site import load_site
+
+    return CoopDataset(dataset, load_site(site) if site else None)
+
+
+def _sensor_set(text: str) -> list[int | str] | None:
+    """`all`, or numbers and names separated by commas."""
+    return None if text == "all" else [int(name) if name.isdigit() else name for name in text.split(",")]
+
+
+def _detector(name: str, recording: CoopDataset) -> Detector:
+    """The classical detector, having seen the recording's site empty."""
+    from toolkit.cluster import ClusterDetector
+    from toolkit.frame import Frame, empty_scene
+    from toolkit.objects import Objects
+    from toolkit.points import frame_points
+
+    if name != "cluster":
+        raise ValueError(f"no detector {name!r}: choose cluster")
+    empty = Frame(recording.sensors, empty_scene(recording), Objects.empty())
+    rng = np.random.default_rng(0)
+    return ClusterDetector.learn(
+        points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
+    )
+
+
+def _check_argoverse(log: Path, as_json: bool) -> int:
+    from toolkit.argoverse import count_labels, sweep_times
+
+    rows = []
+    for time in sweep_times(log):
+        labels, counted = count_labels(log, time)
+        rows += [
+            {"sweep": time, "category": category, "points": int(ours), "recorded": int(theirs)}
+            for category, ours, theirs in zip(labels.categories, counted, labels.interior_points, strict=True)
+        ]
+    lines = [f"{row['sweep']}  {row['category']:<24} {row['points']:>6} {row['recorded']:>6}" for row in rows]
+    agree = sum(row["points"] == row["recorded"] for row in rows)
+    _print({"rows": rows}, "\n".join([*lines, f"{agree} of {len(rows)} cuboids agree"]), as_json)
+    return OK
+
+
+if __name__ == "__main__":
+    main()
