@@ -14,8 +14,9 @@ from toolkit.site import Site
 from toolkit.spacing import Obstacles
 
 STAY = 20.0  # frames, mean
-ROOM = (5.6, 2.2, 2.0)  # m, length, width and height a bay must offer
+ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
 OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
+JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the bay
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,7 @@ class Parked:
         parked.places[left] = rng.permutation(free)[:number]
         parked.bodies[left] = rng.choice(np.flatnonzero(users.labels == VEHICLE), number)
         parked.ids[left] = [next(ids) for _ in range(number)]
-        parked.poses[left] = self.bays[parked.places[left]] + rng.normal(0, [0.15, 0.15, np.deg2rad(2.0)], (number, 3))
+        off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
+        parked.poses[left] = self.bays[parked.places[left]] + off_centre
         parked.poses[left, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first
         return parked

@@ -82,7 +82,7 @@ def _run(
     site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, interval: float, most: int
 ) -> Iterator[Snapshot]:
     ids, obstacles, users = count(), Obstacles(site), RoadUsers.of(bodies)
-    parked = Parked.draw(site, obstacles, users, rng, ids, most // 3)
+    parked = Parked.draw(site, obstacles, users, rng, ids, most // 5)
     with running(site.network, users.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
         population = Population(sumo, site, users, rng, ids, most - len(parked.ids))
         population.advance(WARM_UP)

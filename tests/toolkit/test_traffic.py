@@ -45,6 +45,25 @@ def road_without_footways():
     return Site("road", np.array([-30.0, -30, 30, 30]), network=build_network(nodes, edges))
 
 
+@pytest.fixture(scope="module")
+def lights_and_one_way_streets():
+    places = {
+        "n": (0, 120),
+        "e": (130, 10),
+        "s": (5, -120),
+        "w": (-120, 0),
+        "stub": (12, 40),
+        "x": (900, 900),
+        "y": (950, 900),
+    }
+    nodes = [{"id": name, "x": x, "y": y} for name, (x, y) in places.items()]
+    nodes.append({"id": "middle", "x": 0, "y": 0, "type": "traffic_light"})
+    ways = [("n", "middle"), ("middle", "s"), ("w", "middle"), ("middle", "w"), ("e", "middle"), ("middle", "e")]
+    ways += [("middle", "stub"), ("x", "y")]  # a dead end inside the area, a road that meets no other
+    edges = [{"id": f"{a}-{b}", "from": a, "to": b, "lanes": street(2, footway=2.0)} for a, b in ways]
+    return Site("lights", np.array([-40.0, -40, 40, 40]), network=build_network(nodes, edges))
+
+
 def same(a, b):
     return all(
         np.array_equal(x, y)
@@ -198,6 +217,23 @@ def test_classes_without_ways_or_bodies_are_left_out(road_without_footways):
     assert {VEHICLE, CYCLIST} <= labels
     cars = [body for body in BODIES if body.label == VEHICLE]
     assert all(set(s.objects.labels) == {VEHICLE} for s in simulate(road_without_footways, cars, frames=5, seed=1))
+
+
+def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
+    snapshots = list(simulate(lights_and_one_way_streets, BODIES, frames=20, seed=3))
+    assert np.mean([len(s.objects) for s in snapshots]) > 6
+    assert {VEHICLE, CYCLIST, PEDESTRIAN} <= {label for s in snapshots for label in s.objects.labels.tolist()}
+    assert max(s.repaired for s in snapshots) <= 3
+
+
+def test_parked_vehicles_stay_in_their_bays(site, snapshots):
+    bays = site.parking[:, None, :2]
+    for boxes in (s.objects.boxes for s in snapshots):
+        distances = np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1))
+        bay, row = np.nonzero(distances < 0.5)
+        assert len(set(bay)) == len(bay), "one vehicle to a bay"
+        assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
+        assert len(bay) <= MOST_OBJECTS // 5
 
 
 @pytest.mark.parametrize(
