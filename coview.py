@@ -319,7 +319,6 @@ def site(
     command: Annotated[ImportMap, subcommand("import")]
     | Annotated[RandomSite, subcommand("random")]
     | Annotated[ShowSite, subcommand("show")],
-    /,
 ) -> int:
     """Make, draw and check sites."""
     return command()
