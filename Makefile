@@ -4,19 +4,31 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SHAPES := --jaxtyping-packages=toolkit,models,placement_env,beartype.beartype
 
+# Open3D's wheel leaves these to the system.
+LIBRARIES := libusb-1.0-0 libgl1 libgomp1
+AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+
 .PHONY: setup demo test test-all bench lint
 setup: .venv/all
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
+define open3d_loads
+	@$(BIN)/python -c "import open3d" 2>/dev/null \
+	|| { $(AS_ROOT) apt-get update -qq && $(AS_ROOT) apt-get install -y -qq --no-install-recommends $(LIBRARIES); } \
+	|| { echo "Open3D does not load: install $(LIBRARIES) with your system's package manager, then make again"; exit 1; }
+endef
+
 # The demo needs the simulator only; the tests need everything.
 .venv/sim: pyproject.toml constraints.txt | .venv/bin/python
 	$(PIP) --editable ".[sim]"
+	$(open3d_loads)
 	touch $@
 
 .venv/all: pyproject.toml constraints.txt | .venv/bin/python
 	$(PIP) --editable ".[all,dev]"
+	$(open3d_loads)
 	touch $@ .venv/sim
 
 demo: .venv/sim
