@@ -75,11 +75,12 @@ class Population:
         self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
-        """Simulate on, filling up the population before every step."""
+        """Simulate on, filling up the population before every step; what found no place all the while gives up."""
         for _ in range(round(seconds / STEP)):
             self._spawn()
             self.sumo.simulationStep()
             self._forget_the_gone()
+        self.due = []
 
     def state(self) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
         """Ids, bodies and poses (x, y, yaw of the middle of the body) of all that move, the oldest first."""
