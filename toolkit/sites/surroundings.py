@@ -84,16 +84,23 @@ class Plot:
 
 
 def place_mounts(
-    road: Road, area: Float[np.ndarray, "4"], rng: np.random.Generator, *, at_least: int = 12, spacing: float = 5.0
+    road: Road,
+    area: Float[np.ndarray, "4"],
+    rng: np.random.Generator,
+    *,
+    at_least: int = 12,
+    spacing: float = 5.0,
+    avoid: shapely.Geometry | None = None,
 ) -> tuple[Mount, ...]:
-    """`at_least` to twice as many mounts in and just around `area`, most at the kerb and some behind the footway, at
-    least `spacing` apart where there is room. Their feet are at z = 0."""
+    """`at_least` to twice as many mounts in and just around `area` and out of `avoid`, most at the kerb and some behind
+    the footway, at least `spacing` apart where there is room. Their feet are at z = 0."""
     window = shapely.box(*area).buffer(5.0)
     kerb = _along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = _along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
     behind = behind[rng.random(len(behind)) < 0.5]
     candidates = rng.permutation(np.concatenate([kerb, behind]))[:, :2]
-    clear = ~shapely.intersects_xy(road.carriageway.buffer(0.6), candidates)
+    kept_clear = road.carriageway.buffer(0.6).union(avoid or shapely.Polygon())
+    clear = ~shapely.intersects_xy(kept_clear, candidates)
     candidates, wanted = candidates[clear], int(rng.integers(at_least, 2 * at_least + 1))
     chosen = _apart(candidates, spacing, wanted)
     while len(chosen) < at_least and spacing > 0.5:

@@ -1,0 +1,339 @@
+"""Sites from real maps: a piece of an OpenDRIVE or OpenStreetMap file, its roads made by SUMO's netconvert.
+
+The site frame is centred at the given place, x along `heading`; `map_SE3_site` leads back to the map's coordinates:
+those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.geometry import look, pose
+from toolkit.sensors import DepthCamera, Sensor
+from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sites import furniture as f
+from toolkit.sites import osm, osm_roads, osm_solids
+from toolkit.sites.network import MOTOR, _clipped, convert, road_polygons
+from toolkit.sites.surroundings import POLE, Road, place_mounts
+
+REACH = 80.0  # m of road kept around the area, for traffic to enter
+SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
+SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
+BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
+
+_LANE_TYPES = f"""<types>
+    <type id="driving" speed="13.89" priority="5" allow="{MOTOR}"/>
+    <type id="sidewalk" speed="2.78" priority="0" allow="pedestrian"/>
+    <type id="walking" speed="2.78" priority="0" allow="pedestrian"/>
+    <type id="biking" speed="5.56" priority="0" allow="bicycle"/>
+    <type id="none" speed="1" priority="0" disallow="all"/>
+    <type id="parking" speed="1" priority="0" disallow="all"/>
+    <type id="shoulder" speed="1" priority="0" disallow="all"/>
+    <type id="border" speed="1" priority="0" disallow="all"/>
+    <type id="curb" speed="1" priority="0" disallow="all"/>
+    <type id="median" speed="1" priority="0" disallow="all"/>
+    <type id="restricted" speed="1" priority="0" disallow="all"/>
+</types>
+"""
+_OPENDRIVE_OPTIONS = (
+    "--opendrive.import-all-lanes",
+    "--opendrive.curve-resolution=1",
+    "--junctions.endpoint-shape",
+    "--no-warnings",
+)
+_OSM_OPTIONS = (
+    "--osm.sidewalks",
+    "--crossings.guess",
+    "--geometry.remove",
+    "--roundabouts.guess",
+    "--junctions.join",
+    "--tls.guess-signals",
+    "--tls.discard-simple",
+    "--tls.join",
+    "--no-warnings",
+)
+
+
+def import_opendrive(
+    path: str | Path,
+    *,
+    centre: Sequence[float | int],
+    size: Sequence[float | int],
+    name: str | None = None,
+    heading: float = 0.0,
+) -> Site:
+    """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
+
+    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Mounts are made along the
+    kerbs, and up to six cameras on them.
+    Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
+    """
+    path = _file(path, ".xodr")
+    x, y = _check_place(centre, size, heading)
+    geo_reference = _opendrive_header(path, (x, y))
+    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
+    window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
+    with tempfile.TemporaryDirectory() as folder:
+        types = Path(folder, "types.xml")
+        types.write_text(_LANE_TYPES, encoding="utf-8")
+        options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        network = _converted(options, path, (x, y))
+        level, elsewhere = _elsewhere(network, window)
+        whole = Path(folder, "net.xml")  # netconvert cuts networks, but not OpenDRIVE maps
+        whole.write_text(network, encoding="utf-8")
+        cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
+        network = _converted([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], path, (x, y))
+    map_SE3_site = pose(x, y, level, yaw=heading)
+    site = Site(
+        name=name or path.stem,
+        area=area,
+        network=_in_site_frame(network, map_SE3_site),
+        map_SE3_site=map_SE3_site,
+        geo_reference=geo_reference,
+    )
+    return _finished(site, path, [], np.zeros((0, 2)))
+
+
+def import_osm(
+    path: str | Path,
+    *,
+    centre: Sequence[float | int],
+    size: Sequence[float | int],
+    name: str | None = None,
+    heading: float = 0.0,
+    lefthand: bool = False,
+) -> Site:
+    """The site `size` (m along x and y) at `centre` (longitude, latitude) of an OpenStreetMap file (.osm, .osm.gz), x
+    along `heading` (rad counter-clockwise from east).
+
+    Roads, footways, buildings with heights, walls, fences, hedges, trees and lamp posts come from the map; mounts are
+    on its lamp posts, or else along the kerbs, and up to six cameras on them. `lefthand`: traffic keeps left. What the
+    map holds and the site cannot (tunnels, bridges over a road, buildings over a road) is left out with a warning.
+    Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
+    """
+    path = _file(path, ".osm")
+    longitude, latitude = _check_place(centre, size, heading)
+    extract = osm.read(path, (longitude, latitude), heading)
+    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
+    pieces, notes = osm_roads.roads(extract, shapely.Polygon(_corners(area, REACH)), lefthand=lefthand)
+    if not pieces:
+        raise ValueError(_no_road(path, (longitude, latitude)))
+    with tempfile.TemporaryDirectory() as folder:
+        streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
+        streets.write_text(osm_roads.written(pieces, extract), encoding="utf-8")
+        types.write_text(osm_roads.road_types(), encoding="utf-8")
+        projection = osm.projection(longitude, latitude)
+        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={projection}", *_OSM_OPTIONS]
+        network = _converted([*options, *(["--lefthand"] if lefthand else [])], path, (longitude, latitude))
+    map_SE3_site = pose(yaw=heading)
+    site = Site(
+        name=name or path.name.partition(".")[0],
+        area=area,
+        network=_in_site_frame(network, map_SE3_site),
+        map_SE3_site=map_SE3_site,
+        geo_reference=projection,
+    )
+    window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    lanes, footways = road_polygons(site.network, area)
+    street = _union([*lanes, *footways])
+    solids, cut = osm_solids.buildings(extract, window, street.buffer(0.1))
+    houses = _union([solid.footprint for solid in solids])
+    squares = _clipped(
+        [square.difference(street).difference(houses) for square in osm_roads.paths(extract, window)], window
+    )
+    beside = street.union(houses)
+    solids += osm_solids.barriers(extract, window, beside) + osm_solids.trees(extract, window, beside)
+    posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
+    for note in (*notes, *cut):
+        warnings.warn(f"{path.name}: {note}", stacklevel=2)
+    return _finished(site, path, [*solids, *posts], lamps, squares)
+
+
+def _finished(
+    site: Site, path: Path, solids: Sequence[Solid], lamps: np.ndarray, squares: Sequence[np.ndarray] = ()
+) -> Site:
+    """`site` with its roads' surface, kerbs, mounts and cameras."""
+    lanes, footways = road_polygons(site.network, site.area)
+    if not _union(lanes).intersects(shapely.box(*site.area)):
+        place = site.map_SE3_site[:2, 3]
+        raise ValueError(_no_road(path, (float(place[0]), float(place[1]))))
+    road = Road((), (), lanes, (*footways, *squares))
+    walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
+    mounts = _lamp_mounts(lamps, road, site, walls)
+    if len(mounts) < 6:
+        drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
+        near = shapely.MultiPoint(lamps).buffer(2.0) if len(lamps) else shapely.Polygon()
+        mounts += [mount for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))]
+    poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
+    stones = f.kerbs(lanes, footways) if footways else []
+    return replace(
+        site,
+        lanes=lanes,
+        footways=(*footways, *squares),
+        solids=f.settle([*solids, *poles, *stones], Relief()),
+        mounts=tuple(mounts),
+        sensors=_cameras(mounts, site.area, walls),
+    )
+
+
+def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
+    """A mount on every lamp post in and near the area, on a bracket towards the road."""
+    mounts: list[Mount] = []
+    near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
+    for lamp in lamps:
+        spot = shapely.Point(lamp)
+        towards = shapely.get_coordinates(shapely.shortest_line(spot, road.carriageway))[1] - lamp
+        place = lamp + BRACKET * towards / (np.hypot(*towards) + 1e-9)
+        if near.contains(spot) and not occupied.intersects(shapely.Point(place)):
+            mounts.append(Mount(f"lamp{len(mounts):02}", np.array([*place.round(3), 0.0]), 3.0, 8.0))
+    return mounts
+
+
+def _cameras(mounts: Sequence[Mount], area: Float[np.ndarray, "4"], walls: shapely.Geometry) -> tuple[Sensor, ...]:
+    """Up to six cameras, 6 m up and 10° down, spread round the middle of the area, which they look at."""
+    middle = (area[:2] + area[2:]) / 2
+    seen = [m for m in mounts if not walls.crosses(shapely.LineString([m.position[:2], middle]))] or list(mounts)
+    offsets = np.array([m.position[:2] - middle for m in seen])
+    headings, far = np.arctan2(*offsets.T[::-1]), np.abs(np.hypot(*offsets.T) - 0.35 * (area[2:] - area[:2]).min())
+    chosen: list[int] = []
+    while len(chosen) < min(6, len(seen)):
+        gaps = np.abs(np.angle(np.exp(1j * (headings[:, None] - headings[chosen]))))
+        apart = gaps.min(axis=1) if chosen else np.zeros(len(seen))
+        apart[chosen] = -np.inf
+        chosen.append(int(np.argmax(np.minimum(apart, np.pi / 3) - 0.02 * far)))
+    return tuple(
+        Sensor(
+            f"d{i}",
+            DepthCamera(),
+            look((*seen[k].position[:2], seen[k].position[2] + 6.0), headings[k] + np.pi, np.deg2rad(10.0)),
+        )
+        for i, k in enumerate(chosen)
+    )
+
+
+def _file(path: str | Path, suffix: str) -> Path:
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no map {str(path)!r}: give an {suffix} file")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty: download the map again")
+    return path
+
+
+def _check_place(centre: Sequence[float | int], size: Sequence[float | int], heading: float) -> tuple[float, float]:
+    if not (len(centre) == 2 and np.isfinite([*centre, heading]).all()):
+        raise ValueError(f"centre must be two finite numbers and heading one, got {centre} and {heading}")
+    if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
+        raise ValueError(f"size must be two lengths of at most 1000 m, got {size}: give --size LENGTH WIDTH")
+    return float(centre[0]), float(centre[1])
+
+
+def _opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
+    """The projection an OpenDRIVE file names; ValueError where it is none or `centre` is not in it."""
+    starts, lengths, reference = [], [], None
+    try:
+        parser = ElementTree.iterparse(path, events=("start", "end"))
+        for i, (event, element) in enumerate(parser):
+            if i == 0 and element.tag.rpartition("}")[2] != "OpenDRIVE":
+                raise ValueError(f"{path}: not an OpenDRIVE map (it begins with <{element.tag}>): give an .xodr file")
+            tag = element.tag.rpartition("}")[2]
+            if event == "end" and tag == "geoReference":
+                reference = (element.text or "").strip() or None
+            elif event == "end" and tag == "geometry":
+                starts.append([float(element.get(key, "nan")) for key in "xy"])
+                lengths.append(float(element.get("length", "nan")))
+            elif event == "end" and tag == "road":
+                element.clear()
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path}: not an OpenDRIVE map or a damaged one ({error}): give an .xodr file") from None
+    if not starts or not np.isfinite(starts).all() or not np.isfinite(lengths).all():
+        raise ValueError(f"{path}: the map has no road, or one without x, y and length: export it again")
+    low, high = np.min(starts, axis=0) - max(lengths), np.max(starts, axis=0) + max(lengths)
+    if not ((low <= centre) & (centre <= high)).all():
+        low, high = np.min(starts, axis=0), np.max(starts, axis=0)
+        raise ValueError(
+            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at x {low[0]:.6g} to "
+            f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
+        )
+    return reference
+
+
+def _no_road(path: Path, centre: tuple[float, float]) -> str:
+    return f"{path}: no road within the area about {centre[0]:g} {centre[1]:g}: move --centre onto a road"
+
+
+def _converted(options: Sequence[str], path: Path, centre: tuple[float, float]) -> str:
+    try:
+        network = convert(options)
+    except ValueError as error:
+        if "No nodes" in str(error) or "No edges" in str(error):
+            raise ValueError(_no_road(path, centre)) from None
+        raise ValueError(f"{path}: {error}") from None
+    if ElementTree.fromstring(network).find("edge") is None:
+        raise ValueError(_no_road(path, centre))
+    return network
+
+
+def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str]]:
+    """Height of the road nearest to the middle of `window`; and the edges outside `window` or on another storey."""
+    heights, near = {}, set()
+    nearest, level = np.inf, 0.0
+    for edge in ElementTree.fromstring(network).iter("edge"):
+        name = edge.get("id", "")
+        for lane in edge.iter("lane") if edge.get("function") is None else ():
+            points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
+            line = shapely.LineString(points)
+            distance, heights[name] = line.distance(window.centroid), float(np.mean([z for _, _, z in points]))
+            near |= {name} if line.intersects(window) else set()
+            if distance < nearest:
+                here = line.interpolate(line.project(window.centroid))
+                nearest, level = distance, here.z
+    far = [name for name, height in heights.items() if name not in near or abs(height - level) > SAME_LEVEL]
+    return round(level, 3), far
+
+
+def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
+    """A net.xml text whose map coordinates are turned into the site's, and flat."""
+    x, y = map_SE3_site[:2, 3]
+    turn = map_SE3_site[:2, :2]
+    root = ElementTree.fromstring(network)
+    for element in root.iter():
+        if "shape" in element.attrib:
+            points = [p.split(",")[:2] for p in element.attrib["shape"].split()]
+            moved = (np.array(points, np.float64).reshape(-1, 2) - [x, y]) @ turn
+            outline = element.tag == "junction" or "_w" in element.get("id", "").partition(":")[2]
+            moved = _repaired(moved) if outline and len(moved) > 2 else moved
+            element.set("shape", " ".join(f"{a:.3f},{b:.3f}" for a, b in moved))
+        if element.tag == "junction":
+            a, b = (np.array([float(element.get("x", 0)), float(element.get("y", 0))]) - [x, y]) @ turn
+            element.attrib |= {"x": f"{a:.3f}", "y": f"{b:.3f}"}
+            element.attrib.pop("z", None)
+        if element.tag == "location":
+            element.set("netOffset", f"{-x:.3f},{-y:.3f}")
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _repaired(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
+    """`outline`, or where it crosses itself the largest part of it."""
+    shape = shapely.Polygon(outline)
+    if shape.is_valid:
+        return outline
+    parts = [part for part in shapely.get_parts(shape.buffer(0)) if part.geom_type == "Polygon" and part.area > 0]
+    return shapely.get_coordinates(max(parts, key=shapely.area).exterior)[:-1] if parts else outline
+
+
+def _corners(area: Float[np.ndarray, "4"], margin: float) -> Float64[np.ndarray, "4 2"]:
+    return f.rectangle(area[0] - margin, area[1] - margin, area[2] + margin, area[3] + margin)
+
+
+def _union(polygons: Sequence[np.ndarray]) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(p) for p in polygons])
