@@ -161,7 +161,8 @@ def _half_section(shape: CarShape, s: float) -> Float64[np.ndarray, "p 3"]:
         (0.38 * edge, top(s, 0.38)), (0.0, top(s, 0.0)),
     ]  # fmt: skip
     if shape.style == "pickup" and _bed(shape, s):
-        points[-3:] = [(0.8 * edge, shoulder - 0.42), (0.4 * edge, shoulder - 0.42), (0.0, shoulder - 0.42)]
+        bed = max(shoulder - 0.42, low + 0.02)
+        points[-3:] = [(0.8 * edge, bed), (0.4 * edge, bed), (0.0, bed)]
     return np.array([(shape.length * (0.5 - s), y, z) for y, z in points])
 
 
