@@ -35,7 +35,7 @@ class Parked:
     ) -> Parked:
         """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`."""
         x, y, yaw = site.parking.T
-        room = np.column_stack([x, y, np.full((len(x), 4), (0.0, *ROOM)), yaw])
+        room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
         bays = site.parking[~obstacles.hit(room)]
         number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
         places = rng.permutation(len(bays))[:number]
