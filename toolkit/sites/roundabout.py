@@ -3,7 +3,10 @@
 Site frame: a (x) = x_carla to the right, b (y) = -y_carla up, zero in the middle of the island. Widths, the lines of
 the four legs and the sensor posts are the published ones; heights of buildings and the furniture are made up.
 
-The tilt is not published. See `TILT_DEG`.
+The tilt is not published. The paper's early fusion sends 674 kbit per sensor and frame; here it is about 600, 640, 675 and
+700 at 0, 5, 8 and 10 degrees (40 frames of traffic, noise on, cropped to 0 < z < 4), so the tilt is 8. At each of
+these all eight sensors together see every vehicle, and 3 sees most of them, then 5 and 7. The relief's seed is one
+whose mean over the area is close to zero, as for the T-junction.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ MOUTH, BEND, CROSSING, END = 27.5, 34.0, 43.0, 112.0  # m from the centre along 
 CUT = 24.0  # half the angle (degrees) of the ring that belongs to a junction
 
 HEIGHT = 8.0
-TILT_DEG = 5.0
+TILT_DEG = 8.0
 POSTS = ((29.0, -2.0), (-28.0, 1.0), (0.0, 30.0), (-1.5, -30.0))  # on the east, west, north and south splitter island
 
 
