@@ -87,7 +87,7 @@ class Relief:
             raise ValueError(f"relief.seed must be a whole number from 0 up, got {self.seed}")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Site:
     """A junction. Two sites are equal when they are saved as the same file.
 
@@ -109,7 +109,7 @@ class Site:
     mounts: tuple[Mount, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    network: str = field(default="", repr=False)
+    network: str = ""
     map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None
     relief: Relief = Relief()
@@ -136,6 +136,14 @@ class Site:
         return isinstance(other, Site) and document(self) == document(other)
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        xmin, ymin, xmax, ymax = self.area
+        return (
+            f"Site({self.name!r}): {xmax - xmin:g} x {ymax - ymin:g} m, {len(self.lanes)} lane polygons, "
+            f"{len(self.solids)} solids, {len(self.mounts)} mounts, {len(self.parking)} parking bays, sensors "
+            + (", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors) or "none")
+        )
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height of the ground (m) at places (..., 2) of the site: a smooth, seeded sum of plane waves 7 to 160 m long
