@@ -166,10 +166,11 @@ class HeightFold(nn.Module):
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """The map seen from above."""
         column, key = columns(voxels, self.shape)
-        folded = features.new_zeros(len(key), self.width)
-        for level, weight in enumerate(self.weight):
-            rows = torch.nonzero(voxels.cells[:, 3] == level)[:, 0]
-            folded = folded.index_add(0, column[rows], features[rows] @ weight)
+        level = voxels.cells[:, 3]
+        by_level = torch.argsort(level, stable=True)
+        groups = torch.split(features[by_level], torch.bincount(level, minlength=len(self.weight)).tolist())
+        products = torch.cat([rows @ weight for rows, weight in zip(groups, self.weight, strict=True)])
+        folded = features.new_zeros(len(key), self.width).index_add(0, column[by_level], products)
         return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
 
 

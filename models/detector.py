@@ -1,0 +1,171 @@
+"""`VoxelNetDetector`: a trained network as the toolkit's `Detector`, points of a frame in, `Detections` out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import SupportsFloat
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from models.anchors import anchors, decode, per_anchor
+from models.config import VoxelNetConfig
+from models.sparse import SparseVoxelNet
+from models.voxelnet import Prediction, VoxelNet
+from models.voxels import collate, voxelise
+from models.weights import load_weights
+from toolkit.arrays import Float, Float32
+from toolkit.boxes import nms
+from toolkit.objects import Detections, label_index
+
+SHIPPED = Path(__file__).parent / "weights"
+MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
+
+
+class VoxelNetDetector:
+    """Points (n, 3) in the world frame, m -> `Detections` in the world frame.
+
+    Points outside the network's area are ignored, and so are boxes whose centre is outside it. score_threshold:
+    detections at or below it are dropped. nms_threshold: of two boxes whose footprints have a larger IoU, the better
+    scored one stays (0.1 in the paper).
+
+    >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
+    >>> len(detector(np.zeros((0, 3), np.float32)))
+    0
+    """
+
+    def __init__(
+        self,
+        network: VoxelNet,
+        *,
+        device: str | torch.device = "cpu",
+        score_threshold: float = 0.1,
+        nms_threshold: float = 0.1,
+    ) -> None:
+        self.config = network.config
+        self.device = torch.device(device)
+        self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
+        self.network = SparseVoxelNet(network).to(self.device)
+        self.anchors = anchors(self.config).to(self.device)
+
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """xmin ymin xmax ymax, m, world frame: where it detects."""
+        return self.config.area
+
+    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+        """Detect in one cloud."""
+        return self.batch([points])[0]
+
+    def batch(self, clouds: Sequence[Float32[np.ndarray, "_ 3"]]) -> list[Detections]:
+        """Detect in several clouds at once; the same as one after the other."""
+        voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
+        if not any(len(each.cells) for each in voxels):
+            return [Detections.empty() for _ in clouds]
+        prediction = self.network(collate(voxels))
+        found = candidates(prediction, self.anchors, self.config, self.score_threshold)
+        return [
+            suppressed(*each, self.config, self.nms_threshold) if len(cloud.cells) else Detections.empty()
+            for each, cloud in zip(found, voxels, strict=True)
+        ]
+
+
+def candidates(
+    prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, score_threshold: float
+) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
+    """Per cloud, the boxes of the best anchors above the threshold, and their score for each label."""
+    count = len(config.anchor_yaws)
+    scores = label_scores(prediction, config)
+    residuals = per_anchor(prediction.residuals, count)
+    direction = (
+        None if prediction.direction_logits is None else per_anchor(prediction.direction_logits, count)[..., 0] > 0
+    )
+    found = []
+    for item, score in enumerate(scores):
+        best = score.amax(-1).view(-1)
+        chosen = torch.nonzero(best > score_threshold)[:, 0]
+        if len(chosen) > MOST_CANDIDATES:
+            chosen = chosen[torch.topk(best[chosen], MOST_CANDIDATES).indices]
+        cell = torch.unravel_index(chosen, score.shape[:3])
+        turned = None if direction is None else direction[item][cell]
+        found.append((decode(residuals[item][cell], anchors[cell], turned), score[cell]))
+    return found
+
+
+def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
+    """How sure the network is of each label at each anchor, 0 to 1."""
+    count = len(config.anchor_yaws)
+    logits = per_anchor(prediction.class_logits, count)
+    if config.head == "published":
+        return torch.softmax(logits, -1)[..., 1:]
+    scores = torch.sigmoid(logits)
+    if prediction.quality_logits is not None and config.quality_power:
+        scores = scores * torch.sigmoid(per_anchor(prediction.quality_logits, count)) ** config.quality_power
+    return scores
+
+
+def suppressed(
+    boxes: Float[Tensor, "n 7"], scores: Float[Tensor, "n L"], config: VoxelNetConfig, nms_threshold: float
+) -> Detections:
+    """Candidates without those whose centre is outside the area, and without duplicates."""
+    xmin, ymin, xmax, ymax = config.area
+    x, y = boxes[:, 0], boxes[:, 1]
+    inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
+    best, label = scores[inside].max(1)
+    labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
+    found = Detections(boxes[inside].double().cpu().numpy(), best.double().cpu().numpy(), labels)
+    return found[nms(found.boxes, found.scores, nms_threshold)]
+
+
+def load_detector(
+    name: str | Path,
+    *,
+    site: str | None = None,
+    area: Iterable[SupportsFloat] | None = None,
+    device: str | torch.device = "cpu",
+    score_threshold: float = 0.1,
+    nms_threshold: float = 0.1,
+) -> VoxelNetDetector:
+    """The detector of a weights file: a name of `models/weights` ("tjunction", "roundabout", "general", ...) or a path.
+
+    site: the site it must have been trained for. area: xmin ymin xmax ymax (m, world frame) where it shall detect;
+    weights of one site have their own, general ones go anywhere.
+
+    Raises FileNotFoundError where there are no such weights, ValueError where they are damaged or for elsewhere.
+    """
+    network, header = load_weights(_found(name))
+    trained_for = header.site or "general"
+    if site is not None and trained_for not in (site, "general"):
+        raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: load {site!r} or 'general'")
+    if area is not None:
+        xmin, ymin, xmax, ymax = (float(side) for side in area)
+        network = moved(network, (xmin, ymin, xmax, ymax), trained_for)
+    return VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+
+
+def moved(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
+    """The same weights on another area. Raises ValueError where they know one area only."""
+    config = network.config
+    if area == config.area:
+        return network
+    if trained_for != "general" or config.point_features != "local":
+        raise ValueError(f"these weights are for the area {config.area} of {trained_for!r}, got {area}: load 'general'")
+    elsewhere = VoxelNet(replace(config, area=area))
+    elsewhere.load_state_dict(network.state_dict())
+    return elsewhere
+
+
+def _found(name: str | Path) -> Path:
+    path = Path(name)
+    if path.suffix == ".safetensors":
+        return path
+    shipped = SHIPPED / f"{name}.safetensors"
+    if not shipped.exists():
+        names = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.safetensors"))) or "none yet"
+        raise FileNotFoundError(
+            f"no weights named {str(name)!r}; shipped: {names}; or give the path of a .safetensors file"
+        )
+    return shipped

@@ -1,0 +1,202 @@
+"""The authors' checkpoints: `checkpoint_*.pth` of the paper's code, checked, and run on clouds of its two sites.
+
+Their network lives in CARLA's left-handed map, seen from a reference point: x, y are CARLA's less the reference's. We
+keep its axes, and turn clouds on their way in and boxes on their way out.
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from models.anchors import anchors
+from models.config import VoxelNetConfig
+from models.detector import MOST_CANDIDATES, candidates, suppressed
+from models.sparse import SparseVoxelNet
+from models.voxelnet import Prediction, VoxelNet
+from models.voxels import voxelise
+from models.weights import check_tensors
+from toolkit.arrays import Float32, Float64
+from toolkit.boxes import nms
+from toolkit.objects import Detections
+
+REFERENCE = {"tjunction": (84.0, 156.0), "roundabout": (0.0, 0.0)}  # CARLA x, y
+AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}  # from the reference
+
+PROPOSAL_IOU, MOST_PROPOSALS = 0.3, 300
+_UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
+
+
+def load_published(
+    path: str | Path,
+    site: str,
+    *,
+    decoding: Literal["exact", "published"] = "exact",
+    device: str | torch.device = "cpu",
+) -> PublishedDetector:
+    """The detector of a published checkpoint, for "tjunction" or "roundabout". Runs no code from the file.
+
+    decoding: see `PublishedDetector`. Raises FileNotFoundError, and ValueError where the file is not such a checkpoint.
+    """
+    if site not in REFERENCE:
+        raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
+    network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
+    network.load_state_dict(from_published(_read(Path(path)), network, path))
+    return PublishedDetector(network.eval(), site, decoding=decoding, device=device)
+
+
+class PublishedDetector:
+    """Points (n, 3) in the site's frame, m -> `Detections` in the site's frame, by a published network.
+
+    decoding: "exact" keeps what scores above 0.1 and suppresses by the IoU of footprints, 0.1. "published" first does
+    what the published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
+    suppressed, and the 300 best stay.
+    """
+
+    def __init__(
+        self,
+        network: VoxelNet,
+        site: str,
+        *,
+        decoding: Literal["exact", "published"] = "exact",
+        device: str | torch.device = "cpu",
+        score_threshold: float = 0.1,
+        nms_threshold: float = 0.1,
+    ) -> None:
+        if decoding not in ("exact", "published"):
+            raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
+        self.site, self.decoding, self.config = site, decoding, network.config
+        self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
+        self.device = torch.device(device)
+        self.network = SparseVoxelNet(network).to(self.device)
+        self.anchors = anchors(self.config).to(self.device)
+
+    def head(
+        self, points: Float32[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
+    ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
+        """Raw maps in the published channel order: 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
+
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H along CARLA's x, W along its y. A random 35 points
+        stay where a voxel holds more.
+        """
+        cloud = to_network(np.asarray(points, np.float32), self.site, frame)
+        maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
+        return maps.class_logits.contiguous(), maps.residuals.contiguous()
+
+    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+        """Detect in one cloud."""
+        classes, residuals = self.head(points)
+        order = torch.tensor(
+            [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)], device=self.device
+        )
+        boxes, scores = candidates(
+            Prediction(classes, residuals[:, order]), self.anchors, self.config, self.score_threshold
+        )[0]
+        if self.decoding == "published":
+            kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
+            boxes, scores = boxes[kept], scores[kept]
+        found = suppressed(boxes, scores, self.config, self.nms_threshold)
+        return Detections(from_network(found.boxes, self.site), found.scores, found.labels)
+
+
+def proposals(boxes: Float64[np.ndarray, "n 7"], scores: Float64[np.ndarray, " n"]) -> np.ndarray:
+    """Rows that survive the published proposal step, best first."""
+    best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
+    length, width, yaw = boxes[best, 3], boxes[best, 4], boxes[best, 6]
+    cos, sin = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
+    upright = boxes[best].copy()
+    upright[:, 3], upright[:, 4], upright[:, 6] = length * cos + width * sin, width * cos + length * sin, 0.0
+    return best[nms(upright, scores[best], PROPOSAL_IOU)[:MOST_PROPOSALS]]
+
+
+def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site") -> Float32[np.ndarray, "n 3"]:
+    """Points of a site's frame, or of CARLA's map turned right-handed, in the network's frame."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must have shape (n, 3), got {points.shape}")
+    x, y, z = points.T
+    rx, ry = np.array(REFERENCE[site], np.float32)
+    if frame == "carla":
+        return np.stack((x - rx, -y - ry, z), 1)
+    if frame != "site":
+        raise ValueError(f'frame must be "site" or "carla", got {frame!r}')
+    if site == "tjunction":  # a = 196 - CARLA's y, b = 104 - CARLA's x
+        return np.stack((np.float32(104 - rx) - y, np.float32(196 - ry) - x, z), 1)
+    return np.stack((x, -y, z), 1)
+
+
+def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.ndarray, "n 7"]:
+    """Boxes of the network's frame in the site's frame. The network's yaw turns the other way, as CARLA's does."""
+    turned = boxes.copy()
+    if site == "tjunction":
+        rx, ry = REFERENCE[site]
+        turned[:, 0], turned[:, 1] = 196 - ry - boxes[:, 1], 104 - rx - boxes[:, 0]
+        turned[:, 6] = -np.pi / 2 - boxes[:, 6]
+    else:
+        turned[:, 1], turned[:, 6] = -boxes[:, 1], -boxes[:, 6]
+    return turned
+
+
+def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | Path) -> dict[str, Tensor]:
+    """Published tensors under our names. Raises ValueError unless all of them are there, in the right shapes."""
+    ours = network.state_dict()
+    theirs = {published_name(name): name for name in ours}
+    expected = {new: _as_convolution(old, ours[old]) for new, old in theirs.items()}
+    check_tensors(expected, weights, origin)
+    tensors = {old: weights[new].reshape(ours[old].shape) for new, old in theirs.items()}
+    columns = [*_UP_LAST, *(3 + k for k in _UP_LAST)]
+    tensors["features.layers.0.linear.weight"] = tensors["features.layers.0.linear.weight"][:, columns]
+    return tensors
+
+
+def published_name(name: str) -> str:
+    """The published name of one of our tensors.
+
+    >>> published_name("rpn.blocks.1.0.1.running_mean")
+    '_rpn.conv2_1.bn1.running_mean'
+    """
+    for ours, theirs in _NAMES:
+        if match := re.match(ours, name):
+            numbers = [int(group) for group in match.groups()]
+            return theirs(*numbers) + name[match.end() :]
+    raise ValueError(f"the published network has nothing like {name}")
+
+
+_LAYER = ("conv1", "bn1")
+_NAMES: tuple[tuple[str, Any], ...] = (
+    (r"features\.layers\.0\.linear", lambda: "feature_learnig.vfe1.fcn1.conv1"),
+    (r"features\.layers\.0\.norm", lambda: "feature_learnig.vfe1.fcn1.bn1"),
+    (r"features\.layers\.1\.linear", lambda: "feature_learnig.fcn1.conv1"),
+    (r"features\.layers\.1\.norm", lambda: "feature_learnig.fcn1.bn1"),
+    (r"middle\.layers\.(\d)\.(\d)", lambda layer, part: f"conv3d.conv{layer + 1}.{_LAYER[part]}"),
+    (r"rpn\.blocks\.(\d)\.(\d)\.(\d)", lambda block, k, part: f"_rpn.conv{block + 1}_{k + 1}.{_LAYER[part]}"),
+    (r"rpn\.upsample\.(\d)", lambda block: f"_rpn.deconv{3 - block}"),
+    (r"head\.conv3x3", lambda: "_rpn.rpn_head.conv3x3"),
+    (r"head\.classes", lambda: "_rpn.rpn_head.conv_cls"),
+    (r"head\.residuals", lambda: "_rpn.rpn_head.conv_loc"),
+)
+
+
+def _as_convolution(name: str, tensor: Tensor) -> Tensor:
+    return tensor[..., None, None] if name.endswith("linear.weight") else tensor
+
+
+def _read(path: Path) -> dict[str, Tensor]:
+    """The state dict of a checkpoint, without the prefix of a network that was trained in parallel."""
+    if not path.is_file():
+        raise FileNotFoundError(f"no checkpoint at {path}")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, ValueError, AttributeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(f"{path} is damaged or no checkpoint of tensors alone: {reason}") from None
+    weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
+    if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):
+        raise ValueError(f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?")
+    return {str(name).removeprefix("module."): tensor for name, tensor in weights.items()}

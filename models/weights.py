@@ -1,0 +1,114 @@
+"""Weights as safetensors files: a network's tensors, and a header that says what they are and where they come from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from models.config import VoxelNetConfig
+from models.voxelnet import VoxelNet
+
+FORMAT = "coview VoxelNet 1"
+
+
+@dataclass(frozen=True)
+class Header:
+    """Where weights come from. site: what they were trained for, "general" for any. ap: as measured, by name."""
+
+    site: str = ""
+    seed: int = 0
+    commit: str = ""
+    ap: dict[str, float] = field(default_factory=dict)
+
+
+def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
+    """Write a network's weights; the file is there complete or not at all.
+
+    Raises ValueError where a weight is not finite: such a network is of no use.
+    """
+    from safetensors.torch import save
+
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise ValueError(
+                f"weights must be finite, but {name} is not: the training diverged, save an earlier network"
+            )
+    metadata = {
+        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": _digest(tensors),
+        "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
+    }  # fmt: skip
+    path = Path(path)
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    unfinished.write_bytes(save(tensors, metadata))
+    os.replace(unfinished, path)
+
+
+def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
+    """The network of a weights file, ready for inference, and its header.
+
+    Raises FileNotFoundError; ValueError, in one line, where the file is damaged, of another kind, or not of the size
+    that its configuration says.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no weights file at {path}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
+    except SafetensorError as error:
+        raise ValueError(
+            f"{path} is damaged or no safetensors file ({str(error).splitlines()[0]}): fetch it again"
+        ) from None
+    if metadata.get("format") != FORMAT:
+        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
+    if metadata.get("digest") != _digest(tensors):
+        raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
+    return _network(path, metadata, tensors), _header(metadata)
+
+
+def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
+    """Raise ValueError, naming the first difference, unless the tensors are the expected ones by name and shape."""
+    missing, unknown = expected.keys() - tensors.keys(), tensors.keys() - expected.keys()
+    if missing or unknown:
+        what = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"
+        raise ValueError(f"{origin} {what}: it holds {len(tensors)} tensors where the network has {len(expected)}")
+    for name, tensor in expected.items():
+        if tensors[name].shape != tensor.shape:
+            raise ValueError(f"{origin}: {name} must have shape {(*tensor.shape,)}, got {(*tensors[name].shape,)}")
+        if tensor.is_floating_point() and not torch.isfinite(tensors[name]).all():
+            raise ValueError(f"{origin}: {name} holds values that are not finite")
+
+
+def _network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> VoxelNet:
+    try:
+        config = VoxelNetConfig.from_dict(json.loads(metadata["config"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
+    network = VoxelNet(config)
+    check_tensors(network.state_dict(), tensors, path)
+    network.load_state_dict(tensors)
+    return network.eval()
+
+
+def _header(metadata: dict[str, str]) -> Header:
+    ap: dict[str, Any] = json.loads(metadata.get("ap", "{}"))
+    return Header(metadata.get("site", ""), int(metadata.get("seed", 0)), metadata.get("commit", ""), ap)
+
+
+def _digest(tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
+        digest.update(tensors[name].contiguous().view(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
