@@ -8,7 +8,7 @@ It needs no labels and no training, only a look at the empty site, and is the ba
 3. the yaw of each cluster's rectangle is the one whose edges its points are closest to (X. Zhang, W. Xu, C. Dong and
    J. M. Dolan, "Efficient L-shape fitting for vehicle detection using laser scanners", IV 2017, closeness criterion);
 4. the class follows from the rectangle's size and the height above the ground; a car seen in part is completed to the
-   usual size, away from the side on which more of it was seen; boxes stand on the ground of the empty site;
+   usual size, to where the empty site is hidden now; boxes stand on the ground of the empty site;
 5. the score grows with what had to be seen rather than assumed: the number of points and the share of length and width.
 """
 
@@ -16,17 +16,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import compress, pairwise
 from typing import NamedTuple
 
 import numpy as np
 import open3d as o3d
 
 from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.boxes import count_points, nms
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
 
-CAR = (4.5, 1.95, 1.5)  # m, completes what was seen of a car
-LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m
-FRACTION_SEEN = 0.75  # of the usual length or width, beyond which both ends were seen
+CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
+LOWEST_ROOF = 1.3  # m, where no more of a car's height was seen
+LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
+LENGTH_SEEN = 0.75 * CAR[0]  # m, from which both ends of a car were seen, so that its length needs no completion
+DOUBT = 10.0  # points of free ground that weigh as much as all of a cluster's points at the side to be completed
+OVERLAP = 0.1  # IoU above which the worse of two cars goes
+MOST_VOXELS = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -44,10 +50,14 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Float[np.ndarray, "n 3"], voxel: float = 0.12, cell: float = 2.0) -> Background:
+    def learn(points: Float[np.ndarray, "n 3"], voxel: float = 0.15, cell: float = 1.0) -> Background:
         """From the points of the empty site, best of several sweeps with their noise."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
+        if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
+            raise ValueError(
+                f"the background must be finite and small, got {np.ptp(points, axis=0)} m: crop to the area"
+            )
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
         index = ((points - origin) / voxel).astype(np.int64)
         occupied = np.zeros(index.max(axis=0) + 3, bool)
@@ -58,14 +68,13 @@ class Background:
 
     def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which points lie in or beside a voxel of the empty site."""
-        index = np.floor((points - self.origin) / self.voxel).astype(np.int64)
-        index = np.clip(index, 0, np.array(self.occupied.shape) - 1)  # the outermost layer is never occupied
-        return self.occupied[tuple(index.T)]
+        index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
+        return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
 
-    def height(self, x: float, y: float) -> float:
-        """Height of the ground at a place (m)."""
-        place = ((np.array([x, y]) - self.origin[:2]) / self.cell).astype(np.int64)
-        return float(self.ground[tuple(np.clip(place, 0, np.array(self.ground.shape) - 1))])
+    def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Height of the ground at places (m)."""
+        place = np.clip((xy - self.origin[:2]) / self.cell, 0, np.array(self.ground.shape) - 1)
+        return self.ground[tuple(place.astype(np.int64).T)]
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,7 @@ class ClusterDetector:
 
     background: Background
     cell: float = 0.2
-    reach: tuple[float, ...] = (0.75, 0.45, 0.3)
+    reach: tuple[float, ...] = (0.9, 0.6, 0.4, 0.28)
     fewest: int = 5
 
     @staticmethod
@@ -89,13 +98,30 @@ class ClusterDetector:
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect; points: (n, 3), world frame, without those that are not finite."""
-        foreground = points[~self.background.holds(points)].astype(np.float64)
-        found = [self._recognise(cluster) for cluster in self._clusters(foreground, self.reach)]
-        if not found:
+        """Detect; points: (n, 3), world frame. Those that are not finite are left out."""
+        points = points[np.isfinite(points).all(axis=1)]
+        is_background = self.background.holds(points)
+        clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
+        if not clusters:
             return Detections.empty()
-        boxes, scores, labels = zip(*found, strict=True)
-        return Detections(np.array(boxes), np.array(scores), np.array(labels))
+        seen = [_fit(cluster[:, :2]) for cluster in clusters]
+        ground = self.background.height(np.array([cluster[:, :2].mean(axis=0) for cluster in clusters]))
+        height = np.array([np.quantile(cluster[:, 2], 0.99) for cluster in clusters]) - ground
+        labels = np.array([_label(*pair) for pair in zip(seen, height, strict=True)])
+        number = np.array([len(cluster) for cluster in clusters])
+        scores = number / (number + 30.0)
+
+        is_car = labels == VEHICLE
+        scores[is_car] *= [np.prod(np.minimum(r.size / CAR, 1)) for r in compress(seen, is_car)]
+        height[is_car] = np.maximum(height[is_car], LOWEST_ROOF)
+        completed = iter(_complete(list(compress(seen, is_car)), points[is_background]))
+        whole = [next(completed) if car else r for r, car in zip(seen, is_car, strict=True)]
+        size = np.maximum(np.column_stack([[r.size for r in whole], height]), 0.2)
+        centre = np.column_stack([[r.centre for r in whole], ground + size[:, 2] / 2])
+        boxes = np.column_stack([centre, size, [r.yaw for r in whole]])
+        cars = np.flatnonzero(is_car)
+        rows = np.concatenate([cars[nms(boxes[cars], scores[cars], OVERLAP)], np.flatnonzero(~is_car)])
+        return Detections(boxes, scores, labels)[rows]
 
     def _clusters(self, points: Float64[np.ndarray, "n 3"], reach: tuple[float, ...]) -> list[np.ndarray]:
         """Points of each cluster."""
@@ -111,20 +137,6 @@ class ClusterDetector:
             elif len(part) >= self.fewest:
                 clusters.append(part)
         return clusters
-
-    def _recognise(self, cluster: Float64[np.ndarray, "n 3"]) -> tuple[np.ndarray, float, int]:
-        """Box, score and label of a cluster."""
-        rectangle = _fit(cluster[:, :2])
-        ground = self.background.height(*cluster[:, :2].mean(axis=0))
-        height = float(np.quantile(cluster[:, 2], 0.99)) - ground
-        label = _label(rectangle, height)
-        seen = 1.0
-        if label == VEHICLE:
-            rectangle, seen = _complete(rectangle)
-            height = max(height, 0.8 * CAR[2])
-        x, y = rectangle.centre
-        box = np.array([x, y, ground + height / 2, *np.maximum(rectangle.size, 0.2), max(height, 0.2), rectangle.yaw])
-        return box, seen * len(cluster) / (len(cluster) + 30.0), label
 
 
 class _Rectangle(NamedTuple):
@@ -146,6 +158,14 @@ class _Rectangle(NamedTuple):
         (along, across), cos, sin = (self.low + self.high) / 2, np.cos(self.yaw), np.sin(self.yaw)
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
+    def turned(self) -> _Rectangle:
+        """The same by its other axes: the second becomes the first, and the first one backwards the second."""
+        second_first = np.array([1, 0])
+        low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
+        (low[1], high[1]), at_low, at_high = (high[1], low[1]), self.at_low[second_first], self.at_high[second_first]
+        (at_low[1], at_high[1]) = (at_high[1], at_low[1])
+        return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)
+
     @property
     def too_large(self) -> bool:
         return bool(self.size[0] > LONGEST_CAR or self.size[1] > WIDEST_CAR)
@@ -163,8 +183,8 @@ def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     """The rectangle whose sides the points are closest to: the yaw in 0..90° with the greatest Σ 1 / distance to the
     nearest side, distances under 0.1 m counting as 0.1 m."""
-    some = xy[:: 1 + len(xy) // 300]
-    yaws = np.deg2rad(np.arange(0.0, 90.0, 1.5))
+    some = xy[:: 1 + len(xy) // 150]
+    yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
     along = np.outer(np.cos(yaws), some[:, 0]) + np.outer(np.sin(yaws), some[:, 1])
     across = np.outer(np.cos(yaws), some[:, 1]) - np.outer(np.sin(yaws), some[:, 0])
     distance = np.minimum(_to_nearest_end(along), _to_nearest_end(across))
@@ -173,15 +193,8 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     own = xy @ axes
     low, high = np.quantile(own, [0.005, 0.995], axis=0)
     at_low, at_high = (own < low + 0.2).mean(axis=0), (own > high - 0.2).mean(axis=0)
-    if high[0] - low[0] >= high[1] - low[1]:
-        return _Rectangle(yaw, low, high, at_low, at_high)
-    return _Rectangle(  # turned by 90°: the second axis becomes the first, the first one backwards the second
-        yaw + np.pi / 2,
-        np.array([low[1], -high[0]]),
-        np.array([high[1], -low[0]]),
-        np.array([at_low[1], at_high[0]]),
-        np.array([at_high[1], at_low[0]]),
-    )
+    rectangle = _Rectangle(yaw, low, high, at_low, at_high)
+    return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turned()
 
 
 def _to_nearest_end(positions: Float64[np.ndarray, "k n"]) -> Float64[np.ndarray, "k n"]:
@@ -198,33 +211,49 @@ def _label(rectangle: _Rectangle, height: float) -> int:
     return CYCLIST if length < 2.3 and width < 0.85 else VEHICLE
 
 
-def _complete(seen: _Rectangle) -> tuple[_Rectangle, float]:
-    """A car's rectangle made up to the usual size, and the share of length times width that was seen."""
-    usual = np.array(CAR[:2])
-    short = seen.size < FRACTION_SEEN * usual
-    extra = np.where(short, usual - seen.size, 0.0)
-    beyond_high = seen.at_low > seen.at_high
-    low, high = seen.low - np.where(beyond_high, 0, extra), seen.high + np.where(beyond_high, extra, 0)
-    share = float(np.prod(np.minimum(seen.size / usual, 1)))
-    return seen._replace(low=low, high=high), share
+def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
+    """Rectangles of cars made up to the usual size, each in the way that covers least of the background seen just now:
+    where that is seen, no car is."""
+    ways = [_ways_to_complete(car) for car in cars]
+    flat = [way for some in ways for way in some]
+    columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way, _ in flat]
+    cost = count_points(background, np.array(columns).reshape(-1, 7)) + DOUBT * np.array([doubt for _, doubt in flat])
+    first = np.cumsum([0, *(len(some) for some in ways)])
+    return [flat[a + int(cost[a:b].argmin())][0] for a, b in pairwise(first)]
+
+
+def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
+    """What is too short grows on one side or the other; if the longer side may be a car's width, it is tried as such.
+    Each with its doubt: the share of points on the sides that grow, for a side with many points was seen as it is."""
+    ways = []
+    for rectangle in [seen, seen.turned()] if seen.size[0] < WIDEST_CAR else [seen]:
+        missing = np.where(rectangle.size < [LENGTH_SEEN, CAR[1]], CAR - rectangle.size, 0.0)
+        for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
+            low, high = rectangle.low - missing * ~at_high, rectangle.high + missing * at_high
+            doubt = np.where(at_high, rectangle.at_high, rectangle.at_low) @ (missing > 0)
+            ways.append((rectangle._replace(low=low, high=high), float(doubt)))
+    return ways
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Height of the ground in cells: of the lowest fifth of their points the highest; where there are none or they
-    stand more than half a metre above the rest, the mean of the neighbours."""
+    """Height of the ground in cells: the 5 % quantile of their points, unless it stands more than half a metre above
+    the rest; then the least of the neighbours. In the end every cell takes the least of those within two cells, so that
+    kerbs and walls do not lift the street beside them."""
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
     shape = place.max(axis=0) + 1
     key = place[:, 0] * shape[1] + place[:, 1]
     order = np.lexsort((points[:, 2], key))
     keys, first, count = np.unique(key[order], return_index=True, return_counts=True)
     ground = np.full(shape[0] * shape[1], np.nan)
-    ground[keys] = points[order[first + count // 5], 2]
+    ground[keys] = points[order[first + count // 20], 2]
     ground[ground > np.nanmedian(ground) + 0.5] = np.nan
     ground = ground.reshape(shape)
     while np.isnan(ground).any():
-        padded = np.pad(ground, 1, constant_values=np.nan)
-        windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(*shape, 9)
-        known = np.isfinite(windows)
-        mean = np.where(known, windows, 0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
-        ground = np.where(np.isnan(ground) & known.any(axis=-1), mean, ground)
-    return ground
+        ground = np.where(np.isnan(ground), _least_within(ground, 1), ground)
+    return _least_within(ground, 2)
+
+
+def _least_within(cells: np.ndarray, distance: int) -> np.ndarray:
+    around = (2 * distance + 1,) * 2
+    padded = np.pad(cells, distance, constant_values=np.nan)
+    return np.fmin.reduce(np.lib.stride_tricks.sliding_window_view(padded, around), axis=(-2, -1))
