@@ -87,7 +87,8 @@ def union(polygons):
 
 
 def on_lanes(site, x, y) -> bool:
-    return bool(union(site.lanes).buffer(0.01).contains(shapely.Point(x, y)))
+    spot = shapely.Point(x, y)
+    return bool(union(p for p in site.lanes if shapely.Polygon(p).distance(spot) < 1).buffer(0.01).contains(spot))
 
 
 def check(site: Site, tmp_path) -> None:
@@ -95,6 +96,7 @@ def check(site: Site, tmp_path) -> None:
     lanes = union(site.lanes)
     for solid in site.solids:
         assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
+    assert union(site.footways).intersection(lanes).area < 0.1
     assert len(site.mounts) >= 6
     assert 4 <= len(site.sensors) <= 6
     for sensor in site.sensors:
@@ -387,6 +389,14 @@ def test_paths_and_squares(tmp_path):
     assert walk.contains(shapely.Point(25, 20))
     assert walk.contains(shapely.Point(-30, 21.3))
     assert not walk.contains(shapely.Point(-30, 22))
+
+
+def test_streets_that_cross_without_a_junction_keep_their_footways_off_each_other(tmp_path):
+    draft = crossroads()
+    draft.way((-100, -40), (100, 44), highway="tertiary")
+    draft.way((20, 30), (20, -30), (21, 30), highway="residential")
+    site = imported(draft, tmp_path)
+    assert on_lanes(site, 36, 2 + 36 * 0.42 - 0.5)
 
 
 def test_left_hand_traffic(tmp_path):

@@ -166,7 +166,9 @@ def _finished(
     if not _union(lanes).intersects(shapely.box(*site.area)):
         place = site.map_SE3_site[:2, 3]
         raise ValueError(_no_road(path, (float(place[0]), float(place[1]))))
-    road = Road((), (), lanes, (*footways, *squares))
+    beside = [shapely.Polygon(p).difference(_union(lanes)) for p in (*footways, *squares)]
+    footways = _clipped(beside, shapely.box(*site.area).buffer(REACH))
+    road = Road((), (), lanes, footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
     mounts = _lamp_mounts(lamps, road, site, walls)
     if len(mounts) < 6:
@@ -178,7 +180,7 @@ def _finished(
     return replace(
         site,
         lanes=lanes,
-        footways=(*footways, *squares),
+        footways=footways,
         solids=f.settle([*solids, *poles, *stones], Relief()),
         mounts=tuple(mounts),
         sensors=_cameras(mounts, site.area, walls),
@@ -323,12 +325,14 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
 
 
 def _repaired(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """`outline`, or where it crosses itself the largest part of it."""
-    shape = shapely.Polygon(outline)
+    """`outline`; where it crosses itself the largest part of it, where it has no area a thin strip."""
+    shape = shapely.Polygon(outline.round(3))
     if shape.is_valid:
         return outline
-    parts = [part for part in shapely.get_parts(shape.buffer(0)) if part.geom_type == "Polygon" and part.area > 0]
-    return shapely.get_coordinates(max(parts, key=shapely.area).exterior)[:-1] if parts else outline
+    parts = shapely.get_parts(shapely.set_precision(shapely.make_valid(shape), 1e-3))
+    polygons = [p for part in parts for p in shapely.get_parts(part) if p.geom_type == "Polygon" and p.area > 0]
+    strip = shapely.LineString(outline).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
+    return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
 
 
 def _corners(area: Float[np.ndarray, "4"], margin: float) -> Float64[np.ndarray, "4 2"]:
