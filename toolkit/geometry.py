@@ -47,7 +47,7 @@ def look(
 def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4 4"]:
     """The inverse motion, world → sensor.
 
-    >>> np.allclose(invert(pose(1, 2, 3, yaw=0.5)) @ pose(1, 2, 3, yaw=0.5), np.eye(4))
+    >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
     True
     """
     rotation, translation = world_SE3_sensor[:3, :3], world_SE3_sensor[:3, 3]

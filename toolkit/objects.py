@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, Int64, Shaped
+from toolkit.arrays import Float32, Shaped
 
 LABELS = ("vehicle", "cyclist", "pedestrian", "heavy")
 VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
@@ -31,16 +31,17 @@ def label_index(label: str | int) -> int:
 class Objects:
     """Ground truth of one frame.
 
-    boxes: (n, 7) float64, see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids.
+    boxes: (n, 7), see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids. Kept as
+    float64 and int64 whatever they are given as.
     Raises ValueError where shapes or labels do not fit.
 
-    >>> Objects([[0, 0, 1, 4, 2, 1.5, 0]], ["vehicle"]).labels
+    >>> Objects(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array(["vehicle"])).labels
     array([0])
     """
 
-    boxes: Float64[np.ndarray, "n 7"]
-    labels: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
-    ids: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0..n-1
+    boxes: Shaped[np.ndarray, "n 7"]
+    labels: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
+    ids: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0..n-1
 
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
@@ -69,13 +70,13 @@ class Detections:
     boxes: (n, 7) float64, see `toolkit.boxes`; scores: (n,) float64, higher is surer; labels as in `Objects`.
     Raises ValueError where shapes or labels do not fit.
 
-    >>> len(Detections.merge([Detections.empty(), Detections([[0, 0, 1, 4, 2, 1.5, 0]], [0.9])]))
+    >>> len(Detections.merge([Detections.empty(), Detections(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.9]))]))
     1
     """
 
-    boxes: Float64[np.ndarray, "n 7"]
-    scores: Float64[np.ndarray, " n"]
-    labels: Int64[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
+    boxes: Shaped[np.ndarray, "n 7"]
+    scores: Shaped[np.ndarray, " n"]
+    labels: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
 
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
