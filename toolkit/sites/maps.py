@@ -163,10 +163,11 @@ def _finished(
 ) -> Site:
     """`site` with its roads' surface, kerbs, mounts and cameras."""
     lanes, footways = road_polygons(site.network, site.area)
-    if not _union(lanes).intersects(shapely.box(*site.area)):
+    carriageway = _union(lanes)
+    if not carriageway.intersects(shapely.box(*site.area)):
         place = site.map_SE3_site[:2, 3]
         raise ValueError(_no_road(path, (float(place[0]), float(place[1]))))
-    beside = [shapely.Polygon(p).difference(_union(lanes)) for p in (*footways, *squares)]
+    beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
     footways = _clipped(beside, shapely.box(*site.area).buffer(REACH))
     road = Road((), (), lanes, footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
