@@ -17,6 +17,7 @@ from models.voxels import Voxels, collate, voxelise
 from toolkit.arrays import Float, Float32
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.points import centred_in
 
 Augmentation = Literal["none", "object", "scene"]
 
@@ -56,8 +57,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
-        self.anchors = anchors(config)
-        self._flat = self.anchors.reshape(-1, 7).double().numpy()
+        self._anchors = anchors(config).double().numpy()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -68,26 +68,25 @@ class Samples(torch.utils.data.Dataset[Batch]):
         points, objects, inside = self._scene(k, rng)
         vehicle = objects.labels == VEHICLE
         seen = count_points(points, objects.boxes) >= self.recipe.seen
-        asked = vehicle & inside & seen & _inside(objects.boxes, self.config.area)
+        asked = vehicle & inside & seen & centred_in(objects.boxes, np.array(self.config.area))
         vehicles, ignored = objects.boxes[asked], objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
         found = assign(
-            self._flat, vehicles, positive=self.recipe.positive, negative=self.recipe.negative, ignored=ignored
+            self._anchors, vehicles, positive=self.recipe.positive, negative=self.recipe.negative, ignored=ignored
         )
         if self.recipe.sampled:
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
         targets = torch.from_numpy(vehicles).float() if len(vehicles) else torch.ones(1, 7)
-        shape = self.anchors.shape[:3]
         return Batch(
             voxelise(points, self.config, rng=rng),
-            torch.from_numpy(found.labels).view(1, *shape),
-            targets[torch.from_numpy(found.owner)].view(1, *shape, 7),
+            torch.from_numpy(found.labels)[None],
+            targets[torch.from_numpy(found.owner)][None],
         )
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
         """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
         points = np.concatenate(self.frames.points(k, rng, self._sensors(k, rng)))
-        objects, area = self.frames.objects(k), np.array(self.frames.area(k))
-        boxes, inside = objects.boxes, _inside(objects.boxes, tuple(area))
+        objects, area = self.frames.objects(k), np.array(self.frames.rig(k).area)
+        boxes, inside = objects.boxes, centred_in(objects.boxes, area)
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
@@ -102,7 +101,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def _sensors(self, k: int, rng: np.random.Generator) -> np.ndarray | None:
         if rng.random() >= self.recipe.subsets:
             return None
-        total = self.frames.sensors(k)
+        total = len(self.frames.rig(k).sensors)
         return np.sort(rng.choice(total, int(rng.integers(1, total + 1)), replace=False))
 
 
@@ -157,8 +156,3 @@ def turn_scene(
 
 def _turned(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-def _inside(boxes: np.ndarray, area: tuple[float, float, float, float]) -> np.ndarray:
-    x, y = boxes[:, 0], boxes[:, 1]
-    return (x > area[0]) & (y > area[1]) & (x < area[2]) & (y < area[3])

@@ -1,4 +1,4 @@
-"""Which anchor should find which object, and which anchors are left out of the loss."""
+"""Which anchor should find which object, and which anchors are left out of the loss (Zhou and Tuzel 2018, section 2.2)."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Int64, Shaped
+from toolkit.arrays import Bool, Float, Int64, Shaped
 
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
 
 class Assignment(NamedTuple):
-    """labels: POSITIVE, NEGATIVE or IGNORED per anchor; owner: the object a positive anchor should find, else 0."""
+    """labels: POSITIVE, NEGATIVE or IGNORED per anchor; owner: row of the object a positive anchor should find, else 0."""
 
-    labels: Shaped[np.ndarray, " N"]
-    owner: Int64[np.ndarray, " N"]
+    labels: Shaped[np.ndarray, "H W A"]
+    owner: Int64[np.ndarray, "H W A"]
 
 
 def assign(
-    anchors: Float[np.ndarray, "N 7"],
+    anchors: Float[np.ndarray, "H W A 7"],
     boxes: Float[np.ndarray, "n 7"],
     *,
     positive: float = 0.6,
@@ -27,67 +27,71 @@ def assign(
     best: float = 0.1,
     ignored: Float[np.ndarray, "k 7"] | None = None,
 ) -> Assignment:
-    """Match anchors to objects by the IoU of their footprints, yaws snapped to 0 or 90° (VoxelNet, section 2.2).
+    """Match the anchors of a grid to objects by the IoU of their footprints, yaws snapped to 0 or 90°.
 
-    An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Below
+    An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
     `negative` it is negative, between the two ignored. An anchor that would be negative but stands within one of the
-    `ignored` boxes is ignored.
+    boxes `ignored` is ignored.
 
-    >>> anchors = np.array([[0, 0, 0.8, 4, 2, 1.6, 0], [9, 0, 0.8, 4, 2, 1.6, 0]])
-    >>> assign(anchors, np.array([[0.5, 0, 0.7, 4, 2, 1.5, 3.1]])).labels
+    >>> anchors = np.array([[0, 0, 0.8, 4, 2, 1.6, 0], [9, 0, 0.8, 4, 2, 1.6, 0]]).reshape(2, 1, 1, 7)
+    >>> assign(anchors, np.array([[0.5, 0, 0.7, 4, 2, 1.5, 3.1]])).labels.ravel()
     array([1, 0], dtype=int8)
     """
-    overlap = np.zeros(len(anchors), np.float32)
-    owner = np.zeros(len(anchors), np.int64)
-    forced: list[tuple[int, int]] = []
-    for index, box in enumerate(boxes):
-        near, iou = _snapped_iou(anchors, box)
+    shape = anchors.shape[:3]
+    overlap, owner = np.zeros(shape), np.zeros(shape, np.int64)
+    forced: list[tuple[tuple[int, ...], int]] = []
+    for row, box in enumerate(boxes):
+        near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
+        iou = _snapped_iou(anchors[near], box)
         better = iou > overlap[near]
-        overlap[near[better]], owner[near[better]] = iou[better], index
-        if len(iou) and iou.max() >= best:
-            forced.append((int(near[np.argmax(iou)]), index))
-    labels = np.where(overlap > positive, POSITIVE, np.where(overlap < negative, NEGATIVE, IGNORED)).astype(np.int8)
-    if positive == negative:
-        labels[labels == IGNORED] = NEGATIVE
-    for anchor, index in forced:
-        labels[anchor], owner[anchor] = POSITIVE, index
-    if ignored is not None and len(ignored):
-        labels[(labels == NEGATIVE) & _centres_within(anchors, ignored)] = IGNORED
+        overlap[near][better], owner[near][better] = iou[better], row
+        if iou.size and iou.max() >= best:
+            place = np.unravel_index(np.argmax(iou), iou.shape)
+            forced.append(((near[0].start + int(place[0]), near[1].start + int(place[1]), int(place[2])), row))
+    labels = np.where(overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)).astype(np.int8)
+    for place, row in forced:
+        labels[place], owner[place] = POSITIVE, row
+    for box in () if ignored is None else ignored:
+        near = _window(anchors, box, 0.0)
+        labels[near][(labels[near] == NEGATIVE) & _centred_within(anchors[near], box)] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
 def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
     """Keep `size` random anchors, at most `positives` of them positive; ignore the rest (the published training)."""
-    chosen_positive = _choose(assignment.labels == POSITIVE, positives, rng)
-    chosen_negative = _choose(assignment.labels == NEGATIVE, size - len(chosen_positive), rng)
-    labels = np.full_like(assignment.labels, IGNORED)
+    flat = assignment.labels.ravel()
+    chosen_positive = _choose(flat == POSITIVE, positives, rng)
+    chosen_negative = _choose(flat == NEGATIVE, size - len(chosen_positive), rng)
+    labels = np.full_like(flat, IGNORED)
     labels[chosen_positive], labels[chosen_negative] = POSITIVE, NEGATIVE
-    return Assignment(labels, assignment.owner)
+    return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
 
 
-def _snapped_iou(anchors: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The anchors that can overlap a box, and their axis-aligned IoU with it."""
-    reach = float(box[3:5].max() + anchors[:, 3:5].max()) / 2
-    near = np.flatnonzero((np.abs(anchors[:, 0] - box[0]) < reach) & (np.abs(anchors[:, 1] - box[1]) < reach))
-    size, box_size = _snapped_size(anchors[near]), _snapped_size(box[None])
-    gap = np.abs(anchors[near, :2] - box[:2])
-    shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(axis=1)
-    return near, (shared / (size.prod(axis=1) + box_size.prod() - shared)).astype(np.float32)
+def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
+    """Rows and columns of the grid within `reach` (m) of the circle round a box: no others can touch it."""
+    reach += np.hypot(box[3], box[4]) / 2
+    rows = np.searchsorted(anchors[:, 0, 0, 0], [box[0] - reach, box[0] + reach])
+    columns = np.searchsorted(anchors[0, :, 0, 1], [box[1] - reach, box[1] + reach])
+    return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
+
+
+def _snapped_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
+    """Axis-aligned IoU of anchors and a box, each turned to the nearest multiple of 90°."""
+    size, box_size = _snapped_size(anchors), _snapped_size(box)
+    gap = np.abs(anchors[..., :2] - box[:2])
+    shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
+    return shared / (size.prod(-1) + box_size.prod() - shared)
 
 
 def _snapped_size(boxes: np.ndarray) -> np.ndarray:
     """Extent along x and y after the yaw is snapped to the nearest multiple of 90°."""
-    across = np.abs(np.sin(boxes[:, 6])) > np.abs(np.cos(boxes[:, 6]))
-    return np.where(across[:, None], boxes[:, [4, 3]], boxes[:, [3, 4]])
+    across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
+    return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
 
-def _centres_within(anchors: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    inside = np.zeros(len(anchors), bool)
-    for x, y, _, length, width, _, yaw in boxes:
-        dx, dy = anchors[:, 0] - x, anchors[:, 1] - y
-        along, across = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
-        inside |= (np.abs(along) <= length / 2) & (np.abs(across) <= width / 2)
-    return inside
+def _centred_within(anchors: np.ndarray, box: np.ndarray) -> Bool[np.ndarray, "h w A"]:
+    (dx, dy), (cos, sin) = np.moveaxis(anchors[..., :2] - box[:2], -1, 0), (np.cos(box[6]), np.sin(box[6]))
+    return (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (np.abs(dy * cos - dx * sin) <= box[4] / 2)
 
 
 def _choose(mask: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

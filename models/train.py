@@ -2,12 +2,11 @@
 
 Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state.
 
-    python -m models.train tjunction.packed --preset fast --area -40 -20 40 20 --out runs/tjunction
+    python -m models.train train.packed --preset fast --validate test.packed --out runs/tjunction
 """
 
 from __future__ import annotations
 
-import csv
 import os
 import subprocess
 import time
@@ -20,14 +19,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from models import training_log
 from models.anchors import anchors
 from models.config import VoxelNetConfig
 from models.losses import published_loss, quality_loss
 from models.packed import PackedFrames
 from models.samples import Batch, SampleRecipe, Samples, stack
+from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
+LOG_STEPS = 50  # losses are logged as their mean over so many steps
+GENERAL_AREA = (-36.0, -36.0, 36.0, 36.0)  # the window of a network for any area, m
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
@@ -77,7 +80,7 @@ class Run:
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.scheduler.load_state_dict(state["scheduler"])
-        torch.set_rng_state(state["rng"])
+        torch.set_rng_state(state["rng"].cpu())
         self.step = state["step"]
 
 
@@ -95,9 +98,11 @@ def train(
 ) -> VoxelNet:
     """Train on a packed file and leave `checkpoint.pt` and `log.csv` in `out`; called again, it goes on where it was.
 
-    every_s: seconds between checkpoints; validate: called with the network after each epoch, its figures are logged.
-    Raises ValueError where `out` holds a run of other settings.
+    every_s: seconds between checkpoints; validate: called with the network after each epoch, its figures are logged;
+    progress: told the step, the number of steps and the losses of the step, or the figures of `validate`.
+    Raises ValueError where preset and network do not fit, and where `out` holds a run of other settings.
     """
+    check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
     samples = Samples(frames, config, preset.examples, preset.seed)
@@ -106,7 +111,7 @@ def train(
     run = _start(config, preset, total, per_epoch, device)
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames)}
     _resume(run, out / CHECKPOINT, identity, device)
-    _forget_later_rows(out / LOG, run.step)
+    training_log.cut(out / LOG, run.step)
 
     loss_of: Loss = quality_loss if preset.loss == "quality" else published_loss
     anchor = anchors(config).to(device)
@@ -115,25 +120,47 @@ def train(
         batch_sampler=_Steps(preset, len(samples), per_epoch, run.step, total),
         collate_fn=stack,
         num_workers=workers,
-        persistent_workers=False,
     )
     saved, recent = time.monotonic(), []
     for batch in loader:
-        recent.append(_step(run, batch.to(device), loss_of, anchor, device))
+        losses = _step(run, batch.to(device), loss_of, anchor)
+        recent.append(losses)
         run.step += 1
-        if run.step % 50 == 0 or run.step == total:
-            figures = {name: float(np.mean([losses[name] for losses in recent])) for name in recent[0]}
+        if progress:
+            progress(run.step, total, losses)
+        if run.step % LOG_STEPS == 0 or run.step == total:
+            means = {name: float(np.mean([losses[name] for losses in recent])) for name in losses}
+            training_log.add(out / LOG, run.step, run.step / per_epoch, means)
             recent.clear()
-            _log(out / LOG, run, per_epoch, figures)
-            if progress:
-                progress(run.step, total, figures)
         end_of_epoch = run.step % per_epoch == 0 or run.step == total
         if end_of_epoch and validate:
-            _log(out / LOG, run, per_epoch, validate(run.network))
+            figures = validate(run.network)
+            training_log.add(out / LOG, run.step, run.step / per_epoch, figures)
+            if progress:
+                progress(run.step, total, figures)
         if end_of_epoch or time.monotonic() - saved > every_s:
             save_atomically(out / CHECKPOINT, {**identity, **run.state()})
             saved = time.monotonic()
     return run.network
+
+
+def config_for(area: tuple[float, float, float, float], preset: str, size: str = "light") -> VoxelNetConfig:
+    """The network a preset trains: light or published in size, with the head its loss needs."""
+    quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0}
+    published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0}
+    head = published if PRESETS[preset].loss == "published" else quality
+    if size == "light":
+        return VoxelNetConfig.light(area, **head)
+    voxel = (0.4, 0.4, 0.4) if max(area[2] - area[0], area[3] - area[1]) > 80 else (0.2, 0.2, 0.4)
+    return VoxelNetConfig(area=area, voxel_size=voxel, **head)  # type: ignore[arg-type]
+
+
+def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
+    """Raise ValueError where a preset's loss is for another head, or it cannot train anything."""
+    if config.head != preset.loss:
+        raise ValueError(f"the {preset.loss} loss trains a network with that head, got head {config.head!r}")
+    if preset.batch < 1 or not preset.epochs > 0:
+        raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
 
 
 def save_atomically(path: Path, state: dict[str, Any]) -> None:
@@ -149,7 +176,7 @@ def save_atomically(path: Path, state: dict[str, Any]) -> None:
 def load_checkpoint(path: Path) -> tuple[VoxelNet, dict[str, Any]]:
     """The network of a checkpoint and the settings it was trained with. Nothing in the file is executed."""
     state = torch.load(path, map_location="cpu", weights_only=True)
-    network = VoxelNet(VoxelNetConfig(**state["config"]))
+    network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
     network.load_state_dict(state["network"])
     return network.eval(), {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
 
@@ -157,7 +184,10 @@ def load_checkpoint(path: Path) -> tuple[VoxelNet, dict[str, Any]]:
 def commit() -> str:
     """The commit this code is at, or "unknown" outside a checkout."""
     here = Path(__file__).parent
-    done = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return "unknown"
     return done.stdout.strip() or "unknown"
 
 
@@ -182,8 +212,10 @@ class _Steps:
 
 def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> Run:
     torch.manual_seed(preset.seed)
-    network = VoxelNet(config).to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
-    parameters = network.parameters()
+    network = VoxelNet(config).to(device)
+    if not config.middle_widths:
+        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    parameters = network.train().parameters()
     optimiser: torch.optim.Optimizer
     if preset.optimiser == "sgd":
         optimiser = torch.optim.SGD(parameters, preset.learning_rate, momentum=0.9, weight_decay=preset.weight_decay)
@@ -192,7 +224,7 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
     schedule: torch.optim.lr_scheduler.LRScheduler
     if preset.schedule == "one-cycle":
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, preset.learning_rate, total_steps=total, pct_start=0.2
+            optimiser, preset.learning_rate, total_steps=max(total, 10), pct_start=0.2
         )
     else:
         schedule = torch.optim.lr_scheduler.MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
@@ -208,7 +240,7 @@ def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None
         raise ValueError(
             f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or remove it"
         )
-    run.restore({**state, "rng": state["rng"].cpu()})
+    run.restore(state)
 
 
 def _plain(value: Any) -> Any:
@@ -218,8 +250,8 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor, device: str) -> dict[str, float]:
-    with torch.autocast(device, torch.bfloat16, enabled=device.startswith("cuda")):
+def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor) -> dict[str, float]:
+    with torch.autocast(anchor.device.type, torch.bfloat16, enabled=anchor.is_cuda):
         prediction = run.network(batch.voxels)
     prediction = Prediction(*(None if m is None else m.float() for m in prediction))  # type: ignore[arg-type]
     losses = loss_of(prediction, batch.labels, batch.boxes, anchor)
@@ -229,55 +261,58 @@ def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor, device: str) ->
     torch.nn.utils.clip_grad_norm_(run.network.parameters(), 10.0)
     run.optimiser.step()
     run.scheduler.step()
-    return {name: float(value.detach()) for name, value in losses.items()}
-
-
-def _log(path: Path, run: Run, per_epoch: int, figures: dict[str, float]) -> None:
-    """Append long-format rows: step, epoch, name, value."""
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.writer(file)
-        if new:
-            writer.writerow(["step", "epoch", "name", "value"])
-        writer.writerows([run.step, round(run.step / per_epoch, 4), name, value] for name, value in figures.items())
-
-
-def _forget_later_rows(path: Path, step: int) -> None:
-    """Drop what a killed run logged after its last checkpoint: those steps are done again."""
-    if not path.exists():
-        return
-    header, *rows = path.read_text().splitlines()
-    kept = [row for row in rows if row.count(",") == 3 and int(row.split(",", 1)[0]) <= step]
-    path.write_text("\n".join([header, *kept]) + "\n")
+    return dict(zip(losses, torch.stack(list(losses.values())).tolist(), strict=True))
 
 
 def main() -> None:
     """Train from a packed file on a machine that has torch, numpy, h5py and shapely only."""
     import argparse
 
-    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m models.train", description=main.__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--preset", choices=sorted(PRESETS), default="fast")
     parser.add_argument("--size", choices=["light", "published"], default="light")
-    parser.add_argument("--area", type=float, nargs=4, required=True, metavar=("XMIN", "YMIN", "XMAX", "YMAX"))
+    parser.add_argument("--area", type=float, nargs=4, metavar=("XMIN", "YMIN", "XMAX", "YMAX"), help="else the data's")
     parser.add_argument("--epochs", type=float)
     parser.add_argument("--batch", type=int)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--learning-rate", type=float)
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--workers", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=0, help="processes that prepare examples")
+    parser.add_argument("--threads", type=int, help="of torch")
+    parser.add_argument("--validate", type=Path, help="packed file to measure AP on after each epoch")
+    parser.add_argument("--validate-frames", type=int)
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
-    changes = {name: value for name, value in (("epochs", a.epochs), ("batch", a.batch)) if value is not None}
-    preset = replace(PRESETS[a.preset], seed=a.seed, **changes)
-    area = tuple(a.area)
-    config = VoxelNetConfig.light(area) if a.size == "light" else VoxelNetConfig(area=area)
+    if a.threads:
+        torch.set_num_threads(a.threads)
+    named = {"epochs": a.epochs, "batch": a.batch, "learning_rate": a.learning_rate, "seed": a.seed}
+    preset = replace(PRESETS[a.preset], **{name: value for name, value in named.items() if value is not None})
+    config = config_for(tuple(a.area) if a.area else area_for(a.preset, a.data), a.preset, a.size)
+    validate = validation(a.validate, count=a.validate_frames, device=a.device) if a.validate else None
     started = time.monotonic()
 
     def report(step: int, total: int, figures: dict[str, float]) -> None:
-        losses = "  ".join(f"{name} {value:.4f}" for name, value in figures.items())
-        print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {losses}", flush=True)
+        if step % LOG_STEPS == 0 or step == total or "AP@0.7" in figures:
+            text = "  ".join(f"{name} {value:.4f}" for name, value in figures.items())
+            print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {text}", flush=True)
 
-    train(a.data, config, preset, a.out, device=a.device, workers=a.workers, progress=report)
+    train(
+        a.data, config, preset, a.out, device=a.device, workers=a.workers, validate=validate, progress=report
+    )  # fmt: skip
+
+
+def area_for(preset: str, data: Path) -> tuple[float, float, float, float]:
+    """The area to train: a fixed window for `general`, else the one all frames of the data share.
+
+    Raises ValueError where they share none.
+    """
+    if preset == "general":
+        return GENERAL_AREA
+    areas = {rig.area for rig in PackedFrames(data).rigs}
+    if len(areas) > 1:
+        raise ValueError(f"{data} holds {len(areas)} different areas: give --area, or --preset general")
+    return next(iter(areas))
 
 
 if __name__ == "__main__":
