@@ -56,11 +56,11 @@ class VoxelNetDetector:
         """xmin ymin xmax ymax, m, world frame: where it detects."""
         return self.config.area
 
-    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""
         return self.batch([points])[0]
 
-    def batch(self, clouds: Sequence[Float32[np.ndarray, "_ 3"]]) -> list[Detections]:
+    def batch(self, clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Detections]:
         """Detect in several clouds at once; the same as one after the other."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):

@@ -132,7 +132,7 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 
 def _composed(transposed: Tensor, conv3x3: Tensor) -> Tensor:
     """The kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3) after it."""
-    return F.conv_transpose2d(transposed.double(), conv3x3.double().flip(2, 3).transpose(0, 1)).float()
+    return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
 def _conv(weight: Tensor, bias: Tensor | None, *, stride: int = 1, padding: int = 0) -> nn.Conv2d:

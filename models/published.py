@@ -23,7 +23,7 @@ from models.sparse import SparseVoxelNet
 from models.voxelnet import Prediction, VoxelNet
 from models.voxels import voxelise
 from models.weights import check_tensors
-from toolkit.arrays import Float32, Float64
+from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import nms
 from toolkit.objects import Detections
 
@@ -79,7 +79,7 @@ class PublishedDetector:
         self.anchors = anchors(self.config).to(self.device)
 
     def head(
-        self, points: Float32[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
+        self, points: Float[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
         """Raw maps in the published channel order: 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
@@ -90,7 +90,7 @@ class PublishedDetector:
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
         return maps.class_logits.contiguous(), maps.residuals.contiguous()
 
-    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""
         classes, residuals = self.head(points)
         order = torch.tensor(

@@ -170,7 +170,7 @@ class HeightFold(nn.Module):
         by_level = torch.argsort(level, stable=True)
         groups = torch.split(features[by_level], torch.bincount(level, minlength=len(self.weight)).tolist())
         products = torch.cat([rows @ weight for rows, weight in zip(groups, self.weight, strict=True)])
-        folded = features.new_zeros(len(key), self.width).index_add(0, column[by_level], products)
+        folded = products.new_zeros(len(key), self.width).index_add(0, column[by_level], products)
         return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
 
 

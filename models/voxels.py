@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from toolkit.arrays import Float32, Int64
+from toolkit.arrays import Float, Float32, Int64
 
 
 class Voxels(NamedTuple):
@@ -31,7 +31,7 @@ class Voxels(NamedTuple):
 
 
 def voxelise(
-    points: Float32[np.ndarray, "n 3"] | Float32[Tensor, "n 3"],
+    points: Float[np.ndarray, "n 3"] | Float[Tensor, "n 3"],
     config: VoxelNetConfig,
     *,
     rng: np.random.Generator | int = 0,
@@ -54,13 +54,14 @@ def voxelise(
     cloud = cloud[_inside(cloud, config)]
     key = _keys(cloud, config)
     nx, ny, nz = config.grid_shape
-    counts = torch.bincount(key, minlength=nx * ny * nz)
-    keep = _at_most(config.max_points, key, counts, rng)
-    if keep is not None:
-        cloud, key = cloud[keep], key[keep]
-    occupied = counts > 0
-    row_of_key = torch.cumsum(occupied, 0, dtype=torch.int32) - 1
-    return Voxels(cloud, row_of_key[key].long(), _cells(torch.nonzero(occupied)[:, 0], config))
+    occupied = torch.zeros(nx * ny * nz, dtype=torch.bool, device=cloud.device)
+    occupied[key] = True
+    voxel = torch.cumsum(occupied, 0, dtype=torch.int32)[key].long() - 1
+    crowded = torch.bincount(voxel)[voxel] > config.max_points
+    if crowded.any():
+        keep = _thinned(voxel, crowded, config.max_points, rng)
+        cloud, voxel = cloud[keep], voxel[keep]
+    return Voxels(cloud, voxel, _cells(torch.nonzero(occupied)[:, 0], config))
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
@@ -77,19 +78,20 @@ def collate(batch: Sequence[Voxels]) -> Voxels:
 
 def _inside(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
     xmin, ymin, xmax, ymax = config.area
-    lower = cloud.new_tensor([xmin, ymin, config.height[0]])
-    upper = cloud.new_tensor([xmax, ymax, config.height[1]])
-    return ((cloud > lower) & (cloud < upper)).all(1)
+    bounds = ((xmin, xmax), (ymin, ymax), config.height)
+    sides = [(axis > low) & (axis < high) for axis, (low, high) in zip(cloud.unbind(1), bounds, strict=True)]
+    return sides[0] & sides[1] & sides[2]
 
 
 def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
     """The number of each point's voxel, counted z by z, then x by x (float64: a float32 1.4 is below 7 voxels)."""
-    size = torch.tensor(config.voxel_size, dtype=torch.float64, device=cloud.device)
-    origin = size.new_tensor([config.area[0], config.area[1], config.height[0]])
-    shape = torch.tensor(config.grid_shape, device=cloud.device)
-    index = torch.floor(cloud.double() / size - origin / size).long()
-    ix, iy, iz = torch.minimum(index.clamp_min_(0), shape - 1).unbind(1)
-    return (iz * shape[0] + ix) * shape[1] + iy
+    origin = (config.area[0], config.area[1], config.height[0])
+    ix, iy, iz = (
+        torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
+        for axis, low, size, cells in zip(cloud.unbind(1), origin, config.voxel_size, config.grid_shape, strict=True)
+    )
+    nx, ny, _ = config.grid_shape
+    return (iz * nx + ix) * ny + iy
 
 
 def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
@@ -98,18 +100,13 @@ def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
     return torch.stack((torch.zeros_like(key), plane // ny, plane % ny, key // (nx * ny)), 1)
 
 
-def _at_most(limit: int, key: Tensor, counts: Tensor, rng: np.random.Generator | int) -> Tensor | None:
-    """Which points stay, (n,) bool: a random subset where a voxel is beyond the limit. None: all of them."""
-    crowded = torch.nonzero(counts[key] > limit)[:, 0]
-    if not len(crowded):
-        return None
-    drawn = torch.from_numpy(np.random.default_rng(rng).permutation(len(crowded))).to(key.device)
-    shuffled = crowded[drawn]
-    shuffled = shuffled[torch.argsort(key[shuffled], stable=True)]
-    sizes = torch.unique_consecutive(key[shuffled], return_counts=True)[1]
-    rank = torch.arange(len(shuffled), device=key.device) - torch.repeat_interleave(
-        torch.cumsum(sizes, 0) - sizes, sizes
-    )
-    keep = torch.ones(len(key), dtype=torch.bool, device=key.device)
-    keep[shuffled[rank >= limit]] = False
+def _thinned(voxel: Tensor, crowded: Tensor, limit: int, rng: np.random.Generator | int) -> Tensor:
+    """Which points stay, (n,) bool: of those in crowded voxels, a random `limit` per voxel."""
+    rows = torch.nonzero(crowded)[:, 0]
+    rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
+    rows = rows[torch.argsort(voxel[rows], stable=True)]
+    sizes = torch.unique_consecutive(voxel[rows], return_counts=True)[1]
+    rank = torch.arange(len(rows), device=rows.device) - torch.repeat_interleave(torch.cumsum(sizes, 0) - sizes, sizes)
+    keep = torch.ones_like(crowded)
+    keep[rows[rank >= limit]] = False
     return keep

@@ -1,12 +1,17 @@
 """`load_published` against the formats document, followed line by line by a slow dense network written here."""
 
+import os
+
 import numpy as np
 import pytest
 import torch
 from torch import nn
 from torch.nn import functional as F
 
+from models import published
+from models.config import VoxelNetConfig
 from models.published import load_published
+from models.voxelnet import VoxelNet
 
 REFERENCE = {"tjunction": (84, 0, 156), "roundabout": (0, 0, 0)}  # x, up, y of CARLA
 EXTENTS = {"tjunction": ((0, 40), (0, 4), (0, 80)), "roundabout": ((-48, 48), (0, 4), (-48, 48))}
@@ -41,12 +46,13 @@ class PublishedNetwork(nn.Module):
 
     def forward(self, padded, cells, shape):
         """padded (V, 35, 6); cells (V, 3) along x, up, z; shape of the grid along x, up, z."""
-        x = padded.permute(2, 0, 1)[None]
-        x = _apply(self.feature_learnig.vfe1.fcn1, x)
-        x = torch.cat((x, x.amax(3, keepdim=True).expand_as(x)), 1)
-        x = _apply(self.feature_learnig.fcn1, x).amax(3)[0].T
         grid = torch.zeros(1, *shape, 128)
-        grid[0, cells[:, 0], cells[:, 1], cells[:, 2]] = x
+        if len(padded):
+            x = padded.permute(2, 0, 1)[None]
+            x = _apply(self.feature_learnig.vfe1.fcn1, x)
+            x = torch.cat((x, x.amax(3, keepdim=True).expand_as(x)), 1)
+            x = _apply(self.feature_learnig.fcn1, x).amax(3)[0].T
+            grid[0, cells[:, 0], cells[:, 1], cells[:, 2]] = x
         x = grid.permute(0, 4, 2, 1, 3)
         for k in (1, 2, 3):
             x = _apply(getattr(self.conv3d, f"conv{k}"), x)
@@ -138,16 +144,189 @@ def network():
     return random_network()
 
 
-@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
-def test_raw_maps_are_those_of_the_documented_network(site, network, tmp_path):
-    detector = load_published(checkpoint(tmp_path / "checkpoint_e30.pth", network.state_dict()), site)
+@pytest.fixture
+def small(monkeypatch):
+    """Both sites cut to a part, so that a dense network is quick; the reference points stay."""
+    for site, ((x0, x1), (z0, z1)) in {"tjunction": ((0, 16), (0, 24)), "roundabout": ((-8, 8), (-16, 16))}.items():
+        monkeypatch.setitem(published.AREA, site, (float(x0), float(z0), float(x1), float(z1)))
+        monkeypatch.setitem(EXTENTS, site, ((x0, x1), (0, 4), (z0, z1)))
+
+
+def assert_raw_maps_equal(site, network, path):
+    detector = load_published(checkpoint(path / "checkpoint_e30.pth", network.state_dict()), site)
     points = cloud(site)
     with torch.inference_mode():
         classes, residuals = network(*padded_voxels(points, site))
     ours = detector.head(points, frame="carla")
     assert [tuple(each.shape) for each in ours] == [(1, 4, *classes.shape[2:]), (1, 14, *classes.shape[2:])]
-    assert classes.abs().max() > 0.1  # the weights keep the signal alive
+    assert classes.std() > 0.05  # the weights keep the signal alive
     torch.testing.assert_close(ours[0], classes, atol=1e-4, rtol=0)
     torch.testing.assert_close(ours[1], residuals, atol=1e-4, rtol=0)
-    in_site_frame = detector.head(to_site(points, site))
-    assert float((in_site_frame[1] - residuals).abs().quantile(0.99)) < 0.02 * float(residuals.std())
+    in_site_frame = detector.head(to_site(points, site))[1]  # rounding puts a point or two into the next voxel
+    assert float((in_site_frame - residuals).abs().mean()) < 0.02 * float(residuals.std())
+
+
+@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
+def test_raw_maps_are_those_of_the_documented_network(site, network, tmp_path, small):
+    assert_raw_maps_equal(site, network, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
+def test_raw_maps_of_the_whole_site(site, network, tmp_path):
+    assert_raw_maps_equal(site, network, tmp_path)
+
+
+def test_no_points_give_the_empty_grids_maps(network, tmp_path, small):
+    path = checkpoint(tmp_path / "c.pth", network.state_dict())
+    ours = load_published(path, "tjunction").head(np.zeros((0, 3), np.float32))
+    with torch.inference_mode():
+        expected = network(torch.zeros(0, 35, 6), torch.zeros(0, 3, dtype=torch.long), (80, 10, 120))
+    torch.testing.assert_close(ours[0], expected[0], atol=1e-4, rtol=0)
+
+
+def test_the_layout_is_the_documented_one(network):
+    state = network.state_dict()
+    assert len(state) == 145
+    assert sum(parameter.numel() for parameter in network.parameters()) == 9_460_194
+    ours = VoxelNet(VoxelNetConfig.published("tjunction")).state_dict()
+    assert {published.published_name(name) for name in ours} == set(state)
+
+
+@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
+def test_boxes_and_points_turn_the_same_way(site):
+    rng = np.random.default_rng(0)
+    boxes = rng.uniform(0, 6, (20, 7))
+    ahead = boxes[:, :3] + np.stack((np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(20)), 1)
+    turned = published.from_network(boxes, site)
+    ahead_of_turned = turned[:, :3] + np.stack((np.cos(turned[:, 6]), np.sin(turned[:, 6]), np.zeros(20)), 1)
+    back = published.to_network(ahead_of_turned.astype(np.float32), site)
+    np.testing.assert_allclose(back, ahead, atol=1e-4)
+    np.testing.assert_allclose(published.to_network(turned[:, :3].astype(np.float32), site), boxes[:, :3], atol=1e-4)
+
+
+def test_both_frames_are_one_place():
+    carla = cloud("tjunction", 50)
+    there = published.to_network(carla, "tjunction", "carla")
+    np.testing.assert_allclose(published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4)
+
+
+def documented_detections(classes, residuals, site):
+    """Anchors, residuals, softmax, score and proposal suppression of the document, in loops. (k, 8) in their frame."""
+    (x0, _), _, (z0, _) = EXTENTS[site]
+    stride = 2 * VOXEL[site][0]
+    classes, residuals, found = classes.double().numpy(), residuals.double().numpy(), []
+    for i in range(classes.shape[2]):
+        for j in range(classes.shape[3]):
+            for a, yaw in enumerate((0, np.pi / 2)):
+                background, vehicle = classes[0, 2 * a : 2 * a + 2, i, j]
+                dx, dy, dz, dl, dw, dh, dyaw = residuals[0, 7 * a : 7 * a + 7, i, j]
+                diagonal = np.hypot(3.9, 1.56)
+                box = (
+                    x0 + (i + 0.5) * stride + dx * diagonal, 1.6 + dy * 1.6, z0 + (j + 0.5) * stride + dz * diagonal,
+                    3.9 * np.exp(dl), 1.56 * np.exp(dw), 1.6 * np.exp(dh), yaw + dyaw,
+                )  # fmt: skip
+                found.append((*box, 1 / (1 + np.exp(background - vehicle))))
+    found = sorted((f for f in found if f[7] > 0.1), key=lambda f: -f[7])[:2000]
+    kept = []
+    for candidate in found:
+        if all(_upright_iou(candidate, other) <= 0.3 for other in kept):
+            kept.append(candidate)
+    return np.array(kept[:300])
+
+
+def _upright_iou(a, b):
+    def sides(box):
+        cos, sin = abs(np.cos(box[6])), abs(np.sin(box[6]))
+        return (box[3] * cos + box[4] * sin, box[4] * cos + box[3] * sin)
+
+    (ax, az), (bx, bz) = sides(a), sides(b)
+    shared = [
+        max(0, min(p + ps / 2, q + qs / 2) - max(p - ps / 2, q - qs / 2))
+        for p, ps, q, qs in ((a[0], ax, b[0], bx), (a[2], az, b[2], bz))
+    ]
+    return np.prod(shared) / (ax * az + bx * bz - np.prod(shared))
+
+
+def test_published_decoding_gives_the_documented_detections(network, tmp_path, small):
+    site, path = to_site(cloud("tjunction"), "tjunction"), tmp_path / "c.pth"
+    state = network.state_dict()
+    classes = load_published(checkpoint(path, state), "tjunction").head(site)[0]
+    unsure = torch.topk((classes[:, 1::2] - classes[:, ::2]).flatten(), 200).values[-1] + np.log(9)  # 200 reach 0.1
+    state["_rpn.rpn_head.conv_cls.bias"] = state["_rpn.rpn_head.conv_cls.bias"] + unsure * torch.tensor([1, 0, 1, 0])
+    detector = load_published(checkpoint(path, state), "tjunction", decoding="published")
+    detector.nms_threshold = 1.0  # proposals alone
+    expected = documented_detections(*detector.head(site), "tjunction")
+    (x0, x1), _, (z0, z1) = EXTENTS["tjunction"]
+    expected = expected[
+        (expected[:, 0] >= x0) & (expected[:, 0] <= x1) & (expected[:, 2] >= z0) & (expected[:, 2] <= z1)
+    ]
+    found = detector(site)
+    assert 3 < len(found) == len(expected) < 300
+    np.testing.assert_allclose(found.scores, expected[:, 7], atol=1e-5)
+    np.testing.assert_allclose(found.boxes[:, 0], 40 - expected[:, 2], atol=1e-3)
+    np.testing.assert_allclose(found.boxes[:, 1], 20 - expected[:, 0], atol=1e-3)
+    np.testing.assert_allclose(found.boxes[:, 2], expected[:, 1], atol=1e-3)
+    np.testing.assert_allclose(found.boxes[:, 3:6], expected[:, 3:6], rtol=1e-3)
+    np.testing.assert_allclose(found.boxes[:, 6], -np.pi / 2 - expected[:, 6], atol=1e-3)
+    detector.nms_threshold = 0.1
+    assert 0 < len(detector(site)) <= len(found)
+    assert len(load_published(path, "tjunction")(site)) >= len(detector(site))
+
+
+def test_a_network_trained_in_parallel_is_read_too(network, tmp_path):
+    prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
+    assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
+
+
+def _without(name):
+    return lambda state: {key: tensor for key, tensor in state.items() if key != name}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_without("_rpn.conv2_2.bn1.bias"), "lacks _rpn.conv2_2.bn1.bias: it holds 144 tensors where .* 145"),
+        (lambda state: state | {"more": torch.zeros(1)}, "has more besides"),
+        (
+            lambda state: state | {"_rpn.deconv1.weight": torch.zeros(1, 2)},
+            r"_rpn.deconv1.weight must have shape \(256, 256, 4, 4\), got \(1, 2\)",
+        ),
+        (lambda state: state | {"_rpn.deconv1.bias": torch.full((256,), torch.nan)}, "_rpn.deconv1.bias .*not finite"),
+        (lambda state: {"a": 3}, "no state_dict of tensors"),
+    ],
+)
+def test_another_layout_is_one_clear_line(network, tmp_path, change, said):
+    with pytest.raises(ValueError, match=said) as error:
+        load_published(checkpoint(tmp_path / "c.pth", change(network.state_dict())), "tjunction")
+    assert "\n" not in str(error.value)
+
+
+class Intruder:
+    def __reduce__(self):
+        return (os.mkdir, (os.environ["INTRUDED"],))
+
+
+def test_no_code_of_a_file_is_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("INTRUDED", str(tmp_path / "intruded"))
+    torch.save({"state_dict": Intruder()}, tmp_path / "c.pth")
+    with pytest.raises(ValueError, match="damaged or no checkpoint"):
+        load_published(tmp_path / "c.pth", "tjunction")
+    assert not (tmp_path / "intruded").exists()
+
+
+@pytest.mark.parametrize("data", [b"", b"not a checkpoint", b"PK\x03\x04" + b"x" * 99])
+def test_a_damaged_file_is_one_clear_line(tmp_path, data):
+    (tmp_path / "c.pth").write_bytes(data)
+    with pytest.raises(ValueError, match="damaged or no checkpoint") as error:
+        load_published(tmp_path / "c.pth", "tjunction")
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_sites_frames_decodings_and_files(network, tmp_path):
+    with pytest.raises(FileNotFoundError, match="no checkpoint at"):
+        load_published(tmp_path / "none.pth", "tjunction")
+    with pytest.raises(ValueError, match="'crossing'"):
+        load_published(tmp_path / "none.pth", "crossing")
+    with pytest.raises((ValueError, TypeError)):
+        published.to_network(np.zeros((2, 4), np.float32), "tjunction", "carla")

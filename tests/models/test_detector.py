@@ -1,0 +1,186 @@
+"""`VoxelNetDetector` and `load_detector`: maps become detections, files become detectors or one-line errors."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from models.anchors import anchors, encode, faces_back
+from models.config import VoxelNetConfig
+from models.detector import VoxelNetDetector, candidates, label_scores, load_detector, suppressed
+from models.voxelnet import Prediction, VoxelNet
+from models.weights import Header, load_weights, save_weights
+from toolkit.objects import Detector
+
+CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
+
+
+def network(config=CONFIG, seed=0, logit=-1.0):
+    torch.manual_seed(seed)
+    made = VoxelNet(config).eval()
+    torch.nn.init.normal_(made.head.classes.bias, logit, 0.1)
+    return made
+
+
+def points(n=2000, seed=0):
+    return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
+
+
+def prediction_of(boxes, config=CONFIG, sure=5.0):
+    """Maps whose nearest anchors of each box hold it, as a perfect network would give them."""
+    grid, boxes = anchors(config), torch.tensor(boxes, dtype=torch.float32)
+    rows, columns, count, _ = grid.shape
+    logits = torch.full((rows, columns, count, 1), -9.0)
+    residuals, direction = torch.zeros(rows, columns, count, 8), torch.zeros(rows, columns, count)
+    quality = torch.zeros(rows, columns, count)
+    for number, box in enumerate(boxes):
+        near = (grid[..., :2] - box[:2]).norm(dim=-1) < 0.7
+        logits[near] = sure - number
+        residuals[near] = encode(box.expand_as(grid[near]), grid[near])
+        direction[near] = faces_back(box.expand_as(grid[near]), grid[near]) * 2.0 - 1
+        quality[near] = 4.0
+    shaped = [
+        each.reshape(1, rows, columns, -1).permute(0, 3, 1, 2) for each in (logits, residuals, direction, quality)
+    ]
+    return Prediction(*shaped)
+
+
+def test_perfect_maps_become_the_boxes_they_hold():
+    boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
+    found = suppressed(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, 0.1)[0], CONFIG, 0.1)
+    np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
+    turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
+    assert np.all(np.diff(found.scores) < 0)
+
+
+def test_boxes_centred_outside_the_area_are_dropped():
+    config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
+    boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
+    found = suppressed(*candidates(prediction_of(boxes, config), anchors(config), config, 0.1)[0], config, 0.1)
+    np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
+
+
+def test_scores_are_probabilities_and_a_quality_lowers_them():
+    prediction = prediction_of([[0.0, 0.0, 0.8, 4, 2, 1.6, 0.0]])
+    with_quality = label_scores(prediction, CONFIG)
+    without = label_scores(prediction, dataclasses.replace(CONFIG, quality_power=0.0))
+    assert torch.all((with_quality >= 0) & (with_quality <= without) & (without <= 1))
+    published = dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area)
+    logits = torch.randn(1, 4, *published.map_shape)
+    scores = label_scores(Prediction(logits, torch.zeros(1, 14, *published.map_shape)), published)
+    torch.testing.assert_close(scores[0, :, :, 1, 0], torch.softmax(logits[0, 2:], 0)[1])
+
+
+def test_it_is_a_detector_that_ignores_what_is_outside():
+    detector: Detector = VoxelNetDetector(network())
+    inside = points()
+    inside = inside[(np.abs(inside) < 8).all(1)]
+    far = np.float32([[100, 0, 1], [0, 0, 30], [np.nan, 0, 1]])
+    found, same = detector(inside), detector(np.concatenate((inside, far)))
+    assert len(found)
+    np.testing.assert_array_equal(found.boxes, same.boxes)
+    assert np.all(found.scores > 0.1)
+    assert np.all(np.abs(found.boxes[:, :2]) <= 8)
+
+
+@pytest.mark.parametrize("empty", [np.zeros((0, 3), np.float32), np.float32([[50, 50, 1]])])
+def test_no_points_no_detections(empty):
+    detector = VoxelNetDetector(network(logit=9.0))
+    assert len(detector(empty)) == 0
+    assert [len(each) > 0 for each in detector.batch([empty, points()])] == [False, True]
+
+
+def test_a_batch_is_its_items():
+    detector = VoxelNetDetector(network())
+    clouds = [points(seed=1), points(300, seed=2)]
+    for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
+        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_allclose(together.scores, alone.scores, atol=1e-5)
+
+
+def test_weights_survive_a_file(tmp_path):
+    path, header = tmp_path / "here.safetensors", Header("tjunction", 7, "abc1234", {"0.7": 0.99})
+    save_weights(path, network(), header)
+    loaded, read = load_weights(path)
+    assert (read, loaded.config) == (header, CONFIG)
+    for name, tensor in network().state_dict().items():
+        torch.testing.assert_close(loaded.state_dict()[name], tensor)
+    assert list(tmp_path.iterdir()) == [path]
+    np.testing.assert_array_equal(load_detector(path)(points()).boxes, VoxelNetDetector(network())(points()).boxes)
+
+
+def test_general_weights_go_anywhere_and_those_of_a_site_do_not(tmp_path):
+    general, site = tmp_path / "general.safetensors", tmp_path / "site.safetensors"
+    save_weights(general, network(), Header("general"))
+    save_weights(site, network(), Header("tjunction"))
+    there = (100, 50, 133, 61)
+    cloud = points() * np.float32([1.5, 0.5, 1]) + np.float32([116, 55, 0])
+    found = load_detector(general, area=there)(cloud)
+    assert len(found)
+    assert np.all((found.boxes[:, :2] >= (100, 50)) & (found.boxes[:, :2] <= (133, 61)))
+    assert load_detector(site, area=CONFIG.area, site="tjunction").area == CONFIG.area
+    with pytest.raises(ValueError, match=r"area .* of 'tjunction'.*load 'general'"):
+        load_detector(site, area=there)
+    with pytest.raises(ValueError, match="for 'tjunction', not for 'roundabout'"):
+        load_detector(site, site="roundabout")
+
+
+def _cut(data):
+    return data[: len(data) // 2]
+
+
+def _flipped(data):
+    middle = len(data) - 1000
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [(_cut, "damaged"), (_flipped, "damaged"), (lambda data: b"", "damaged"), (lambda data: b"PK" * 99, "damaged")],
+)
+def test_a_damaged_file_is_one_clear_line(tmp_path, damage, said):
+    path = tmp_path / "weights.safetensors"
+    save_weights(path, network(), Header("general"))
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(ValueError, match=said) as error:
+        load_detector(path)
+    assert "\n" not in str(error.value)
+
+
+def test_another_size_or_another_kind_of_file_is_an_error(tmp_path):
+    from safetensors.torch import load_file, save_file
+
+    path = tmp_path / "weights.safetensors"
+    save_file({"a": torch.zeros(1)}, path)
+    with pytest.raises(ValueError, match="not in the format"):
+        load_detector(path)
+    wrong = network()
+    wrong.config = dataclasses.replace(CONFIG, voxel_width=16)
+    save_weights(path, wrong, Header())
+    with pytest.raises(ValueError, match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)"):
+        load_detector(path)
+    assert "features.layers.0.linear.weight" in load_file(path)
+
+
+def test_what_is_not_there_is_named():
+    with pytest.raises(FileNotFoundError, match="no weights named 'nowhere'; shipped: "):
+        load_detector("nowhere")
+    with pytest.raises(FileNotFoundError, match=r"no weights file at /no/x\.safetensors"):
+        load_detector("/no/x.safetensors")
+
+
+def test_weights_that_are_not_numbers_are_not_saved(tmp_path):
+    broken = network()
+    broken.head.classes.bias.data[0] = math.nan
+    with pytest.raises(ValueError, match=r"finite, but head\.classes\.bias"):
+        save_weights(tmp_path / "x.safetensors", broken, Header())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_cuda_detects_the_same():
+    here, there = VoxelNetDetector(network())(points()), VoxelNetDetector(network(), device="cuda")(points())
+    np.testing.assert_allclose(there.boxes, here.boxes, atol=2e-2)
