@@ -16,8 +16,10 @@ from tqdm import tqdm
 from tyro.conf import Positional, subcommand
 
 if TYPE_CHECKING:
+    from models.packing import Recording
     from toolkit.dataset import CoopDataset
     from toolkit.objects import Detector
+    from toolkit.random_recordings import RandomRecording
 
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -353,9 +355,148 @@ def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1) -> i
     return OK
 
 
+def pack(
+    datasets: Positional[tuple[Path, ...]] = (),
+    /,
+    *,
+    out: Path,
+    random_sites: int = 0,
+    frames: int | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    site: str | None = None,
+    json: bool = False,
+) -> int:
+    """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
+
+    Example: coview pack tjunction.hdf5 --out tjunction.packed
+    Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
+
+    Args:
+        datasets: Recordings; their sites may differ.
+        out: Packed file to write.
+        random_sites: Draw so many junctions with sensors and traffic instead, and record each.
+        frames: Only the first so many of each recording; of each random site, 20 when left out.
+        seed: Of the random sites.
+        workers: Processes for random sites; one per core when left out.
+        site: As in coview evaluate.
+        json: Print the summary as JSON.
+    """
+    from models.packing import pack as write
+
+    if bool(datasets) == bool(random_sites):
+        raise ValueError("give recordings, or --random-sites N")
+    if random_sites:
+        from toolkit.random_recordings import random_recordings
+
+        with tqdm(total=random_sites, unit="site", disable=json) as bar:
+            drawn = random_recordings(
+                random_sites, frames or 20, seed, _packed, workers=workers, progress=_advance(bar)
+            )  # fmt: skip
+            total = write(drawn, out)
+    else:
+        recordings = [_recording(path, site) for path in datasets]
+        count = sum(min(len(recording), frames or len(recording)) for recording in recordings)
+        with tqdm(total=count, unit="frame", disable=json) as bar:
+            total = write((_packed(recording, frames) for recording in recordings), out, progress=_advance(bar))
+    megabytes = out.stat().st_size / 1e6
+    _print({"file": str(out), "frames": total, "mb": megabytes}, f"{out}: {total} frames, {megabytes:.0f} MB", json)
+    return OK
+
+
+def train(
+    site: Positional[str],
+    /,
+    *,
+    data: Path,
+    out: Path,
+    preset: Literal["fast", "paper", "general"] | None = None,
+    size: Literal["light", "published"] = "light",
+    epochs: float | None = None,
+    batch: int | None = None,
+    learning_rate: float | None = None,
+    seed: int = 0,
+    validate: Path | None = None,
+    validate_frames: int | None = 200,
+    device: str | None = None,
+    threads: int | None = None,
+    workers: int = 0,
+    json: bool = False,
+) -> int:
+    """Train VoxelNet on a packed file. Killed at any moment and started again it goes on, to the same weights.
+
+    Example: coview train tjunction --preset fast --data tjunction.packed --out runs/tjunction --validate test.packed
+
+    Args:
+        site: Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere.
+        data: Made by coview pack.
+        out: Folder for checkpoint, log, curves and weights.safetensors.
+        preset: fast, or general for general, when left out; paper: as published.
+        size: The light network, or one as wide as the published.
+        epochs: Passes over the data; the preset's when left out.
+        batch: Frames per step; the preset's when left out.
+        learning_rate: The highest; the preset's when left out.
+        seed: Of weights, order, noise and augmentation.
+        validate: Packed file to measure AP on after each epoch.
+        validate_frames: Only its first so many.
+        device: cpu or cuda; cuda where there is one when left out.
+        threads: Of PyTorch; with other programs on the machine, fewer are faster.
+        workers: Processes that prepare examples.
+        json: Print the summary as JSON.
+    """
+    from dataclasses import replace
+
+    import torch
+
+    from models.train import GENERAL_AREA, LOG, PRESETS, commit, config_for
+    from models.train import train as run
+    from models.training_log import curves
+    from models.validation import validation
+    from models.weights import Header, save_weights
+    from toolkit.plots import draw_training
+    from toolkit.site import load_site
+
+    if threads:
+        torch.set_num_threads(threads)
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    preset = preset or ("general" if site == "general" else "fast")
+    place = None if site == "general" else load_site(site)
+    area = GENERAL_AREA if place is None else tuple(place.area.tolist())
+    wanted = {"epochs": epochs, "batch": batch, "learning_rate": learning_rate}
+    settings = replace(PRESETS[preset], seed=seed, **{name: value for name, value in wanted.items() if value})
+    measure = validation(validate, count=validate_frames, device=device) if validate else None
+    measured: dict[str, float] = {}
+
+    def report(step: int, total: int, figures: dict[str, float]) -> None:
+        bar.total = total
+        bar.update(step - bar.n)
+        if "AP@0.7" in figures:
+            measured.update(figures)
+            bar.write("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
+        else:
+            bar.set_postfix({name: f"{value:.3f}" for name, value in figures.items()}, refresh=False)
+
+    with tqdm(unit="step", disable=json, smoothing=0.05) as bar:
+        network = run(
+            data, config_for(area, preset, size), settings, out,
+            device=device, workers=workers, validate=measure, progress=report,
+        )  # fmt: skip
+    save_weights(
+        out / "weights.safetensors",
+        network,
+        Header("general" if place is None else place.name, seed, commit(), measured),
+    )
+    draw_training(curves(out / LOG), out)
+    _print(
+        {"weights": str(out / "weights.safetensors"), "ap": measured},
+        f"{out}: weights.safetensors, {LOG}, losses.png{', ap.png' if validate else ''}", json,
+    )  # fmt: skip
+    return OK
+
+
 COMMANDS: dict[str, Callable[..., int]] = {
     "demo": demo, "simulate": simulate, "evaluate": evaluate, "survey": survey, "fuse": fuse, "doctor": doctor,
-    "site": site,
+    "site": site, "pack": pack, "train": train,
 }  # fmt: skip
 
 
@@ -401,6 +542,16 @@ def _recording(dataset: Path, site: str | None) -> CoopDataset:
     from toolkit.site import load_site
 
     return CoopDataset(dataset, load_site(site) if site else None)
+
+
+def _packed(recording: CoopDataset | RandomRecording, frames: int | None = None) -> Recording:
+    """A recording as what `models.packing.pack` writes."""
+    from models.packing import recording as packed
+    from toolkit.dataset import CoopDataset
+
+    if isinstance(recording, CoopDataset):
+        return packed(recording, recording.site.area, recording.site.height, count=frames)
+    return packed(recording.frames, recording.site.area, recording.site.height, empty=recording.empty)
 
 
 def _sensor_set(text: str) -> list[int | str] | None:

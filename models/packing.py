@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -37,16 +38,21 @@ class Recording:
 
 
 def recording(
-    frames: Sequence[Frame], area: Iterable[float], height: float = 4.0, empty: Sequence[np.ndarray] | None = None
+    frames: Sequence[Frame],
+    area: Iterable[float],
+    height: float = 4.0,
+    *,
+    empty: Sequence[np.ndarray] | None = None,
+    count: int | None = None,
 ) -> Recording:
     """Frames of sensors that do not move; each is read when it is written.
 
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: what each sensor measures of the empty site, taken
-    from the frames themselves when None.
+    from the frames themselves when None; count: only the first so many frames.
     """
     empty = empty_scene(frames) if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty)
-    return Recording(rig, (change(rig, frame) for frame in frames))
+    return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
 
 
 def change(rig: Rig, frame: Frame) -> Change:
@@ -66,6 +72,21 @@ def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int]
         frames = _write(file, recordings, progress)
     partial.replace(out)
     return frames
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """The changes of frames, made when asked for; whole where a process boundary is crossed."""
+
+    rig: Rig
+    frames: Sequence[Frame]
+    count: int
+
+    def __iter__(self) -> Iterator[Change]:
+        return (change(self.rig, self.frames[k]) for k in range(self.count))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (list(self),)
 
 
 def _write(file: h5py.File, recordings: Iterable[Recording], progress: Callable[[int], None] | None) -> int:

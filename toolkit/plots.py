@@ -54,7 +54,7 @@ def draw_frame(
     """One frame from above: clouds coloured by sensor, truth by class (solid), detections in black (dashed)."""
     figure, axes = _canvas(site)
     for index, points in enumerate(clouds):
-        axes.scatter(points[:, 0], points[:, 1], s=0.15, color=[sensor_colour(index)], linewidths=0, rasterized=True)
+        axes.scatter(points[:, 0], points[:, 1], s=0.5, color=[sensor_colour(index)], linewidths=0, rasterized=True)
     _sensors(axes, sensors or site.sensors)
     if truth is not None:
         for label, name in enumerate(LABELS):
@@ -92,10 +92,25 @@ def draw_density_cdf(counts: Mapping[str, Float[np.ndarray, " n"]], out: Path | 
     _write(figure, out)
 
 
+def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str) -> None:
+    """A training's losses.png, and ap.png where AP was measured, into a folder; `curves`: name -> (epochs, values)."""
+    for picture, measured in (("losses.png", False), ("ap.png", True)):
+        chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
+        if not chosen:
+            continue
+        figure, axes = _figure(5.5, 4.2)
+        for name, (epochs, values) in chosen.items():
+            axes.plot(epochs, values, label=name, linewidth=1.4, marker="." if measured else None)
+        axes.set(xlabel="epoch", ylabel="AP" if measured else "loss", yscale="linear" if measured else "log")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+        _write(figure, Path(out) / picture)
+
+
 def _canvas(site: Site) -> tuple[Figure, Axes]:
     xmin, ymin, xmax, ymax = site.area
     width, height = xmax - xmin + 20, ymax - ymin + 20
-    figure, axes = _figure(11, 11 * height / width + 0.6)
+    figure, axes = _figure(11.0, 11.0 * height / width + 0.6)
     for kind, colour in GROUND.items():
         for polygon in getattr(site, kind):
             axes.fill(*np.asarray(polygon).T, color=colour, linewidth=0)
