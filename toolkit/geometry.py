@@ -65,8 +65,7 @@ def transform(
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
-    moved = points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
-    return moved
+    return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:

@@ -165,7 +165,9 @@ class Population:
             stages = self.sumo.simulation.findIntermodalRoute(start, end, pType=f"{body}-0")
             self.walks[start, end] = [edge for stage in stages for edge in stage.edges] or [start]
         self.sumo.person.add(name, start, float(places.offsets[place]), typeID=f"{body}-0")
-        self.sumo.person.appendWalkingStage(name, self.walks[start, end], float(places.offsets[there]))
+        walk = self.walks[start, end]
+        arrival = places.offsets[there] if walk[-1] == end else places.lengths[place] / 2  # no way there: stay here
+        self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _positions(self, walks: bool) -> Float64[np.ndarray, "n 2"]:
         domain = self.sumo.person if walks else self.sumo.vehicle

@@ -109,8 +109,10 @@ def kerbs(lanes: Polygons, footways: Polygons, height: float = 0.12, width: floa
     """Kerbstones on the footway's side of every edge between road and footway, in pieces of at most 4 m."""
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
+    solids: list[Solid] = []
+    if walk.is_empty:
+        return solids
     edge = shapely.line_merge(shapely.intersection(walk.boundary, road)).simplify(0.02)
-    solids = []
     for part in shapely.get_parts(shapely.segmentize(edge, 4.0)):
         for piece in pairwise(shapely.get_coordinates(part)):
             stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)

@@ -22,7 +22,7 @@ from toolkit.sensors import DepthCamera, Sensor
 from toolkit.site import Mount, Relief, Site, Solid
 from toolkit.sites import furniture as f
 from toolkit.sites import osm, osm_roads, osm_solids
-from toolkit.sites.network import MOTOR, _clipped, convert, road_polygons
+from toolkit.sites.network import MOTOR, clipped, convert, road_polygons
 from toolkit.sites.surroundings import POLE, Road, place_mounts
 
 REACH = 80.0  # m of road kept around the area, for traffic to enter
@@ -147,7 +147,7 @@ def import_osm(
     street = _union([*lanes, *footways])
     solids, cut = osm_solids.buildings(extract, window, street.buffer(0.1))
     houses = _union([solid.footprint for solid in solids])
-    squares = _clipped(
+    squares = clipped(
         [square.difference(street).difference(houses) for square in osm_roads.paths(extract, window)], window
     )
     beside = street.union(houses)
@@ -168,7 +168,7 @@ def _finished(
         place = site.map_SE3_site[:2, 3]
         raise ValueError(_no_road(path, (float(place[0]), float(place[1]))))
     beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
-    footways = _clipped(beside, shapely.box(*site.area).buffer(REACH))
+    footways = clipped(beside, shapely.box(*site.area).buffer(REACH))
     road = Road((), (), lanes, footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
     mounts = _lamp_mounts(lamps, road, site, walls)

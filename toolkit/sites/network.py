@@ -148,7 +148,7 @@ def road_polygons(
     corners = shapely.union_all(footways)
     junctions = [_outline(j) for j in root.iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
-    return _clipped(lanes, window), _clipped(footways, window)
+    return clipped(lanes, window), clipped(footways, window)
 
 
 def _users(lane: ElementTree.Element) -> set[str]:
@@ -165,8 +165,14 @@ def _strip(lane: ElementTree.Element) -> shapely.Geometry:
 
 
 def _outline(element: ElementTree.Element) -> shapely.Geometry:
+    """The area an element's shape encloses; of one that crosses itself, all its parts."""
     coordinates = _coordinates(element)
-    return shapely.make_valid(shapely.Polygon(coordinates)) if len(coordinates) > 2 else shapely.Polygon()
+    if len(coordinates) < 3:
+        return shapely.Polygon()
+    valid = shapely.make_valid(shapely.Polygon(coordinates))
+    if valid.geom_type in ("Polygon", "MultiPolygon"):
+        return valid
+    return shapely.union_all([part for part in shapely.get_parts(valid) if part.area > 0])
 
 
 def _coordinates(element: ElementTree.Element) -> np.ndarray:
@@ -174,10 +180,10 @@ def _coordinates(element: ElementTree.Element) -> np.ndarray:
     return np.array(points, np.float64).reshape(-1, 2)
 
 
-def _clipped(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
+def clipped(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
-    clipped = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
-    parts = (part for shape in clipped for part in shapely.get_parts(shape) if part.geom_type == "Polygon")
+    cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
+    parts = (part for shape in cut for part in shapely.get_parts(shape) if part.geom_type == "Polygon")
     simple = (piece for part in parts for piece in _without_holes(part) if piece.area > 0.1)
     return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple)
 
