@@ -7,7 +7,7 @@ import operator
 import os
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import islice
 from pathlib import Path
@@ -23,7 +23,7 @@ from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
 from toolkit.site import Site, load_site
 
 
-class CoopDataset:
+class CoopDataset(Sequence[Frame]):
     """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
 
     path: a file of `coview simulate` or one in the published layout. site: which place it shows; ours say so
@@ -40,11 +40,11 @@ class CoopDataset:
         file = self._file()
         try:
             self.site = site if site is not None else _site(file)
-            self._channels = _channels(file, self.site)
-            self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self._channels)
+            self.channels = _channels(file, self.site)
+            self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self.channels)
             self._times = _own(file, "coview/time")
             self._starts = _own(file, "coview/object_start")
-            self._length = _length(file, [name for _, name, _ in self._channels])
+            self._length = _length(file, [name for _, name, _ in self.channels])
         except ValueError as error:
             self.close()
             raise ValueError(f"{path}: {error}") from None
@@ -73,6 +73,10 @@ class CoopDataset:
             self._open[1].close()
         self._open = None
 
+    def images(self, name: str) -> h5py.Dataset:
+        """The measurements of one of `channels` as they are stored."""
+        return self._file()[name]
+
     def __enter__(self) -> CoopDataset:
         return self
 
@@ -95,7 +99,7 @@ class CoopDataset:
     def _frame(self, k: int) -> Frame:
         file = self._file()
         try:
-            measurements = tuple(_measurement(file, *channel, k) for channel in self._channels)
+            measurements = tuple(_measurement(file, *channel, k) for channel in self.channels)
             objects = self._objects(file, k)
         except (OSError, KeyError) as error:
             raise OSError(f"{self.path}: frame {k} cannot be read ({error}): the file is damaged, restore it") from None
@@ -166,21 +170,21 @@ def _site(file: h5py.File) -> Site:
 
 
 def _recognised(file: h5py.File) -> Site:
-    """The built-in site that most cameras and objects of a published file stand in or beside."""
+    """The built-in site that most cameras, or most objects, of a published file stand in or beside."""
     from toolkit.sites import BUILT_IN
 
+    cameras = [file[f"cameras/{name}/extrinsic"][()] for name in published_cameras(file)]
+    usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
+    positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
     some = islice(file.get("objects", {}).values(), 20)
-    places = [objects[:, :2] for objects in some if objects.ndim == 2 and len(objects)]
-    for name in published_cameras(file):
-        matrix = np.asarray(file[f"cameras/{name}/extrinsic"][()], np.float64)
-        if matrix.shape == (4, 4) and abs(np.linalg.det(matrix)) > 1e-6:
-            places.append(np.linalg.inv(matrix)[None, :2, 3])
+    centres = [objects[:, :2] for objects in some if objects.ndim == 2 and len(objects)]
     for site in map(load_site, BUILT_IN):
         carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
-        xy = np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T + carla_to_site[:2, 3]
-        inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
-        if len(xy) and inside.mean() > 0.5:
-            return site
+        for places in (positions, centres):
+            xy = np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T + carla_to_site[:2, 3]
+            inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
+            if len(xy) and inside.mean() > 0.5:
+                return site
     raise ValueError(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
 
 
