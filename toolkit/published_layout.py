@@ -85,7 +85,7 @@ def camera_of(
 def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
     """Objects of the site frame as the published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
-    rows[:, :3] = _moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
+    rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
     rows[:, 6:9] = objects.boxes[:, 3:6] / 2
     rows[:, 9] = objects.labels
@@ -119,7 +119,7 @@ def objects_of(
         raise ValueError(
             f"{name} must have classes 0..{len(LABELS) - 1} {LABELS}, got {np.unique(rows[:, 9]).tolist()}"
         )
-    centres = _moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
+    centres = moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
     yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
     ids = np.arange(len(rows)) if ids is None else ids
@@ -148,7 +148,8 @@ def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndar
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
-def _moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Points (n, 3) through a 4×4 matrix that may mirror them."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
