@@ -68,7 +68,7 @@ class PackedFrames:
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
-        """Points inside the crop from each chosen sensor (all when None) of frame k, with fresh noise (None: without)."""
+        """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without)."""
         rig = self.rig(k)
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
@@ -93,7 +93,7 @@ class Rig:
 
     @staticmethod
     def seeing(sensors: Iterable[Sensor], area: Iterable[float], height: float, empty: Iterable[np.ndarray]) -> Rig:
-        """The rig of sensors that measure the images `empty`, (rows, columns) each, when nothing is there but the site."""
+        """The rig of sensors that measure the images `empty`, (rows, columns) each, of the site with nothing on it."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), ())
         pixels, depth = [], []

@@ -1,4 +1,4 @@
-"""Writes packed files (`models.packed`): of each frame only the pixels that differ from the empty site, where they count."""
+"""Writes packed files (`models.packed`): of each frame only the pixels that differ from the empty site."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int]
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(out.name + ".partial")
-    with h5py.File(partial, "w", libver="latest") as file:
+    with h5py.File(partial, "w") as file:
         frames = _write(file, recordings, progress)
     partial.replace(out)
     return frames

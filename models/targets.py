@@ -1,4 +1,4 @@
-"""Which anchor should find which object, and which anchors are left out of the loss (Zhou and Tuzel 2018, section 2.2)."""
+"""Which anchor should find which object, and which are left out of the loss (Zhou and Tuzel 2018, section 2.2)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
 
 class Assignment(NamedTuple):
-    """labels: POSITIVE, NEGATIVE or IGNORED per anchor; owner: row of the object a positive anchor should find, else 0."""
+    """labels: POSITIVE, NEGATIVE or IGNORED per anchor; owner: row of the object that a positive one should find."""
 
     labels: Shaped[np.ndarray, "H W A"]
     owner: Int64[np.ndarray, "H W A"]
@@ -46,8 +46,8 @@ def assign(
         better = iou > overlap[near]
         overlap[near][better], owner[near][better] = iou[better], row
         if iou.size and iou.max() >= best:
-            place = np.unravel_index(np.argmax(iou), iou.shape)
-            forced.append(((near[0].start + int(place[0]), near[1].start + int(place[1]), int(place[2])), row))
+            i, j, yaw = (int(at) for at in np.unravel_index(np.argmax(iou), iou.shape))
+            forced.append(((near[0].start + i, near[1].start + j, yaw), row))
     labels = np.where(overlap > positive, POSITIVE, np.where(overlap <= negative, NEGATIVE, IGNORED)).astype(np.int8)
     for place, row in forced:
         labels[place], owner[place] = POSITIVE, row

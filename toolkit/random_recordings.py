@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from toolkit.frame import Frame
 if TYPE_CHECKING:
     from toolkit.site import Site
 
-Result = TypeVar("Result")
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
 
 
@@ -71,12 +70,12 @@ def random_recordings(
     count: int,
     frames: int,
     seed: int,
-    encode: Callable[[RandomRecording], Result],
+    encode: Callable[[RandomRecording], Any],
     *,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Iterator[Result]:
-    """`count` random recordings of `frames` frames, in order, each as `encode` makes it in the process that recorded it.
+) -> Iterator[Any]:
+    """`count` random recordings of `frames` frames, in order, each as `encode` makes it in the process it was made in.
 
     A recording that fails is left out with a warning that says why. workers: processes, one per core when None; their
     number changes nothing but the time. progress: told how many recordings are done. Few results wait in memory.
@@ -94,26 +93,26 @@ def random_recordings(
 
 
 @dataclass(frozen=True)
-class _Job(Generic[Result]):
+class _Job:
     seed: int
     frames: int
-    encode: Callable[[RandomRecording], Result]
+    encode: Callable[[RandomRecording], Any]
 
-    def __call__(self, number: int) -> Result | Failed:
+    def __call__(self, number: int) -> Any:
         try:
             return self.encode(random_recording(self.seed, number, self.frames))
         except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
             return Failed(number, f"{type(error).__name__}: {error}")
 
 
-def _in_order(job: _Job[Result], count: int, workers: int) -> Iterator[Result | Failed]:
+def _in_order(job: _Job, count: int, workers: int) -> Iterator[Any]:
     if workers == 1:
         yield from map(job, range(count))
         return
     context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's threads
     with ProcessPoolExecutor(min(workers, count), context) as pool:
         numbers = iter(range(count))
-        pending: deque[Future[Result | Failed]] = deque(pool.submit(job, n) for n in islice(numbers, 2 * workers))
+        pending: deque[Future[Any]] = deque(pool.submit(job, n) for n in islice(numbers, 2 * workers))
         try:
             while pending:
                 yield pending.popleft().result()
