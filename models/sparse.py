@@ -1,7 +1,7 @@
 """A trained VoxelNet, computed where the points reach: the same maps in a fraction of the time, on CPU and CUDA.
 
 Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. Voxel features
-exist for occupied voxels only; 3D convolutions run on the cells that points reach (`models.sparse_middle`); BatchNorm is
+exist for occupied voxels only; 3D convolutions run on cells that points reach (`models.sparse_middle`); BatchNorm is
 folded, and so are the linear layers before the published head (`models.folding`).
 """
 

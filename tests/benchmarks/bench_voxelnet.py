@@ -1,9 +1,19 @@
-"""Time and memory of the published network as published, ours of the same size, and the light one, on one fused cloud.
+"""The published network as published, ours of the same size, and the light one, from a fused cloud to boxes.
 
-python tests/benchmarks/bench_voxelnet.py [--threads 2] [--rounds 5]
+    python tests/benchmarks/bench_voxelnet.py [threads]
+
+Milliseconds (best and median of some rounds, and of processor time the best) and peak memory, each network in a process
+of its own, on two threads. The weights are random, and let 600 anchors pass the threshold. On a busy machine compare
+processor times on one thread.
 """
 
 from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -49,3 +59,113 @@ def _seen(eye: np.ndarray, heading: float, boxes: np.ndarray, tilt: float = 0.2)
         hit = (near < far) & (near > 0) & (near < distance)
         distance[hit] = near[hit]
     return eye + distance[:, None] * ray
+
+
+def published_as_published() -> None:
+    """Padded voxels, every cell of the grid, BatchNorm unfolded: the slow reference of the tests."""
+    import torch
+
+    sys.path.insert(0, str(Path(__file__).parents[1] / "models"))
+    from test_published import padded_voxels, random_network
+
+    points = fused_cloud()
+    carla = np.stack((104 - points[:, 1], points[:, 0] - 196, points[:, 2]), 1)
+    reference, inputs = random_network(), padded_voxels(carla, "tjunction")
+    with torch.inference_mode():
+        _report("published, dense, voxels given", lambda: reference(*inputs), rounds=4)
+    _report("    its voxelisation in Python", lambda: padded_voxels(carla, "tjunction"), rounds=2)
+
+
+def ours_of_the_same_size() -> None:
+    """`SparseVoxelNet` with the same weights and the same outputs, points to maps, and points to boxes."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "models"))
+    from dataclasses import replace
+
+    from test_published import random_network
+
+    from models.config import VoxelNetConfig
+    from models.published import AREA, PublishedDetector, from_published
+    from models.voxelnet import VoxelNet
+
+    network = VoxelNet(replace(VoxelNetConfig.published("tjunction"), area=AREA["tjunction"]))
+    network.load_state_dict(from_published(random_network().state_dict(), network, "random weights"))
+    detector, points = PublishedDetector(_selective(network).eval(), "tjunction"), fused_cloud()
+    _report("same size, points to raw maps", lambda: detector.head(points), rounds=5)
+    _report("same size, points to boxes", lambda: detector(points), rounds=5)
+
+
+def light() -> None:
+    """The CPU default, points to boxes, and where its time goes."""
+    import torch
+
+    from models.config import VoxelNetConfig
+    from models.detector import VoxelNetDetector, candidates, suppressed
+    from models.voxelnet import VoxelNet
+    from models.voxels import voxelise
+
+    torch.manual_seed(0)
+    config = VoxelNetConfig.light((-40, -20, 40, 20))
+    detector, points = VoxelNetDetector(_selective(VoxelNet(config).eval())), fused_cloud()
+    voxels = voxelise(points, config)
+    maps = detector.network(voxels)
+    boxes = candidates(maps, detector.anchors, config, 0.1)[0]
+    counts = len(points), len(voxels.cells), len(boxes[0]), len(detector(points))
+    print("    {} points, {} voxels, {} candidates, {} boxes".format(*counts))
+    _report("light, points to boxes", lambda: detector(points), rounds=50)
+    _report("    voxelisation", lambda: voxelise(points, config), rounds=50)
+    _report("    network", lambda: detector.network(voxels), rounds=50)
+    _report("    decoding", lambda: candidates(maps, detector.anchors, config, 0.1), rounds=50)
+    _report("    suppression", lambda: suppressed(*boxes, config, 0.1), rounds=50)
+
+
+def voxelisation() -> None:
+    """80,000 points, as in the published grid."""
+    from models.config import VoxelNetConfig
+    from models.voxels import voxelise
+
+    points = np.concatenate((fused_cloud(0), fused_cloud(1)))[-80_000:]
+    config = VoxelNetConfig.published("tjunction")
+    _report("voxelisation of 80,000 points", lambda: voxelise(points, config), rounds=50)
+
+
+def _selective(network):
+    """Let the 600 best of the anchors pass the threshold, on the benchmark's cloud."""
+    import torch
+
+    from models.detector import label_scores
+    from models.voxels import voxelise
+
+    if network.head.quality is not None:
+        network.head.quality.bias.data += 9.0
+    with torch.inference_mode():
+        scores = label_scores(network(voxelise(fused_cloud(), network.config)), network.config)
+    unsure = torch.logit(torch.topk(scores.flatten(), 600).values[-1]) + np.log(9)
+    network.head.classes.bias.data[network.config.classes - 1 :: network.config.classes] -= unsure
+    return network
+
+
+def _report(name, call, *, rounds):
+    call()
+    times, processor = [], []
+    for _ in range(rounds):
+        start = perf_counter(), process_time()
+        call()
+        times.append((perf_counter() - start[0]) * 1e3)
+        processor.append((process_time() - start[1]) * 1e3)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    best, median, busy = min(times), sorted(times)[rounds // 2], min(processor)
+    print(f"{name:34s} {best:8.1f} ms (median {median:.1f}, processor {busy:.1f})   peak {peak:5.0f} MB", flush=True)
+
+
+CASES = (published_as_published, ours_of_the_same_size, light, voxelisation)
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        for number in range(len(CASES)):
+            subprocess.run([sys.executable, __file__, *(sys.argv[1:] or ["2"]), str(number)], check=True)
+    else:
+        import torch
+
+        sys.path.insert(0, str(Path(__file__).parents[2]))
+        torch.set_num_threads(int(sys.argv[1]))
+        CASES[int(sys.argv[2])]()
