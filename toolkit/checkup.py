@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
+import h5py
 import numpy as np
 
 from toolkit import published_layout as published
 from toolkit.boxes import count_points
-from toolkit.dataset import CoopDataset
+from toolkit.dataset import Channel
 from toolkit.geometry import transform
 from toolkit.objects import Objects
 from toolkit.sensors import DepthCamera
@@ -40,8 +41,22 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
 
 
+@runtime_checkable
+class Recording(Protocol):
+    """What of a `CoopDataset` is looked at: not its frames, whose objects may be damaged."""
+
+    site: Site
+    channels: tuple[Channel, ...]
+
+    def images(self, name: str) -> h5py.Dataset:
+        """The stored measurements of a channel."""
+        ...
+
+    def __len__(self) -> int: ...
+
+
 def check_measurements(
-    dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
+    dataset: Recording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
     """Findings in some of the frames. tables: the published rows of all frames; units: what depth may have to be
     multiplied by to be metres, of which the one is taken under which points and boxes agree best."""
@@ -53,7 +68,7 @@ def check_measurements(
         [_in_metres(view, unit if doubt else 1.0) for view, doubt in zip(raw, shared, strict=True)] for unit in units
     ]
     examined = [_Examination(dataset.site, views, rows) for views in in_metres]
-    best = max(range(len(units)), key=lambda i: examined[i].left)
+    best = max(range(len(units)), key=lambda i: examined[i].explained)
     if units[best] != 1:
         largest = max(float(view.depth.max(initial=0)) for view, doubt in zip(raw, shared, strict=True) if doubt)
         unit = _UNITS.get(units[best], "another unit")
@@ -79,7 +94,8 @@ class _Examination:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
         pixels = witnesses(views)
-        self.mistakes, self.rows, self.left = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes, self.rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.explained = fits * sum(len(w.depth) for w in pixels)
         self.misplaced, self.rows = _misplaced(self.rows, site)
         self.doubts: dict[str, Suspicion | None] = {}
         self.fits: dict[str, float] = {}
@@ -115,7 +131,7 @@ class _Examination:
             yield published.objects_of(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
-def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[View], list[Finding]]:
+def _views(dataset: Recording, frames: Sequence[int]) -> tuple[list[View], list[Finding]]:
     """The measurements of some frames as they are in the file, whatever their unit, and which cannot be read."""
     views, findings = [], []
     for sensor, name, place in dataset.channels:

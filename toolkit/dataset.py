@@ -113,6 +113,8 @@ class CoopDataset(Sequence[Frame]):
         name = f"{self.path}: objects/{k}"
         rows = file[f"objects/{k}"]
         rows = rows[()] if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
+        if ids is not None and len(ids) != len(rows):
+            raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
         return published.objects_of(rows, self.site.map_SE3_site, ids, name)
 
 

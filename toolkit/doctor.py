@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from toolkit import published_layout as published
-from toolkit.checkup import Finding as Finding
 from toolkit.checkup import UNKNOWN, check_measurements
+from toolkit.checkup import Finding as Finding
 from toolkit.dataset import CoopDataset, open_file
 from toolkit.site import Site
 
@@ -96,7 +96,7 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
 
 
 def _place(path: str | Path) -> Site | None:
-    """None where the file or its coordinates say which site it shows; else somewhere on CARLA's map, so that a file from
+    """None where the file or its coordinates say which site it shows; else just any, so that a file from
     anywhere can be looked at."""
     try:
         CoopDataset(path).close()

@@ -124,30 +124,31 @@ MIRROR = np.diag([1.0, -1, 1, 1])
 U, V = np.meshgrid((np.arange(160) - 80) / 80, (np.arange(120) - 60) / 80)
 
 
-@pytest.mark.parametrize("published", [False, True])
+MISTAKES = (
+    (columns(y=lambda o: -o["y"], yaw=lambda o: -o["yaw"]), "mirrored y axis"),
+    (columns(yaw=lambda o: -o["yaw"]), "yaw counted the other way round"),
+    (columns(yaw=lambda o: np.deg2rad(o["yaw"])), "yaw in radians"),
+    (columns(yaw=lambda o: np.rad2deg(o["yaw"])), "yaw turned from radians to degrees twice"),
+    (columns(l=lambda o: 2 * o["l"], w=lambda o: 2 * o["w"], h=lambda o: 2 * o["h"]), "full extents"),
+    (columns(l=lambda o: o["l"] / 2, w=lambda o: o["w"] / 2, h=lambda o: o["h"] / 2), "half of the half extents"),
+    (columns(l=lambda o: o["w"], w=lambda o: o["l"]), "length and width swapped"),
+    (columns(x=lambda o: o["y"], y=lambda o: o["x"], yaw=lambda o: 90 - o["yaw"]), "x and y swapped"),
+    (columns(z=lambda o: o["z"] - o["h"]), "the centre of the floor"),
+    (columns(z=lambda o: o["z"] + 0.6), "the boxes float above the ground"),
+    (columns(z=lambda o: o["z"] - 0.4), "the boxes are sunk into the ground"),
+    (extrinsics(np.linalg.inv), "its extrinsic is camera → world"),
+    (extrinsics(np.linalg.inv, ["d01"]), "its extrinsic is camera → world"),
+    (extrinsics(lambda matrix: MIRROR @ matrix @ MIRROR), "camera with x forward, y left, z up"),
+    (extrinsics(lambda matrix: np.diag([-1, -1, 1, 1]) @ matrix, ["d00"]), "it looks away"),
+    (depths(lambda depth, k: 1000 * depth), "depth in millimetres"),
+    (depths(lambda depth, k: np.where(depth < 999, 100 * depth, 0)), "depth in centimetres"),
+    (depths(lambda depth, k: depth / 1000), "depth in parts of the far plane"),
+    (depths(lambda depth, k: depth * np.sqrt(1 + U**2 + V**2)), "its depth is the distance along the ray"),
+)
+
+
 @pytest.mark.parametrize(
-    ("change", "suspected"),
-    [
-        (columns(y=lambda o: -o["y"], yaw=lambda o: -o["yaw"]), "mirrored y axis"),
-        (columns(yaw=lambda o: -o["yaw"]), "yaw counted the other way round"),
-        (columns(yaw=lambda o: np.deg2rad(o["yaw"])), "yaw in radians"),
-        (columns(yaw=lambda o: np.rad2deg(o["yaw"])), "yaw turned from radians to degrees twice"),
-        (columns(l=lambda o: 2 * o["l"], w=lambda o: 2 * o["w"], h=lambda o: 2 * o["h"]), "full extents"),
-        (columns(l=lambda o: o["l"] / 2, w=lambda o: o["w"] / 2, h=lambda o: o["h"] / 2), "half of the half extents"),
-        (columns(l=lambda o: o["w"], w=lambda o: o["l"]), "length and width swapped"),
-        (columns(x=lambda o: o["y"], y=lambda o: o["x"], yaw=lambda o: 90 - o["yaw"]), "x and y swapped"),
-        (columns(z=lambda o: o["z"] - o["h"]), "the centre of the floor"),
-        (columns(z=lambda o: o["z"] + 0.6), "the boxes float above the ground"),
-        (columns(z=lambda o: o["z"] - 0.4), "the boxes are sunk into the ground"),
-        (extrinsics(np.linalg.inv), "its extrinsic is camera → world"),
-        (extrinsics(np.linalg.inv, ["d01"]), "its extrinsic is camera → world"),
-        (extrinsics(lambda matrix: MIRROR @ matrix @ MIRROR), "camera with x forward, y left, z up"),
-        (extrinsics(lambda matrix: np.diag([-1, -1, 1, 1]) @ matrix, ["d00"]), "it looks away"),
-        (depths(lambda depth, k: 1000 * depth), "depth in millimetres"),
-        (depths(lambda depth, k: np.where(depth < 999, 100 * depth, 0)), "depth in centimetres"),
-        (depths(lambda depth, k: depth / 1000), "depth in parts of the far plane"),
-        (depths(lambda depth, k: depth * np.sqrt(1 + U**2 + V**2)), "its depth is the distance along the ray"),
-    ],
+    ("change", "suspected", "published"), [*((*m, False) for m in MISTAKES), *((*m, True) for m in MISTAKES[::4])]
 )
 def test_classic_mistakes(spoil, change, suspected, published):
     findings = spoil(change, published)
