@@ -10,9 +10,12 @@ _WHERE = {
     "SparseVoxelNet": "sparse",
     "VoxelNetDetector": "detector", "load_detector": "detector",
     "PublishedDetector": "published", "load_published": "published",
-    "load_weights": "weights", "save_weights": "weights",
+    "Header": "weights", "load_weights": "weights", "save_weights": "weights",
 }  # fmt: skip
-_MODULES = ("anchors", "config", "detector", "published", "sparse", "voxelnet", "voxels")
+_MODULES = (
+    "anchors", "config", "detector", "losses", "packed", "published", "samples", "sparse", "targets", "train",
+    "validation", "voxelnet", "voxels", "weights",
+)  # fmt: skip
 __all__ = sorted([*_WHERE, *_MODULES])  # pyright: ignore
 
 

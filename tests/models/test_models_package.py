@@ -1,0 +1,38 @@
+"""`import models` is instant, and `models` stands on a bare training machine."""
+
+import subprocess
+import sys
+
+import pytest
+
+import models
+
+
+def run(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+
+def test_importing_models_loads_nothing_heavy():
+    assert run("import sys, models; print('torch' in sys.modules, 'numpy' in sys.modules)").split() == [
+        "False",
+        "False",
+    ]
+
+
+def test_inference_and_training_need_torch_numpy_h5py_and_shapely_only():
+    heavy = "open3d", "libsumo", "gymnasium", "matplotlib", "safetensors", "jaxtyping"
+    code = "import sys, importlib; sys.modules.update(dict.fromkeys({heavy}, None));" + (
+        "[importlib.import_module('models.' + name) for name in "
+        "('sparse', 'detector', 'published', 'voxels', 'losses', 'samples', 'train')]"
+    )
+    run(code.replace("{heavy}", repr(heavy)))
+
+
+@pytest.mark.parametrize("name", models.__all__)
+def test_every_public_name_is_there(name):
+    assert getattr(models, name) is not None
+
+
+def test_other_names_are_not():
+    with pytest.raises(AttributeError, match="no attribute 'resnet'"):
+        models.resnet  # noqa: B018
