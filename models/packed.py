@@ -19,6 +19,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import SupportsFloat
 
 import h5py
 import numpy as np
@@ -92,7 +93,9 @@ class Rig:
     depth: tuple[Float32[np.ndarray, " _"], ...]
 
     @staticmethod
-    def seeing(sensors: Iterable[Sensor], area: Iterable[float], height: float, empty: Iterable[np.ndarray]) -> Rig:
+    def seeing(
+        sensors: Iterable[Sensor], area: Iterable[SupportsFloat], height: float, empty: Iterable[np.ndarray]
+    ) -> Rig:
         """The rig of sensors that measure the images `empty`, (rows, columns) each, of the site with nothing on it."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), ())

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import h5py
 import numpy as np
@@ -39,7 +39,7 @@ class Recording:
 
 def recording(
     frames: Sequence[Frame],
-    area: Iterable[float],
+    area: Iterable[SupportsFloat],
     height: float = 4.0,
     *,
     empty: Sequence[np.ndarray] | None = None,

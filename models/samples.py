@@ -98,11 +98,11 @@ class Samples(torch.utils.data.Dataset[Batch]):
             boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
-    def _sensors(self, k: int, rng: np.random.Generator) -> np.ndarray | None:
+    def _sensors(self, k: int, rng: np.random.Generator) -> list[int] | None:
         if rng.random() >= self.recipe.subsets:
             return None
         total = len(self.frames.rig(k).sensors)
-        return np.sort(rng.choice(total, int(rng.integers(1, total + 1)), replace=False))
+        return sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
 
 
 def stack(batch: list[Batch]) -> Batch:

@@ -52,8 +52,8 @@ class Preset:
 PRESETS = {
     "fast": Preset(),
     "paper": Preset(
-        epochs=30, batch=1, optimiser="sgd", learning_rate=1e-3, weight_decay=1e-4, schedule="step", loss="published",
-        examples=SampleRecipe(subsets=0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
+        epochs=30.0, batch=1, optimiser="sgd", learning_rate=1e-3, weight_decay=1e-4, schedule="step", loss="published",
+        examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
     ),
     "general": Preset(examples=SampleRecipe(augmentation="scene")),
 }  # fmt: skip
@@ -282,6 +282,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, help="of torch")
     parser.add_argument("--validate", type=Path, help="packed file to measure AP on after each epoch")
     parser.add_argument("--validate-frames", type=int)
+    parser.add_argument("--checkpoint-s", type=float, default=300.0, help="seconds between checkpoints")
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
     if a.threads:
@@ -298,7 +299,8 @@ def main() -> None:
             print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {text}", flush=True)
 
     train(
-        a.data, config, preset, a.out, device=a.device, workers=a.workers, validate=validate, progress=report
+        a.data, config, preset, a.out, device=a.device, workers=a.workers, every_s=a.checkpoint_s, validate=validate,
+        progress=report,
     )  # fmt: skip
 
 

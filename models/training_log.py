@@ -41,4 +41,4 @@ def curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
 
 def _step(row: str) -> float:
     step = row.split(",", 1)[0]
-    return int(step) if step.isdigit() else float("inf")
+    return float(step) if step.isdigit() else float("inf")

@@ -1,0 +1,154 @@
+"""Training: killed and gone on with it ends with the same weights; it learns; what it writes is whole."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from models import training_log
+from models.config import VoxelNetConfig
+from models.packed import PackedFrames
+from models.samples import SampleRecipe
+from models.train import CHECKPOINT, GENERAL_AREA, LOG, PRESETS, area_for, config_for, load_checkpoint, train
+from models.validation import average_precision, validation
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+FAST = replace(PRESETS["fast"], epochs=3.0)
+REPOSITORY = Path(__file__).parents[2]
+
+
+class Stopped(Exception):
+    pass
+
+
+def stop_after(steps):
+    def progress(step, total, figures):
+        if step >= steps:
+            raise Stopped
+
+    return progress
+
+
+def same_weights(a, b):
+    a, b = a.state_dict(), b.state_dict()
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes"),
+    [
+        ("fast", {}),
+        ("general", {}),
+        ("paper", {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"}),
+    ],
+)
+def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, tmp_path, preset, changes):
+    settings = replace(PRESETS[preset], epochs=3.0, batch=2)
+    config = replace(config_for(AREA, preset), **changes)
+    undisturbed = train(packed_file, config, settings, tmp_path / "whole")
+    for steps in (2, 4, 8):
+        with pytest.raises(Stopped):
+            train(packed_file, config, settings, tmp_path / "stopped", every_s=0.0, progress=stop_after(steps))
+    resumed = train(packed_file, config, settings, tmp_path / "stopped", every_s=0.0)
+    assert same_weights(undisturbed, resumed)
+    rows = [training_log.curves(tmp_path / name / LOG) for name in ("whole", "stopped")]
+    assert [list(each) for each in rows] == [list(rows[0])] * 2
+    again = train(packed_file, config, settings, tmp_path / "stopped")  # nothing left to do
+    assert same_weights(undisturbed, again)
+
+
+def test_another_seed_gives_other_weights_and_workers_the_same(packed_file, tmp_path):
+    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=1.0)
+    first = train(packed_file, config, settings, tmp_path / "a")
+    helped = train(packed_file, config, settings, tmp_path / "b", workers=2)
+    other = train(packed_file, config, replace(settings, seed=1), tmp_path / "c")
+    assert same_weights(first, helped)
+    assert not same_weights(first, other)
+
+
+def test_a_folder_of_another_run_is_refused(packed_file, tmp_path):
+    config = config_for(AREA, "fast")
+    train(packed_file, config, replace(FAST, epochs=0.4), tmp_path)
+    with pytest.raises(ValueError, match="another preset: choose another folder"):
+        train(packed_file, config, replace(FAST, epochs=0.7), tmp_path)
+
+
+def test_a_preset_needs_the_head_of_its_loss(packed_file, tmp_path):
+    with pytest.raises(ValueError, match="published loss"):
+        train(packed_file, VoxelNetConfig.light(AREA), PRESETS["paper"], tmp_path)
+
+
+def test_a_checkpoint_is_loaded_with_its_settings(packed_file, tmp_path):
+    network = train(packed_file, config_for(AREA, "fast"), replace(FAST, epochs=0.4), tmp_path)
+    loaded, settings = load_checkpoint(tmp_path / CHECKPOINT)
+    assert same_weights(network, loaded)
+    assert loaded.config == network.config
+    assert settings["step"] == 1
+    assert settings["preset"]["learning_rate"] == FAST.learning_rate
+
+
+def test_the_area_is_that_of_the_data_or_a_window(packed_file):
+    assert area_for("fast", packed_file) == AREA
+    assert area_for("general", packed_file) == GENERAL_AREA
+
+
+def test_validation_leaves_training_undisturbed(packed_file, tmp_path):
+    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=2.0)
+    plain = train(packed_file, config, settings, tmp_path / "plain")
+    measured = train(packed_file, config, settings, tmp_path / "ap", validate=validation(packed_file, count=2))
+    assert same_weights(plain, measured)
+    assert plain.training
+    epochs, values = training_log.curves(tmp_path / "ap" / LOG)["AP@0.7"]
+    assert epochs == [1.0, 2.0]
+    assert all(0 <= value <= 1 for value in values)
+
+
+def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
+    path = tmp_path / "log.csv"
+    training_log.cut(path, 5)
+    for step in (5, 10, 15):
+        training_log.add(path, step, step / 10, {"box": 1.0 / step})
+    with path.open("a") as file:
+        file.write("20,2.0,bo")  # killed in the middle of a line
+    training_log.cut(path, 10)
+    assert training_log.curves(path) == {"box": ([0.5, 1.0], [0.2, 0.1])}
+    path.write_text("")
+    training_log.cut(path, 10)
+    training_log.add(path, 1, 0.1, {"box": 1.0})
+    assert training_log.curves(path) == {"box": ([0.1], [1.0])}
+
+
+@pytest.mark.slow
+def test_it_learns_two_frames_by_heart(packed_file, tmp_path):
+    recipe = SampleRecipe(subsets=0.0)
+    settings = replace(FAST, epochs=70.0, examples=recipe)
+    network = train(packed_file, config_for(AREA, "fast"), settings, tmp_path)
+    ap = average_precision(network, PackedFrames(packed_file), seed=9)
+    assert ap["AP@0.7"] > 0.99
+    assert ap["AP@0.8"] > 0.9
+
+
+@pytest.mark.slow
+def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path):
+    command = [sys.executable, "-m", "models.train", str(packed_file), "--epochs", "20", "--threads", "1"]
+    command += ["--device", "cpu", "--checkpoint-s", "0.3", "--out"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
+    random.seed(0)
+    for kills in range(3):
+        process = subprocess.Popen([*command, str(tmp_path / "killed")], env=environment, stdout=subprocess.DEVNULL)
+        while not (tmp_path / "killed" / CHECKPOINT).exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        time.sleep(random.uniform(0.5, 3.0) + 2.0 * bool(kills))
+        process.kill()
+        assert process.wait() == -9, "it was done before it was killed: give it more epochs"
+    for folder in ("killed", "whole"):
+        subprocess.run([*command, str(tmp_path / folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
+    killed, whole = (load_checkpoint(tmp_path / folder / CHECKPOINT)[0] for folder in ("killed", "whole"))
+    assert same_weights(killed, whole)
