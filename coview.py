@@ -6,7 +6,7 @@ import json as to_json
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -206,22 +206,21 @@ def fuse(
     return OK
 
 
-def doctor(dataset: Positional[Path], /, *, frames: int = 50, site: str | None = None, json: bool = False) -> int:
+def doctor(dataset: Positional[Path], /, *, site: str | None = None, json: bool = False) -> int:
     """Check a recording for the classic mistakes and say which are suspected and why. Exit code 1 if any is.
 
     Example: coview doctor my-recording.hdf5
 
     Args:
         dataset: Any recording in the published layout.
-        frames: How many frames to look at.
         site: As in coview evaluate.
         json: Print as JSON.
     """
     from toolkit.doctor import diagnose
     from toolkit.site import load_site
 
-    findings = diagnose(dataset, site=load_site(site) if site else None, frames=frames)
-    _print([finding.as_dict() for finding in findings], "\n".join(map(str, findings)) or "nothing suspected", json)
+    findings = diagnose(dataset, load_site(site) if site else None)
+    _print([asdict(finding) for finding in findings], "\n".join(map(str, findings)) or "nothing suspected", json)
     return FOUND if findings else OK
 
 

@@ -73,6 +73,15 @@ def test_site_show(capsys, tmp_path):
     assert (tmp_path / "site.png").stat().st_size > 10_000
 
 
+def test_doctor_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_one(recording, tmp_path, capsys):
+    assert run("doctor", recording, "--json", capsys=capsys)[:2] == (0, "[]\n")
+    broken = tmp_path / "broken.hdf5"
+    broken.write_bytes(recording.read_bytes()[:5000])
+    code, out, _ = run("doctor", broken, capsys=capsys)
+    assert code == coview.FOUND
+    assert out.startswith("error: ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
