@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -57,14 +58,16 @@ def simulate(
     from toolkit.simulation import simulate_dataset
     from toolkit.site import load_site
 
-    place = load_site(site)
+    place, started = load_site(site), perf_counter()
     with tqdm(total=frames, unit="frame", disable=json) as bar:
         new = simulate_dataset(
             place, frames=frames, seed=seed, out=out, workers=workers, meshes=meshes, overwrite=overwrite,
             progress=_advance(bar),
         )  # fmt: skip
-    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seed": seed}
-    _print(summary, f"{out}: {frames} frames at {place.name}, {new} of them made now", json)
+    seconds = perf_counter() - started
+    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
+    text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"
+    _print(summary, text, json)
     return OK
 
 

@@ -133,12 +133,13 @@ def _selective(network):
     import torch
 
     from models.detector import label_scores
+    from models.sparse import SparseVoxelNet
     from models.voxels import voxelise
 
     if network.head.quality is not None:
         network.head.quality.bias.data += 9.0
-    with torch.inference_mode():
-        scores = label_scores(network(voxelise(fused_cloud(), network.config)), network.config)
+    maps = SparseVoxelNet(network)(voxelise(fused_cloud(), network.config))
+    scores = label_scores(maps, network.config)
     unsure = torch.logit(torch.topk(scores.flatten(), 600).values[-1]) + np.log(9)
     network.head.classes.bias.data[network.config.classes - 1 :: network.config.classes] -= unsure
     return network
