@@ -14,9 +14,11 @@ import torch
 from models import training_log
 from models.config import VoxelNetConfig
 from models.packed import PackedFrames
+from models.packing import pack, recording
 from models.samples import SampleRecipe
 from models.train import CHECKPOINT, GENERAL_AREA, LOG, PRESETS, area_for, config_for, load_checkpoint, train
 from models.validation import average_precision, validation
+from models.weights import load_weights
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 FAST = replace(PRESETS["fast"], epochs=3.0)
@@ -124,12 +126,27 @@ def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
     assert training_log.curves(path) == {"box": ([0.1], [1.0])}
 
 
+def test_the_command_leaves_weights_and_curves(packed_file, tmp_path):
+    import coview
+
+    options = ["--data", str(packed_file), "--epochs", "0.4", "--device", "cpu", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as ended:
+        coview.main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])
+    assert ended.value.code == 0
+    network, header = load_weights(tmp_path / "weights.safetensors")
+    assert same_weights(network, load_checkpoint(tmp_path / CHECKPOINT)[0])
+    assert header.site == "general"
+    assert set(header.ap) == {"AP@0.7", "AP@0.8", "AP@0.9"}
+    assert {"losses.png", "ap.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
 @pytest.mark.slow
-def test_it_learns_two_frames_by_heart(packed_file, tmp_path):
-    recipe = SampleRecipe(subsets=0.0)
-    settings = replace(FAST, epochs=70.0, examples=recipe)
-    network = train(packed_file, config_for(AREA, "fast"), settings, tmp_path)
-    ap = average_precision(network, PackedFrames(packed_file), seed=9)
+def test_it_learns_two_frames_by_heart(frames, tmp_path):
+    data = tmp_path / "two.packed"
+    pack([recording(frames, AREA, count=2)], data)
+    settings = replace(FAST, epochs=150.0, examples=SampleRecipe(subsets=0.0))
+    network = train(data, config_for(AREA, "fast"), settings, tmp_path)
+    ap = average_precision(network, PackedFrames(data), seed=9)
     assert ap["AP@0.7"] > 0.99
     assert ap["AP@0.8"] > 0.9
 
