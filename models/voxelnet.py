@@ -87,7 +87,8 @@ class VoxelFeatures(nn.Module):
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
-            x = torch.cat((x, maximum(x, voxel, len(voxels.cells))[voxel]), 1)
+            greatest = maximum(x, voxel, len(voxels.cells))
+            x = torch.cat((x, greatest.index_select(0, voxel)), 1)  # indexing would add gradients in any order
         return maximum(last(x), voxel, len(voxels.cells))
 
     def _with_padding(self, x: Tensor, voxel: Tensor, rows: int) -> tuple[Tensor, Tensor]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Float
+from toolkit.arrays import Float, Int
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.sensors import DepthCamera, Sensor
@@ -79,7 +79,7 @@ def draw_pr_curves(
     _write(figure, out)
 
 
-def draw_density_cdf(counts: Mapping[str, Float[np.ndarray, " n"]], out: Path | str) -> None:
+def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str) -> None:
     """Share of objects with at most so many points, for each sensor set (paper, impact of point density)."""
     figure, axes = _figure(5.5, 4.2)
     for name, points in counts.items():
