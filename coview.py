@@ -59,7 +59,7 @@ def simulate(
     from toolkit.site import load_site
 
     place, started = load_site(site), perf_counter()
-    with tqdm(total=frames, unit="frame", disable=json) as bar:
+    with tqdm(total=frames, unit="frame", disable=json or None) as bar:
         new = simulate_dataset(
             place, frames=frames, seed=seed, out=out, workers=workers, meshes=meshes, overwrite=overwrite,
             progress=_advance(bar),
@@ -113,7 +113,7 @@ def evaluate(
 
     with _recording(dataset, site) as recording:
         total = min(len(recording), frames or len(recording))
-        with tqdm(total=total, unit="frame", disable=json) as bar:
+        with tqdm(total=total, unit="frame", disable=json or None) as bar:
             rows = evaluate_dataset(
                 recording, _detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,
                 sensor_sets=[_sensor_set(chosen) for chosen in sensors], noise_seed=seed, radius=radius,
@@ -153,7 +153,7 @@ def survey(
     with _recording(dataset, site) as recording:
         total = min(len(recording), frames or len(recording))
         sets = [select_sensors(recording.sensors, _sensor_set(chosen)) for chosen in sensors]
-        with tqdm(total=total, unit="frame", disable=json) as bar:
+        with tqdm(total=total, unit="frame", disable=json or None) as bar:
             figures = count(recording, frames=total, noise_seed=seed, progress=_advance(bar)).as_dict(sets)
     objects = "  ".join(f"{name} {number:.2f}" for name, number in figures["objects_per_frame"].items())
     lines = [f"objects per frame in the area: {objects}", f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor"]
@@ -391,7 +391,7 @@ def pack(
     if random_sites:
         from toolkit.random_recordings import random_recordings
 
-        with tqdm(total=random_sites, unit="site", disable=json) as bar:
+        with tqdm(total=random_sites, unit="site", disable=json or None) as bar:
             drawn = random_recordings(
                 random_sites, frames or 20, seed, _packed, workers=workers, progress=_advance(bar)
             )  # fmt: skip
@@ -399,7 +399,7 @@ def pack(
     else:
         recordings = [_recording(path, site) for path in datasets]
         count = sum(min(len(recording), frames or len(recording)) for recording in recordings)
-        with tqdm(total=count, unit="frame", disable=json) as bar:
+        with tqdm(total=count, unit="frame", disable=json or None) as bar:
             total = write((_packed(recording, frames) for recording in recordings), out, progress=_advance(bar))
     megabytes = out.stat().st_size / 1e6
     _print({"file": str(out), "frames": total, "mb": megabytes}, f"{out}: {total} frames, {megabytes:.0f} MB", json)
