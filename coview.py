@@ -562,14 +562,24 @@ def _sensor_set(text: str) -> list[int | str] | None:
 
 
 def _detector(name: str, recording: CoopDataset) -> Detector:
+    """The classical detector, or a trained one: for the recording's own site (voxelnet), a name, a weights file."""
+    if name == "cluster":
+        return _cluster(recording)
+    from models.detector import SHIPPED, load_detector
+
+    place = recording.site
+    if name == "voxelnet":
+        name = place.name if Path(SHIPPED, f"{place.name}.safetensors").exists() else "general"
+    return load_detector(name, area=place.area)
+
+
+def _cluster(recording: CoopDataset) -> Detector:
     """The classical detector, having seen the recording's site empty."""
     from toolkit.cluster import ClusterDetector
     from toolkit.frame import Frame, empty_scene
     from toolkit.objects import Objects
     from toolkit.points import frame_points
 
-    if name != "cluster":
-        raise ValueError(f"no detector {name!r}: choose cluster")
     empty = Frame(recording.sensors, empty_scene(recording), Objects.empty())
     rng = np.random.default_rng(0)
     return ClusterDetector.learn(
