@@ -328,13 +328,14 @@ def site(
     return command()
 
 
-def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1) -> int:
+def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1, detector: str = "voxelnet") -> int:
     """What six sensors at a T-junction detect by early, late and hybrid fusion: table, pictures, PR curves.
 
     Args:
         out: Folder for the recording, the table and the pictures.
         frames: How many frames to record and score.
         seed: Of the traffic.
+        detector: As in coview evaluate.
     """
     from toolkit.dataset import noisy
     from toolkit.fusion import early
@@ -344,13 +345,13 @@ def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1) -> i
     out.mkdir(parents=True, exist_ok=True)
     recording_file = out / "tjunction.hdf5"
     simulate("tjunction", out=recording_file, frames=frames, seed=seed)
-    evaluate(recording_file, out=out)
+    evaluate(recording_file, detector=detector, out=out)
     with _recording(recording_file, None) as recording:
-        detector, place = _detector("cluster", recording), recording.site
+        detect, place = _detector(detector, recording), recording.site
         frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
         draw_frame(
             place, out / "birds_eye.png", clouds=frame_points(frame, area=place), truth=frame.objects,
-            detections=early(frame, detector, site=place).detections,
+            detections=early(frame, detect, site=place).detections,
             title=f"{place.name}, frame {frame.index}: early fusion of {len(frame.sensors)} sensors",
         )  # fmt: skip
     print(f"pictures in {out}: birds_eye.png, pr_0.7.png")
