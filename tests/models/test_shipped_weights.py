@@ -1,0 +1,30 @@
+"""The shipped weights detect on traffic they have not seen, and say where they come from."""
+
+from pathlib import Path
+
+import pytest
+
+from models.detector import SHIPPED, load_detector
+from models.weights import load_weights
+from toolkit.dataset import CoopDataset
+from toolkit.evaluation import evaluate_dataset
+from toolkit.simulation import simulate_dataset
+
+WEIGHTS = sorted(Path(SHIPPED).glob("*.safetensors"))
+
+
+@pytest.mark.parametrize("path", WEIGHTS, ids=lambda path: path.stem)
+def test_the_header_says_where_they_come_from(path):
+    _, header = load_weights(path)
+    assert header.site == path.stem
+    assert len(header.commit) >= 7
+    assert header.ap["AP@0.7"] > 0.9
+
+
+@pytest.mark.parametrize("path", WEIGHTS, ids=lambda path: path.stem)
+def test_they_detect(path, tmp_path):
+    simulate_dataset(path.stem, frames=6, seed=31, out=tmp_path / "few.hdf5", workers=1)
+    with CoopDataset(tmp_path / "few.hdf5") as recording:
+        detector = load_detector(path.stem, site=recording.site.name)
+        (row,) = evaluate_dataset(recording, detector, schemes=("early",), iou_thresholds=(0.7,))
+    assert row.ap > 0.9
