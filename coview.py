@@ -112,7 +112,7 @@ def evaluate(
     from toolkit.evaluation import evaluate_dataset, format_table, save_evaluation
 
     with _recording(dataset, site) as recording:
-        total = min(len(recording), frames or len(recording))
+        total = _count(recording, frames)
         with tqdm(total=total, unit="frame", disable=json or None) as bar:
             rows = evaluate_dataset(
                 recording, _detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,
@@ -151,7 +151,7 @@ def survey(
     from toolkit.survey import survey as count
 
     with _recording(dataset, site) as recording:
-        total = min(len(recording), frames or len(recording))
+        total = _count(recording, frames)
         sets = [select_sensors(recording.sensors, _sensor_set(chosen)) for chosen in sensors]
         with tqdm(total=total, unit="frame", disable=json or None) as bar:
             figures = count(recording, frames=total, noise_seed=seed, progress=_advance(bar)).as_dict(sets)
@@ -260,6 +260,8 @@ class ImportMap:
         }  # fmt: skip
         if (self.opendrive is None) == (self.osm is None):
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
+        if self.opendrive is not None and self.lefthand:
+            raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
         if self.opendrive is not None:
             imported = import_opendrive(self.opendrive, **place)
         else:
@@ -387,6 +389,8 @@ def pack(
     """
     from models.packing import pack as write
 
+    if frames is not None and frames < 1:
+        raise ValueError(f"--frames must be at least 1, got {frames}: leave it out for all")
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
     if random_sites:
@@ -524,7 +528,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
     except ImportError as error:
         code = _fail(str(error), MISSING)
-    except (ValueError, OSError, IndexError) as error:
+    except OSError as error:
+        code = _fail(_explained(error), BAD_INPUT)
+    except (ValueError, IndexError, RuntimeError) as error:
         code = _fail(str(error), BAD_INPUT)
     except KeyboardInterrupt:
         code = _fail("stopped; the same command goes on where it was", INTERRUPTED)
@@ -534,6 +540,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _fail(message: str, code: int) -> int:
     print(f"coview: {' '.join(message.split())}", file=sys.stderr)
     return code
+
+
+def _explained(error: OSError) -> str:
+    """What the system refused to do with which file, without its number."""
+    if error.filename is None or error.strerror is None:
+        return str(error)
+    return f"cannot use {error.filename}: {error.strerror}; give another path, or make this one readable and writable"
 
 
 def _print(result: Any, text: str, as_json: bool) -> None:
@@ -562,9 +575,17 @@ def _packed(recording: CoopDataset | RandomRecording, frames: int | None = None)
     return packed(recording.frames, recording.site.area, recording.site.height, empty=recording.empty)
 
 
+def _count(recording: CoopDataset, frames: int | None) -> int:
+    """How many frames of a recording are wanted."""
+    if frames is not None and frames < 1:
+        raise ValueError(f"--frames must be at least 1, got {frames}: leave it out for all")
+    return len(recording) if frames is None else min(frames, len(recording))
+
+
 def _sensor_set(text: str) -> list[int | str] | None:
     """`all`, or numbers and names separated by commas."""
-    return None if text == "all" else [int(name) if name.isdigit() else name for name in text.split(",")]
+    names = [name.strip() for name in text.split(",")]
+    return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
 
 
 def _detector(name: str, recording: CoopDataset) -> Detector:

@@ -91,6 +91,25 @@ def test_doctor_has_nothing_to_say_of_a_healthy_recording_and_much_of_a_broken_o
         (("simulate", "atlantis", "--out", "x.hdf5"), "roundabout, tjunction"),
         (("fuse",), "--poses"),
         (("site", "import", "--centre", "0", "0", "--size", "9", "9", "--out", "x.json"), "--opendrive"),
+        (
+            (
+                "site",
+                "import",
+                "--opendrive",
+                "a.xodr",
+                "--lefthand",
+                "--centre",
+                "0",
+                "0",
+                "--size",
+                "9",
+                "9",
+                "--out",
+                "x.json",
+            ),
+            "--lefthand is for --osm",
+        ),
+        (("site", "random", "--seed", "-3", "--out", "x.json"), "from 0 up, got -3"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(arguments, message, recording, capsys):

@@ -176,7 +176,7 @@ def load_site(name_or_path: str | Path) -> Site:
     if not path.is_file():
         raise FileNotFoundError(f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}")
     try:
-        return parse(json.loads(path.read_text(encoding="utf-8")))
+        return parse(json.loads(path.read_text(encoding="utf-8-sig")))
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}: not JSON from line {error.lineno} on ({error.msg}): restore the file") from None
     except UnicodeDecodeError as error:

@@ -205,7 +205,7 @@ def test_missing_file_and_bad_place(tmp_path):
     with pytest.raises(FileNotFoundError, match="no map"):
         import_osm(tmp_path / "none.osm", centre=CENTRE, size=(50, 50))
     path = put(crossroads(), tmp_path)
-    with pytest.raises(ValueError, match="size must be two lengths"):
+    with pytest.raises(ValueError, match="size must be two lengths above 0"):
         import_osm(path, centre=CENTRE, size=(50, -1))
     with pytest.raises(ValueError, match="centre must be two finite numbers"):
         import_osm(path, centre=(np.nan, 0.0), size=(50, 50))
@@ -409,12 +409,31 @@ def test_gzip_and_wrong_formats(tmp_path):
     path = tmp_path / "town.osm.gz"
     path.write_bytes(gzip.compress(str(crossroads()).encode()))
     assert import_osm(path, centre=CENTRE, size=(60, 60)).name == "town"
-    path.write_bytes(path.read_bytes()[:200])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:150] + bytes(60) + whole[210:])
+    with pytest.raises(ValueError, match="damaged gzip"):
+        import_osm(path, centre=CENTRE, size=(60, 60))
+    path.write_bytes(whole[:200])
     with pytest.raises(ValueError, match="damaged gzip"):
         import_osm(path, centre=CENTRE, size=(60, 60))
     (tmp_path / "town.pbf").write_bytes(b"1")
     with pytest.raises(ValueError, match=r"only \.osm, \.osm\.xml and \.osm\.gz are read"):
         import_osm(tmp_path / "town.pbf", centre=CENTRE, size=(60, 60))
+
+
+def test_no_bicycle_on_a_motorway(tmp_path):
+    draft = crossroads()
+    draft.way((-300, 25), (300, 25), highway="motorway", oneway="yes", lanes="3")
+    lanes = [lane for lane in imported(draft, tmp_path).network.split("<lane ")[1:] if 'speed="36.1' in lane]
+    assert len(lanes) == 3
+    assert not any("bicycle" in lane.partition('allow="')[2].partition('"')[0] for lane in lanes)
+    assert all("passenger" in lane.partition('allow="')[2].partition('"')[0] for lane in lanes)
+
+
+def test_cameras_near_a_small_area_look_down_into_it(tmp_path):
+    for sensor in import_osm(put(crossroads(), tmp_path), centre=CENTRE, size=(5, 5)).sensors:
+        away, below = np.hypot(*sensor.position[:2]), np.arctan2(-sensor.pose[2, 2], np.hypot(*sensor.pose[:2, 2]))
+        assert abs(np.arctan2(sensor.position[2], away) - below) < np.arctan(0.75)
 
 
 def test_entities_are_refused(tmp_path):

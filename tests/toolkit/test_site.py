@@ -193,6 +193,8 @@ DAMAGE = {
     "damaged network": (lambda d: d.update(network=["<net>"]), r"network is damaged XML"),
     "another XML": (lambda d: d.update(network=["<routes/>"]), r"network must be a SUMO <net>"),
     "no height": (drop("height"), r"height must be a finite number, got None"),
+    "height without end": (lambda d: d.update(height=10**400), r"height must be a finite number, got 10{58}"),
+    "relief of another kind": (lambda d: d.update(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
     "negative height": (lambda d: d.update(height=-4), r"height must be positive, got -4"),
     "negative relief": (lambda d: d.update(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
     "newer version": (lambda d: d.update(coview_site=99), r"coview_site is version 99"),
@@ -227,6 +229,13 @@ def test_files_that_are_no_json(tmp_path):
         load_site(path)
     with pytest.raises(FileNotFoundError, match="roundabout, tjunction"):
         load_site("tjunctoin")
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    path = tmp_path / "site.json"
+    load_site("tjunction").save(path)
+    path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert load_site(path) == load_site("tjunction")
 
 
 def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path):

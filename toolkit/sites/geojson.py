@@ -7,6 +7,7 @@ earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from typing import Any
@@ -215,18 +216,18 @@ def _member(container: Any, key: str, kind: type, where: str) -> Any:
         raise ValueError(f"{path} is missing: add it, or save the site again")
     value = container[key]
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise ValueError(f"{path} must be a {_WORDS[kind]}, got {str(value)[:60]!r}")
+        raise ValueError(f"{path} must be {_WORDS[kind]}, got {str(value)[:60]!r}")
     return value
 
 
-_WORDS = {str: "text", int: "whole number", float: "number", list: "list", dict: "object {...}"}
+_WORDS = {str: "a text", int: "a whole number", float: "a number", list: "a list", dict: "an object {...}"}
 
 
 def _number(container: Json, key: str, where: str) -> float:
     path = f"{where}.{key}" if where else key
     value = container.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise ValueError(f"{path} must be a finite number, got {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+        raise ValueError(f"{path} must be a finite number, got {str(value)[:60]}")
     return float(value)
 
 

@@ -100,7 +100,7 @@ def import_opendrive(
         map_SE3_site=map_SE3_site,
         geo_reference=geo_reference,
     )
-    return _finished(site, path, [], np.zeros((0, 2)))
+    return _finished(site, path, (x, y), [], np.zeros((0, 2)))
 
 
 def import_osm(
@@ -155,18 +155,22 @@ def import_osm(
     posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
     for note in (*notes, *cut):
         warnings.warn(f"{path.name}: {note}", stacklevel=2)
-    return _finished(site, path, [*solids, *posts], lamps, squares)
+    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps, squares)
 
 
 def _finished(
-    site: Site, path: Path, solids: Sequence[Solid], lamps: np.ndarray, squares: Sequence[np.ndarray] = ()
+    site: Site,
+    path: Path,
+    centre: tuple[float, float],
+    solids: Sequence[Solid],
+    lamps: np.ndarray,
+    squares: Sequence[np.ndarray] = (),
 ) -> Site:
     """`site` with its roads' surface, kerbs, mounts and cameras."""
     lanes, footways = road_polygons(site.network, site.area)
     carriageway = _union(lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
-        place = site.map_SE3_site[:2, 3]
-        raise ValueError(_no_road(path, (float(place[0]), float(place[1]))))
+        raise ValueError(_no_road(path, centre))
     beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
     footways = clipped(beside, shapely.box(*site.area).buffer(REACH))
     road = Road((), (), lanes, footways)
@@ -202,11 +206,14 @@ def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geome
 
 
 def _cameras(mounts: Sequence[Mount], area: Float[np.ndarray, "4"], walls: shapely.Geometry) -> tuple[Sensor, ...]:
-    """Up to six cameras, 6 m up and 10° down, spread round the middle of the area, which they look at."""
+    """Up to six cameras, 6 m up and 10° down, spread round the middle of the area, which they look at; farther down
+    where they hang so near to it that they would look over it."""
     middle = (area[:2] + area[2:]) / 2
     seen = [m for m in mounts if not walls.crosses(shapely.LineString([m.position[:2], middle]))] or list(mounts)
     offsets = np.array([m.position[:2] - middle for m in seen])
-    headings, far = np.arctan2(*offsets.T[::-1]), np.abs(np.hypot(*offsets.T) - 0.35 * (area[2:] - area[:2]).min())
+    headings, distances = np.arctan2(*offsets.T[::-1]), np.hypot(*offsets.T)
+    tilts = np.maximum(np.deg2rad(10.0), np.arctan2(6.0, distances) - np.deg2rad(30.0))
+    far = np.abs(distances - 0.35 * (area[2:] - area[:2]).min())
     chosen: list[int] = []
     while len(chosen) < min(6, len(seen)):
         gaps = np.abs(np.angle(np.exp(1j * (headings[:, None] - headings[chosen]))))
@@ -217,7 +224,7 @@ def _cameras(mounts: Sequence[Mount], area: Float[np.ndarray, "4"], walls: shape
         Sensor(
             f"d{i}",
             DepthCamera(),
-            look((*seen[k].position[:2], seen[k].position[2] + 6.0), headings[k] + np.pi, np.deg2rad(10.0)),
+            look((*seen[k].position[:2], seen[k].position[2] + 6.0), headings[k] + np.pi, tilts[k]),
         )
         for i, k in enumerate(chosen)
     )
@@ -236,7 +243,7 @@ def _check_place(centre: Sequence[float | int], size: Sequence[float | int], hea
     if not (len(centre) == 2 and np.isfinite([*centre, heading]).all()):
         raise ValueError(f"centre must be two finite numbers and heading one, got {centre} and {heading}")
     if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
-        raise ValueError(f"size must be two lengths of at most 1000 m, got {size}: give --size LENGTH WIDTH")
+        raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size LENGTH WIDTH")
     return float(centre[0]), float(centre[1])
 
 

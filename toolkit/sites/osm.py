@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedIOBase
@@ -164,7 +165,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
                     root.clear()
     except ElementTree.ParseError as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
-    except (gzip.BadGzipFile, EOFError) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
 
 

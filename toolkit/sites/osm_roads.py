@@ -87,10 +87,16 @@ def road_types() -> str:
     """SUMO's type file for the roads of `roads`."""
     rows = [
         f'<type id="highway.{kind}" numLanes="{lanes}" speed="{speed}" priority="{priority}" oneway="false" '
-        f'width="{1.8 if kind == "cycleway" else 3.25}" allow="{"bicycle" if kind == "cycleway" else MOTOR}"/>'
+        f'width="{1.8 if kind == "cycleway" else 3.25}" allow="{_users(kind)}"/>'
         for kind, (lanes, speed, priority, _) in _ROADS.items()
     ]
     return "\n".join(["<types>", *rows, "</types>\n"])
+
+
+def _users(kind: str) -> str:
+    if kind.startswith("motorway"):
+        return " ".join(user for user in MOTOR.split() if user not in ("bicycle", "moped"))
+    return "bicycle" if kind == "cycleway" else MOTOR
 
 
 def _skipped(tags: Tags) -> bool:

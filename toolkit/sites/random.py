@@ -49,8 +49,10 @@ def random_site(rng: np.random.Generator | int) -> Site:
     """A junction drawn by `rng` (a generator or a seed); the same seed gives the same site.
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. At least
-    12 mounts, 1 to 10 default sensors on them.
+    12 mounts, 1 to 10 default sensors on them. Raises ValueError where the seed is negative.
     """
+    if not isinstance(rng, np.random.Generator) and rng < 0:
+        raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
     rng = np.random.default_rng(rng)
     name = f"random-{rng.integers(16**6):06x}"
     area = _area(rng)
