@@ -156,7 +156,7 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
     """
-    points, boxes = np.asarray(points), check_boxes(boxes)
+    points, boxes = _points(points), check_boxes(boxes)
     inside = np.zeros((len(points), len(boxes)), bool)
     for column, rows in enumerate(_rows_inside(points, boxes)):
         inside[rows, column] = True
@@ -169,7 +169,7 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
     >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     array([1])
     """
-    return np.array([len(rows) for rows in _rows_inside(np.asarray(points), check_boxes(boxes))], np.int64)
+    return np.array([len(rows) for rows in _rows_inside(_points(points), check_boxes(boxes))], np.int64)
 
 
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,15 +247,22 @@ def _nonzero(divisor: np.ndarray) -> np.ndarray:
     return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
 
 
+def _points(points: ArrayLike) -> np.ndarray:
+    rows = np.asarray(points)
+    if rows.size == 0 and rows.ndim < 2:
+        return np.zeros((0, 3))
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        hint = ": pass points.T?" if rows.ndim == 2 and rows.shape[0] == 3 else ""
+        raise ValueError(f"points must have shape (n, 3), got {rows.shape}{hint}")
+    return rows
+
+
 def _rows_inside(points: np.ndarray, boxes: np.ndarray) -> Iterator[np.ndarray]:
     """For each box the rows of the points in it.
 
     Points are put in order of their slice along x, so that a box looks at its own slices only; those few are
     measured from the box's centre in float64, which keeps map coordinates of a million metres exact.
     """
-    if points.ndim != 2 or points.shape[1] != 3:
-        hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
-        raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
     if not len(boxes):
         return
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])

@@ -115,7 +115,7 @@ def evaluate(
     1.0
     """
     _check_names(metric, protocol)
-    thresholds = [_check_threshold(threshold) for threshold in iou_thresholds]
+    thresholds = list(dict.fromkeys(map(_check_threshold, iou_thresholds)))
     scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
     hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     to_find = 0

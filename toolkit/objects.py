@@ -126,8 +126,10 @@ def _labels(labels: Any, n: int) -> np.ndarray:
     if labels is None:
         return np.zeros(n, np.int64)
     labels = np.asarray(labels)
-    if labels.dtype.kind in "US":
-        labels = np.array([label_index(str(name)) for name in labels.ravel()], np.int64)
+    if labels.dtype.kind in "UO":
+        labels = np.array([label_index(name) for name in labels.ravel()], np.int64)
+    if labels.dtype.kind == "f" and not (labels == np.trunc(labels)).all():
+        raise ValueError(f"labels must be whole numbers 0..{len(LABELS) - 1} {LABELS}, got {labels.tolist()}")
     labels = _rows(labels.astype(np.int64), "labels", n)
     if n and (labels.min() < 0 or labels.max() >= len(LABELS)):
         raise ValueError(f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}")

@@ -241,3 +241,8 @@ def test_boxes_are_quick():
     points = np.column_stack([rng.uniform(-s, s, 80_000) for s in (40, 20, 4)]).astype(np.float32)
     assert seconds(lambda: bx.count_points(points, random_boxes(rng, 30))) < 0.02
     assert seconds(lambda: bx.nms(crowd[0], rng.random(300), 0.1)) < 0.05
+
+
+def test_no_points_are_in_no_box():
+    assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
+    assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]

@@ -320,3 +320,9 @@ def test_evaluate_is_quick():
     start = time.perf_counter()
     evaluate(detections, truths, iou_thresholds=[0.5, 0.7, 0.8, 0.9])
     assert time.perf_counter() - start < 2
+
+
+def test_a_threshold_given_twice_counts_once():
+    car = np.array([[0.0, 0, 1, 4, 2, 1.5, 0]])
+    found, there = [Detections(car, np.array([0.9]))], [Objects(car)]
+    assert evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == evaluate(found, there, iou_thresholds=[0.7, 0.5])

@@ -67,3 +67,12 @@ def test_what_does_not_fit_is_refused(make):
 def test_they_cannot_be_changed():
     with pytest.raises(AttributeError):
         Objects(CAR).boxes = THREE
+
+
+def test_labels_as_other_programs_have_them():
+    boxes = np.ones((2, 7))
+    assert Objects(boxes, np.array(["cyclist", "heavy"], object)).labels.tolist() == [CYCLIST, HEAVY]
+    assert Objects(boxes, np.array([1.0, 3.0])).labels.tolist() == [CYCLIST, HEAVY]
+    for wrong in (1.5, np.nan):
+        with pytest.raises(ValueError, match="whole numbers"):
+            Objects(boxes, np.array([0.0, wrong]))
