@@ -1,7 +1,8 @@
 """Fuse recorded clouds: any usual point file, and the pose of the sensor that recorded it.
 
     .ply .pcd .npz       whatever Open3D reads
-    .xyz .txt .csv       text, x y z first in each row, separated by blanks or commas
+    .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line
+                         that names the columns
     .npy                 array (n, 3 or more), x y z first
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
     .feather             columns x, y, z, as Argoverse 2 has them (needs pyarrow)
@@ -16,6 +17,7 @@ coordinates of a million metres keep their millimetres.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,8 +57,10 @@ def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     """The poses of a file by name; those without one are called 0, 1, 2, ... Raises ValueError that names a bad one."""
     path = Path(path)
-    text = path.read_text(encoding="utf-8")
+    if not path.is_file():
+        raise FileNotFoundError(f"no such pose file: {path}")
     try:
+        text = _text(path)
         numbers = _poses_of_json(json.loads(text)) if path.suffix.lower() == ".json" else _poses_of_text(text)
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
@@ -76,8 +80,8 @@ def poses_of(paths: Sequence[str | Path], files: Sequence[str | Path], *, invert
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
     """The pose of each cloud: the one that has its file's name or, where no pose has a name, the one in its place."""
-    stems = [Path(path).name.split(".")[0] for path in paths]
-    if all(stem in poses for stem in stems):
+    stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
+    if all(stem in poses for stem in stems) and len(set(stems)) == len(stems):
         return [poses[stem] for stem in stems]
     if len(poses) == len(paths) and all(name.isdigit() for name in poses):
         return list(poses.values())
@@ -95,7 +99,10 @@ def parse_pose(numbers: Any, name: str = "pose") -> Pose:
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be numbers, got {numbers!r}") from None
     if flat.size == 7:
-        return check_pose(quaternion_pose(flat[:4], flat[4:]), name)
+        try:
+            return check_pose(quaternion_pose(flat[:4], flat[4:]), name)
+        except ValueError as error:
+            raise ValueError(f"{name}: {str(error).removeprefix(f'{name} ')}") from None
     if flat.size == 12:
         flat = np.append(flat, [0.0, 0.0, 0.0, 1.0])
     if flat.size != 16:
@@ -157,15 +164,42 @@ def _read(path: Path) -> np.ndarray:
 def _columns(table: np.ndarray, path: Path) -> np.ndarray:
     if table.ndim != 2 or table.shape[1] < 3:
         raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
+    if table.dtype.kind not in "fiu":
+        raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
     return table[:, :3]
 
 
 def _numbers_of_text(path: Path) -> np.ndarray:
-    rows = [line.split("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+    rows = _rows(_text(path))
+    columns = [0, 1, 2]
+    if rows and not any(map(_is_number, rows[0])):
+        names = [name.strip("\"'").lower() for name in rows.pop(0)]
+        columns = [names.index(axis) if axis in names else place for place, axis in enumerate("xyz")]
     try:
-        return np.array([row[:3] for row in rows if row], np.float64).reshape(-1, 3)
-    except ValueError:
+        return np.array([[float(row[column]) for column in columns] for row in rows]).reshape(-1, 3)
+    except (ValueError, IndexError):
         raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is no text in UTF-8: is it a binary file?") from None
+
+
+def _rows(text: str) -> list[list[str]]:
+    """The cells of each line that has any, without comments."""
+    lines = (re.split("#|//", line)[0].strip() for line in text.splitlines())
+    return [re.split(rf"\s*{';' if ';' in line else ','}\s*|\s+", line) for line in lines if line]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _array(path: Path) -> np.ndarray:
@@ -192,11 +226,12 @@ def _poses_of_json(content: Any) -> dict[str, Any]:
 
 
 def _poses_of_text(text: str) -> dict[str, Any]:
-    rows = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
-    rows = [row for row in rows if row]
+    rows = [[cell for cell in row if cell] for row in _rows(text)]
     if not rows:
         raise ValueError("it is empty")
     if [len(row) for row in rows] in ([4] * 4, [4] * 3):
         return {"0": [number for row in rows for number in row]}
-    named = [row[0] if len(row) in (8, 13, 17) else str(k) for k, row in enumerate(rows)]
+    named = [row[0].removesuffix(":") if len(row) in (8, 13, 17) else str(k) for k, row in enumerate(rows)]
+    if len(set(named)) < len(named):
+        raise ValueError(f"two poses have one name: {', '.join(named)}")
     return {name: row[1:] if len(row) in (8, 13, 17) else row for name, row in zip(named, rows, strict=True)}

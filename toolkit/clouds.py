@@ -8,6 +8,7 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -192,12 +193,49 @@ def load(path: str | Path) -> Cloud:
 
     Raises FileNotFoundError, and ValueError for a file that holds no cloud.
     """
-    if not Path(path).is_file():
+    path = Path(path)
+    if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    cloud = o3d.t.io.read_point_cloud(Path(path))
+    damaged = f"{path} holds no points that Open3D can read: is it a damaged or foreign file?"
+    if _declares_no_points(path):
+        return from_points(np.zeros((0, 3), np.float32))
+    try:
+        cloud = o3d.t.io.read_point_cloud(path)
+    except RuntimeError:
+        raise ValueError(damaged) from None
     if "positions" not in cloud.point:
-        raise ValueError(f"{path} holds no points that Open3D can read: is it a damaged or foreign file?")
+        raise ValueError(damaged)
+    if _ply_is_cut_off(path):
+        raise ValueError(f"{path} is cut off, fewer points are there than its header says: copy it again")
     return from_points(positions(cloud).copy(), sensor_numbers(cloud))
+
+
+def _declares_no_points(path: Path) -> bool:
+    """Whether the header of a pcd says that a sensor saw nothing, which Open3D takes for damage."""
+    with path.open("rb") as file:
+        return (
+            path.suffix.lower() == ".pcd" and re.search(rb"^POINTS\s+0\s*$", file.read(4096), re.MULTILINE) is not None
+        )
+
+
+_PLY_BYTES = {"char": 1, "short": 2, "int": 4, "float": 4, "double": 8}
+_PLY_BYTES |= {"uchar": 1, "ushort": 2, "uint": 4, "float32": 4, "float64": 8}
+_PLY_BYTES |= {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4}
+
+
+def _ply_is_cut_off(path: Path) -> bool:
+    """Whether a ply ends before its last point; Open3D fills the rest with whatever was in memory."""
+    if path.suffix.lower() != ".ply":
+        return False
+    content = path.read_bytes()
+    header, _, body = content.partition(b"end_header")
+    vertex = re.search(r"element vertex (\d+)\s+((?:property \w+ \w+\s+)+)", header.decode("ascii", "replace"))
+    if vertex is None:
+        return False
+    types = re.findall(r"property (\w+) ", vertex[2])
+    if b"format ascii" in header:
+        return len(body.split()) < int(vertex[1]) * len(types)
+    return len(body) - 1 < int(vertex[1]) * sum(_PLY_BYTES.get(name, 1) for name in types)
 
 
 def _select(cloud: Cloud, keep: Bool[np.ndarray, " n"]) -> Cloud:

@@ -1,6 +1,7 @@
 import json
 
 import numpy as np
+import open3d as o3d
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -144,6 +145,8 @@ def test_one_pose_file_for_all_or_one_each(tmp_path):
         ("2 0 0 0 0 0 0", "length 1"),
         ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"),
         ("1 0 0 0 nan 0 0", "NaN"),
+        ("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"),
+        ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name"),
     ],
 )
 def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
@@ -170,6 +173,10 @@ def test_bad_cloud_files_say_what_is_wrong(tmp_path):
         ("a.xyz", b"1 2\n", "x y z in every row"),
         ("b.xyz", b"1 2 x\n", "x y z in every row"),
         ("a.ply", b"ply", "no points"),
+        ("a.npz", b"junk", "no points"),
+        ("two-columns.csv", b"1,2\n3,4\n5,6\n", "x y z in every row"),
+        ("empty-cell.csv", b"1,,3,4\n", "x y z in every row"),
+        ("binary.csv", b"\xff\xfe\x00", r"binary\.csv is no text"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=message):
@@ -183,3 +190,44 @@ def test_one_pose_for_each_file(tmp_path):
     with pytest.raises(ValueError, match="2 poses"):
         fuse_files([tmp_path / "a.ply"], POSES)
     assert parse_pose(np.eye(4)).shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "x,y,z,intensity\n1,2,3,9\n",
+        "\ufefft;X;Y;Z\n0;1;2;3\n",
+        "//X Y Z\n1 2 3\n",
+        '"t","z","y","x"\n0,3,2,1\n',
+        "1 , 2,3,\n",
+    ],
+)
+def test_text_with_a_header_is_read_by_its_columns(tmp_path, content):
+    (tmp_path / "a.csv").write_text(content, encoding="utf-8")
+    assert read_points(tmp_path / "a.csv").tolist() == [[1, 2, 3]]
+
+
+def test_a_sensor_that_saw_nothing_is_no_damage(tmp_path):
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
+    )
+    (tmp_path / "a.pcd").write_text(header)
+    (tmp_path / "a.bin").write_bytes(b"")
+    for name in ("a.pcd", "a.bin"):
+        assert read_points(tmp_path / name).shape == (0, 3)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_a_ply_that_is_cut_off_is_refused(tmp_path, ascii):
+    o3d.t.io.write_point_cloud(tmp_path / "a.ply", from_points(POINTS), write_ascii=ascii)
+    assert len(read_points(tmp_path / "a.ply")) == len(POINTS)
+    whole = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(ValueError, match="cut off"):
+        read_points(tmp_path / "a.ply")
+
+
+def test_clouds_of_one_name_do_not_share_its_pose():
+    with pytest.raises(ValueError, match="cannot tell which pose"):
+        match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
+    assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
