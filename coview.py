@@ -585,6 +585,8 @@ def _count(recording: CoopDataset, frames: int | None) -> int:
 def _sensor_set(text: str) -> list[int | str] | None:
     """`all`, or numbers and names separated by commas."""
     names = [name.strip() for name in text.split(",")]
+    if len(set(names)) < len(names):
+        raise ValueError(f"each sensor may be named once in a set, got {text}: leave the repetition out")
     return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
 
 

@@ -39,6 +39,7 @@ class CoopDataset(Sequence[Frame]):
         self._open: tuple[int, h5py.File] | None = None
         file = self._file()
         try:
+            check_kinds(file)
             self.site = site if site is not None else _site(file)
             self.channels = _channels(file, self.site)
             self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self.channels)
@@ -121,6 +122,8 @@ class CoopDataset(Sequence[Frame]):
 def noisy(frame: Frame, seed: int) -> Frame:
     """`frame` with every sensor's noise added, drawn from the seed, the frame's index and the sensor's name alone, so
     that a sensor measures the same whichever others are used."""
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
     measurements = []
     for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
         rng = np.random.default_rng([seed, frame.index, zlib.crc32(sensor.name.encode())])
@@ -150,6 +153,17 @@ def open_file(path: str | Path) -> h5py.File:
         if "signature" in str(error):
             raise OSError(f"{path} is not an HDF5 file: give a file of coview simulate or a published one") from None
         raise OSError(f"{path} cannot be read as HDF5 ({error}): copy or simulate it again") from None
+
+
+def check_kinds(file: h5py.File) -> None:
+    """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset."""
+    kinds: dict[str, type] = {"dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group}
+    for name, kind in kinds.items():
+        if name in file and not isinstance(file[name], kind):
+            raise ValueError(f"{name} must be an HDF5 {kind.__name__.lower()}, got {file[name]}: see toolkit.recording")
+    for name in published_cameras(file):
+        if not isinstance(file["cameras"][name], h5py.Group):
+            raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
 
 
 def published_cameras(file: h5py.File) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from toolkit import published_layout as published
 from toolkit.checkup import UNKNOWN, check_measurements
 from toolkit.checkup import Finding as Finding
-from toolkit.dataset import CoopDataset, open_file
+from toolkit.dataset import CoopDataset, check_kinds, open_file
 from toolkit.site import Site
 
 
@@ -23,8 +23,11 @@ def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
     """
     try:
         with open_file(path) as file:
+            check_kinds(file)
             units, (tables, whole, damaged) = _depth_units(file), _tables(file)
         with CoopDataset(path, site or _place(path)) as dataset:
+            if not len(dataset):
+                return [Finding("error", "dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
             return damaged + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
     except FileNotFoundError:
         raise
@@ -66,11 +69,12 @@ def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
     if f"objects/{k}" not in file:
         return nothing, "it is missing"
     rows = file[f"objects/{k}"]
-    rows = np.asarray(rows[()], np.float64) if rows.size else nothing
+    rows = rows[()] if rows.size else nothing
     try:
         published.objects_of(rows, np.eye(4))
     except ValueError as error:
         return nothing, str(error).removeprefix("objects ")
+    rows = np.asarray(rows, np.float64)
     flat = (rows[:, 6:9] <= 0).any(axis=1)
     if flat.any():
         return rows[~flat], f"row {np.argmax(flat)} has half extents {rows[flat][0, 6:9].tolist()}"

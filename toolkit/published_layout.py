@@ -105,6 +105,8 @@ def objects_of(
     >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
     0
     """
+    if np.asarray(rows).dtype.kind not in "fiub":
+        raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)
     if rows.size == 0:
         return Objects.empty()

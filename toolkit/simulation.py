@@ -63,6 +63,8 @@ def simulate_dataset(
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), frames, seed)
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}: leave it out for one per core")
     out = Path(out)
     parts = PartFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
