@@ -181,7 +181,7 @@ def _finished(
         near = shapely.MultiPoint(lamps).buffer(2.0) if len(lamps) else shapely.Polygon()
         mounts += [mount for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))]
     poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
-    stones = f.kerbs(lanes, footways) if footways else []
+    stones = f.kerbs(lanes, footways)
     return replace(
         site,
         lanes=lanes,
