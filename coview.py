@@ -605,12 +605,10 @@ def _detector(name: str, recording: CoopDataset) -> Detector:
 def _cluster(recording: CoopDataset) -> Detector:
     """The classical detector, having seen the recording's site empty."""
     from toolkit.cluster import ClusterDetector
-    from toolkit.frame import Frame, empty_scene
-    from toolkit.objects import Objects
+    from toolkit.frame import empty_scene
     from toolkit.points import frame_points
 
-    empty = Frame(recording.sensors, empty_scene(recording), Objects.empty())
-    rng = np.random.default_rng(0)
+    empty, rng = empty_scene(recording), np.random.default_rng(0)
     return ClusterDetector.learn(
         points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
     )

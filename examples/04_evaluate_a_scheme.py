@@ -11,8 +11,7 @@ import numpy as np
 from toolkit.cluster import ClusterDetector
 from toolkit.dataset import CoopDataset
 from toolkit.evaluation import evaluate_dataset, format_table
-from toolkit.frame import Frame, empty_scene
-from toolkit.objects import Objects
+from toolkit.frame import empty_scene
 from toolkit.points import frame_points
 from toolkit.simulation import simulate_dataset
 
@@ -22,8 +21,9 @@ def main(frames: int = 20) -> None:
     with tempfile.TemporaryDirectory() as folder:
         simulate_dataset("tjunction", frames=frames, seed=0, out=Path(folder, "few.hdf5"), workers=1)
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
-            empty = Frame(recording.sensors, empty_scene(recording), Objects.empty())
-            detector = ClusterDetector.learn(frame_points(empty, area=recording.site, rng=np.random.default_rng(0)))
+            detector = ClusterDetector.learn(
+                frame_points(empty_scene(recording), area=recording.site, rng=np.random.default_rng(0))
+            )
             rows = evaluate_dataset(
                 recording, detector, schemes=("early", "late"), sensor_sets=(None, (0, 2, 5)), iou_thresholds=(0.5, 0.7)
             )

@@ -50,7 +50,7 @@ def recording(
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: what each sensor measures of the empty site, taken
     from the frames themselves when None; count: only the first so many frames.
     """
-    empty = empty_scene(frames) if empty is None else empty
+    empty = empty_scene(frames).measurements if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty)
     return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
 

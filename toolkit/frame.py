@@ -35,7 +35,7 @@ class Frame:
                 )
 
 
-def empty_scene(frames: Sequence[Frame], sample: int = 100) -> tuple[Float32[np.ndarray, "_ _"], ...]:
+def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
     """What each sensor measures behind all that moves: the farthest return of each pixel over `sample` spread frames.
 
     Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises ValueError without frames.
@@ -46,4 +46,5 @@ def empty_scene(frames: Sequence[Frame], sample: int = 100) -> tuple[Float32[np.
     for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
         seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].measurements]
         farthest = [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
-    return tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)
+    still = tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)
+    return Frame(frames[0].sensors, still, Objects.empty())
