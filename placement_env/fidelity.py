@@ -1,0 +1,30 @@
+"""`Fidelity`: how sensor sets are scored, from counting points to running the detector; all of them look the same."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64
+
+
+class Estimate(NamedTuple):
+    """What a fidelity says of n sensor sets. ap and recall: 0 to 1, of the scored objects; kbit: what the sensors of a
+    set send together in a frame, mean over the frames."""
+
+    ap: Float64[np.ndarray, " n"]
+    recall: Float64[np.ndarray, " n"]
+    kbit: Float64[np.ndarray, " n"]
+
+
+@runtime_checkable
+class Fidelity(Protocol):
+    """Scores sets of C candidates, given as rows of booleans. The same sets get the same figures, in any order."""
+
+    @property
+    def name(self) -> str:
+        """coverage, surrogate, detector or table."""
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Figures of each set; the empty set has AP 0 and sends nothing."""
