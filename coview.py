@@ -457,7 +457,8 @@ def train(
 
     import torch
 
-    from models.train import GENERAL_AREA, LOG, PRESETS, commit, config_for
+    from models.detector import moved
+    from models.train import ANYWHERE, LOG, PRESETS, commit, config_for
     from models.train import train as run
     from models.training_log import curves
     from models.validation import validation
@@ -470,7 +471,7 @@ def train(
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
     preset = preset or ("general" if site == "general" else "fast")
     place = None if site == "general" else load_site(site)
-    area = GENERAL_AREA if place is None else tuple(place.area.tolist())
+    area = ANYWHERE if place is None else tuple(place.area.tolist())
     wanted = {"epochs": epochs, "batch": batch, "learning_rate": learning_rate}
     settings = replace(PRESETS[preset], seed=seed, **{name: value for name, value in wanted.items() if value})
     config = config_for(area, preset, size)
@@ -495,7 +496,7 @@ def train(
         )  # fmt: skip
     save_weights(
         out / "weights.safetensors",
-        network,
+        moved(network, area, "general"),
         Header("general" if place is None else place.name, seed, commit(), measured),
     )
     draw_training(curves(out / LOG), out)

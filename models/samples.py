@@ -86,16 +86,16 @@ class Samples(torch.utils.data.Dataset[Batch]):
         """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
         points = np.concatenate(self.frames.points(k, rng, self._sensors(k, rng)))
         objects, area = self.frames.objects(k), np.array(self.frames.rig(k).area)
-        boxes, inside = objects.boxes, centred_in(objects.boxes, area)
+        boxes, inside = objects.boxes.copy(), centred_in(objects.boxes, area)
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
+        wanted = boxes[inside & (objects.labels == VEHICLE), :2]
+        centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
         if self.recipe.augmentation == "scene":
-            room = ((area[2:] - area[:2]) - (grid[2:] - grid[:2])).clip(0) / 2
-            centre = (area[:2] + area[2:]) / 2 + rng.uniform(-room, room)
             points, boxes = turn_scene(points, boxes, centre, rng)
-            points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
-            boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
+        points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
+        boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
     def _sensors(self, k: int, rng: np.random.Generator) -> list[int] | None:
@@ -109,6 +109,19 @@ def stack(batch: list[Batch]) -> Batch:
     """Several examples as one batch."""
     voxels, labels, boxes = zip(*batch, strict=True)
     return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
+
+
+def window_centre(
+    area: Float[np.ndarray, "4"],
+    window: Float[np.ndarray, "2"],
+    wanted: Float[np.ndarray, "n 2"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "2"]:
+    """Where a window (m along x and y) of an area (xmin ymin xmax ymax, m) is centred: near one of the places wanted,
+    so that little of it is empty, and inside the area along each side that is no shorter than the window."""
+    middle, room = (area[:2] + area[2:]) / 2, ((area[2:] - area[:2] - window) / 2).clip(0)
+    near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
+    return np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
 
 
 def jitter_objects(

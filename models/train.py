@@ -30,7 +30,8 @@ from models.voxelnet import Prediction, VoxelNet
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 LOG_STEPS = 50  # losses are logged as their mean over so many steps
-GENERAL_AREA = (-36.0, -36.0, 36.0, 36.0)  # the window of a network for any area, m
+WINDOW = 40.0  # m; networks that know no absolute coordinates learn on windows of at most this side
+ANYWHERE = (-WINDOW / 2, -WINDOW / 2, WINDOW / 2, WINDOW / 2)
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
@@ -38,8 +39,8 @@ Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 class Preset:
     """Everything that decides how a network is trained, beside the network and the data."""
 
-    epochs: float = 3.0
-    batch: int = 2
+    epochs: float = 4.0
+    batch: int = 4
     optimiser: Literal["adamw", "sgd"] = "adamw"
     learning_rate: float = 3e-3
     weight_decay: float = 0.01
@@ -145,14 +146,29 @@ def train(
 
 
 def config_for(area: tuple[float, float, float, float], preset: str, size: str = "light") -> VoxelNetConfig:
-    """The network a preset trains: light or published in size, with the head its loss needs."""
+    """The network a preset trains for an area: light or published in size, with the head its loss needs.
+
+    The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.moved` puts
+    what it learned on all of it.
+    """
     quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0}
     published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0}
     head = published if PRESETS[preset].loss == "published" else quality
     if size == "light":
-        return VoxelNetConfig.light(area, **head)
+        return VoxelNetConfig.light(window(area), **head)
     voxel = (0.4, 0.4, 0.4) if max(area[2] - area[0], area[3] - area[1]) > 80 else (0.2, 0.2, 0.4)
     return VoxelNetConfig(area=area, voxel_size=voxel, **head)  # type: ignore[arg-type]
+
+
+def window(area: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide.
+
+    >>> window((-40.0, -20.0, 40.0, 10.0))
+    (-20.0, -20.0, 20.0, 10.0)
+    """
+    xmin, ymin, xmax, ymax = area
+    x, y = max(0.0, xmax - xmin - WINDOW) / 2, max(0.0, ymax - ymin - WINDOW) / 2
+    return xmin + x, ymin + y, xmax - x, ymax - y
 
 
 def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
@@ -305,12 +321,12 @@ def main() -> None:
 
 
 def area_for(preset: str, data: Path) -> tuple[float, float, float, float]:
-    """The area to train: a fixed window for `general`, else the one all frames of the data share.
+    """The area to train: any, as large as a window, for `general`, else the one all frames of the data share.
 
     Raises ValueError where they share none.
     """
     if preset == "general":
-        return GENERAL_AREA
+        return ANYWHERE
     areas = {rig.area for rig in PackedFrames(data).rigs}
     if len(areas) > 1:
         raise ValueError(f"{data} holds {len(areas)} different areas: give --area, or --preset general")

@@ -16,7 +16,7 @@ from models.config import VoxelNetConfig
 from models.packed import PackedFrames
 from models.packing import pack, recording
 from models.samples import SampleRecipe
-from models.train import CHECKPOINT, GENERAL_AREA, LOG, PRESETS, area_for, config_for, load_checkpoint, train
+from models.train import CHECKPOINT, ANYWHERE, LOG, PRESETS, area_for, config_for, load_checkpoint, train
 from models.validation import average_precision, validation
 from models.weights import load_weights
 
@@ -97,7 +97,7 @@ def test_a_checkpoint_is_loaded_with_its_settings(packed_file, tmp_path):
 
 def test_the_area_is_that_of_the_data_or_a_window(packed_file):
     assert area_for("fast", packed_file) == AREA
-    assert area_for("general", packed_file) == GENERAL_AREA
+    assert area_for("general", packed_file) == ANYWHERE
 
 
 def test_validation_leaves_training_undisturbed(packed_file, tmp_path):
