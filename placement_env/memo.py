@@ -1,0 +1,166 @@
+"""`Memo`: arrays that took long to compute, kept under a key that says all they depend on, on disk and in one file.
+
+The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
+process killed in mid-write leaves it as it was before. Each value is kept with a checksum over key and value; one that
+does not fit is computed anew. A file that is damaged is put aside under another name, with a warning, and begun anew.
+
+A key is made by `key_of`; there is no way to change a value, since what it depends on is in the key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sqlite3
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+Arrays = tuple[np.ndarray, ...]
+Result = TypeVar("Result")
+
+WAIT = 60.0  # s that a process waits while another one writes
+AT_ONCE = 500  # keys in one question
+CHECKSUM = 8  # bytes
+SCHEMA = "CREATE TABLE IF NOT EXISTS memo (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
+
+
+def key_of(*parts: Any) -> bytes:
+    """The SHA-256 of texts, numbers, lists and dictionaries of these, as JSON.
+
+    >>> key_of("early", [0, 1]) == key_of("early", (0, 1)), key_of("early", [0, 1]) == key_of("early", [0, 2])
+    (True, False)
+    """
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).digest()
+
+
+class Memo:
+    """Tuples of arrays by key; path: of the file, made where it is missing, None for memory only.
+
+    Sent to another process, it opens the file again there; in memory, each process has its own. Where the file cannot
+    be written, it warns and goes on without.
+
+    >>> memo = Memo()
+    >>> memo.put({key_of("a"): (np.arange(3),)})
+    >>> memo.get([key_of("a"), key_of("b")])
+    [(array([0, 1, 2]),), None]
+    """
+
+    def __init__(self, path: str | Path | None = None) -> None:
+        self.path = None if path is None else Path(path)
+        self._open: tuple[int, sqlite3.Connection] | None = None
+        self._inode: int | None = None
+
+    def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
+        """What is kept under each key, None for nothing."""
+        found: dict[bytes, bytes] = {}
+        for first in range(0, len(keys), AT_ONCE):
+            some = list(keys[first : first + AT_ONCE])
+            marks = ",".join("?" * len(some))
+            question = f"SELECT key, value FROM memo WHERE key IN ({marks})"
+            found |= dict(self._safely(lambda db, q=question, some=some: db.execute(q, some).fetchall(), []))
+        return [decoded(key, found[key]) if key in found else None for key in keys]
+
+    def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
+        """Keep all of them or, where the process ends before, none."""
+        rows = [(key, encoded(key, value)) for key, value in values.items()]
+        self._safely(lambda db: _insert(db, rows), None)
+
+    def __len__(self) -> int:
+        return self._safely(lambda db: int(db.execute("SELECT count(*) FROM memo").fetchone()[0]), 0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_open": None}
+
+    def close(self) -> None:
+        """Close the file; the next access opens it again."""
+        if self._open is not None and self._open[0] == os.getpid():
+            self._open[1].close()
+        self._open = None
+
+    def _safely(self, call: Callable[[sqlite3.Connection], Result], otherwise: Result) -> Result:
+        """The result of a call; if the file is damaged, of the call with a new one; `otherwise` where neither works."""
+        for attempt in ("as it is", "begun anew"):
+            try:
+                return call(self._database())
+            except sqlite3.OperationalError as error:  # locked too long, read-only, disk full: the file may be sound
+                warnings.warn(f"{self.path} cannot be used ({error}): what it keeps is computed again", stacklevel=3)
+                self.close()
+                return otherwise
+            except sqlite3.DatabaseError as error:
+                self.close()
+                if attempt == "as it is":
+                    self._put_aside(str(error))
+        return otherwise
+
+    def _database(self) -> sqlite3.Connection:
+        if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
+            self._open = os.getpid(), self._opened()
+        return self._open[1]
+
+    def _opened(self) -> sqlite3.Connection:
+        if self.path is not None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        database = sqlite3.connect(self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False)
+        self._inode = self._on_disk()
+        try:
+            for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", SCHEMA):
+                database.execute(statement)
+        except sqlite3.Error:
+            database.close()
+            raise
+        return database
+
+    def _on_disk(self) -> int | None:
+        return self.path.stat().st_ino if self.path is not None and self.path.exists() else None
+
+    def _put_aside(self, error: str) -> None:
+        if self.path is None or self._on_disk() != self._inode:  # another process has begun it anew already
+            return
+        aside = self.path.with_name(f"{self.path.name}.damaged-{os.getpid()}")
+        warnings.warn(f"{self.path} is damaged ({error}): put aside as {aside.name} and begun anew", stacklevel=4)
+        for suffix in ("", "-wal", "-shm"):
+            try:
+                os.replace(f"{self.path}{suffix}", f"{aside}{suffix}")
+            except FileNotFoundError:  # there is none, or another process put it aside
+                continue
+
+
+def encoded(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
+    """Arrays as bytes: checksum, a line of JSON with their types and shapes, then what they hold."""
+    columns = [np.ascontiguousarray(column) for column in arrays]
+    head = json.dumps([(column.dtype.str, column.shape) for column in columns]).encode() + b"\n"
+    body = b"".join([head, *(column.tobytes() for column in columns)])
+    return _checksum(key, body) + body
+
+
+def decoded(key: bytes, value: bytes) -> Arrays | None:
+    """The arrays that `encoded` turned into bytes, None where a bit of them has changed since."""
+    body = value[CHECKSUM:]
+    if value[:CHECKSUM] != _checksum(key, body):
+        return None
+    head, _, rest = body.partition(b"\n")
+    columns, first = [], 0
+    for dtype, shape in json.loads(head):
+        column = np.ndarray(shape, dtype, rest, first)
+        columns.append(column)
+        first += column.nbytes
+    return tuple(columns)
+
+
+def _checksum(key: bytes, body: bytes) -> bytes:
+    return hashlib.blake2b(body, digest_size=CHECKSUM, key=key).digest()
+
+
+def _insert(database: sqlite3.Connection, rows: list[tuple[bytes, bytes]]) -> None:
+    database.execute("BEGIN IMMEDIATE")
+    try:
+        database.executemany("INSERT OR REPLACE INTO memo VALUES (?, ?)", rows)
+    except BaseException:
+        database.execute("ROLLBACK")
+        raise
+    database.execute("COMMIT")
