@@ -204,7 +204,7 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
-        pairs = ["" if i == j else f"{worth.synergy[i, j]:+.4f}" for j in order]
+        pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
         table.append([names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs])
     return _columns(table)
 
@@ -222,7 +222,7 @@ def format_marginal(gains: Marginal, names: Sequence[str]) -> str:
     """A line per candidate, of greatest gain per kbit first."""
     table = [["sensor", "gain", "kbit", "gain/Mbit"]]
     table += [
-        [names[i], f"{gains.gain[i]:+.4f}", f"{gains.kbit[i]:.2f}", f"{1e3 * gains.per_kbit[i]:+.4f}"]
+        [names[i], f"{gains.gain[i]:+z.4f}", f"{gains.kbit[i]:.2f}", f"{1e3 * gains.per_kbit[i]:+z.4f}"]
         for i in np.argsort(-gains.per_kbit, kind="stable").tolist()
     ]
     return _columns(table)

@@ -1,0 +1,180 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from placement_env.racing import race, verify
+from placement_env.values import all_subsets
+
+SETS = all_subsets(8)[1:]
+
+
+class Recorded:
+    """AP of sets as means over frames of a figure that drifts, so that neighbours in time are alike."""
+
+    def __init__(self, sets=SETS, frames=200, seed=0, noise=0.3):
+        rng = np.random.default_rng(seed)
+        drift = rng.standard_normal((sets.shape[1], frames)).cumsum(axis=1)
+        drift -= drift.mean(axis=1, keepdims=True)
+        gain = rng.uniform(0, 0.1, sets.shape[1])[:, None] * (1 + noise * drift / drift.std())
+        self.per_frame = {row.tobytes(): row @ gain for row in sets}
+        self.seen = {row.tobytes(): set() for row in sets}
+        self.asked = []
+
+    def __call__(self, sets, frames):
+        self.asked.append((sets, frames))
+        for row in sets:
+            self.seen[row.tobytes()] |= set(frames.tolist())
+        return np.array([self.per_frame[row.tobytes()][frames].mean() for row in sets])
+
+    def true(self, sets):
+        return np.array([self.per_frame[row.tobytes()].mean() for row in sets])
+
+
+@pytest.fixture(scope="module")
+def run():
+    recorded = Recorded()
+    return recorded, race(recorded, SETS, 200)
+
+
+def test_finds_the_best_for_a_fraction_of_the_cost(run):
+    recorded, result = run
+    assert recorded.true(SETS).argmax() == result.winners[0]
+    assert result.full == 255 * 200
+    assert result.spent < 0.15 * result.full
+
+
+def test_frames_and_sets_of_each_rung(run):
+    _, result = run
+    assert [rung.frames for rung in result.rungs] == [8, 24, 72, 200]
+    assert [len(rung.sets) for rung in result.rungs] == [255, 85, 29, 10]
+    assert all((np.diff(rung.scores) <= 0).all() for rung in result.rungs)
+    for before, after in pairwise(result.rungs):
+        assert set(after.sets) == set(before.sets[: len(after.sets)])
+
+
+def test_what_was_spent_is_what_was_seen(run):
+    recorded, result = run
+    assert result.spent == sum(map(len, recorded.seen.values()))
+
+
+def test_frames_extend_and_are_not_in_the_order_of_time(run):
+    recorded, _ = run
+    orders = [frames for _, frames in recorded.asked]
+    for before, after in pairwise(orders):
+        assert (after[: len(before)] == before).all()
+    assert sorted(orders[-1]) == list(range(200))
+    assert np.abs(np.diff(orders[0])).min() > 1
+
+
+def test_the_winners_scores_are_those_on_all_frames(run):
+    recorded, result = run
+    assert result.scores == pytest.approx(recorded.true(SETS[result.winners]))
+
+
+@given(
+    st.integers(1, 60),
+    st.integers(1, 40),
+    st.integers(2, 4),
+    st.integers(1, 50),
+    st.integers(1, 5),
+    st.integers(0, 10**6),
+)
+def test_the_last_rung_has_all_frames_and_the_cost_is_bounded(sets, frames, eta, first, keep, seed):
+    ap = np.random.default_rng(seed).uniform(size=256).round(1)  # many ties
+    chosen = all_subsets(8)[np.random.default_rng(seed).integers(0, 256, sets)]
+    result = race(lambda s, f: ap[s @ (1 << np.arange(8))], chosen, frames, eta=eta, first=first, keep=keep, seed=seed)
+    assert result.rungs[-1].frames == frames
+    assert result.spent <= result.full <= sets * frames
+    # Without noise the race is exact, and every distinct set that ties with the last winner wins too.
+    distinct = np.sort(ap[np.unique(chosen, axis=0) @ (1 << np.arange(8))])[::-1]
+    last = distinct[min(keep, len(distinct)) - 1]
+    assert result.scores.tolist() == distinct[distinct >= last].tolist()
+    assert len(np.unique(chosen[result.winners], axis=0)) == len(result.winners)
+
+
+def test_the_same_seed_runs_the_same_race_and_another_another():
+    recorded = Recorded(noise=3.0)
+    one, again, other = (race(recorded, SETS, 200, seed=seed) for seed in (1, 1, 2))
+    assert [r.sets.tolist() for r in one.rungs] == [r.sets.tolist() for r in again.rungs]
+    assert recorded.asked[0][1].tolist() == recorded.asked[len(one.rungs)][1].tolist()
+    assert one.rungs[0].sets.tolist() != other.rungs[0].sets.tolist()
+
+
+def test_random_order_beats_time_order_on_a_recording_that_drifts():
+    lost = {"random": [], "time": []}
+    for seed in range(20):
+        recorded = Recorded(seed=seed, noise=1.5)
+        truth = recorded.true(SETS)
+        in_time = race(lambda s, f: recorded(s, np.arange(len(f))), SETS, 200, seed=seed)  # noqa: B023
+        for name, result in (("random", race(recorded, SETS, 200, seed=seed)), ("time", in_time)):
+            lost[name].append(truth.max() - truth[result.winners[0]])
+    assert np.mean(lost["random"]) < 0.5 * np.mean(lost["time"])
+
+
+def test_equal_sets_are_scored_once_and_the_first_stands_for_them():
+    recorded = Recorded()
+    twice = np.concatenate([SETS[:9], SETS[:9]])[::-1]
+    result = race(recorded, twice, 30)
+    assert len(recorded.asked[0][0]) == 9
+    assert result.full == 9 * 30
+    assert result.winners.max() < 9
+
+
+def test_undefined_scores_drop_nobody():
+    ap = np.linspace(0, 1, 255)
+    key = {row.tobytes(): score for row, score in zip(SETS, ap, strict=True)}
+
+    def scores(sets, frames):
+        return np.array([key[row.tobytes()] if len(frames) > 10 else np.nan for row in sets])
+
+    result = race(scores, SETS, 100, first=4)
+    assert [len(rung.sets) for rung in result.rungs] == [255, 255, 85, 29]
+    assert result.winners.tolist() == [254]
+
+
+def test_a_set_of_undefined_score_loses_to_one_of_zero():
+    result = race(lambda s, f: np.where(s[:, 0], np.nan, 0.0), np.eye(2, dtype=bool), 10)
+    assert result.winners.tolist() == [1]
+
+
+def test_when_few_enough_are_left_the_rest_of_the_frames_comes_at_once():
+    result = race(Recorded(), SETS[:4], 200, keep=4)
+    assert [rung.frames for rung in result.rungs] == [200]
+    assert len(result.winners) == 4
+
+
+@pytest.mark.parametrize("wrong", [{"eta": 1}, {"first": 0}, {"keep": 0}, {"frames": 0}, {"sets": SETS[:0]}])
+def test_race_refuses(wrong):
+    with pytest.raises(ValueError, match="a race needs"):
+        race(Recorded(), **({"sets": SETS, "frames": 9} | wrong))
+
+
+def test_verify_ranks_the_best_few_by_the_dear_figure():
+    cheap, dear, asked = np.array([0.9, 0.8, 0.7, 0.1]), np.array([0.5, 0.6, 0.6, 0.9]), []
+
+    def expensive(sets):
+        asked.append(sets)
+        return sets @ dear
+
+    sets = np.eye(4, dtype=bool)[[3, 2, 1, 0, 0]]
+    found = verify(lambda s: s @ cheap, expensive, sets, best=3)
+    assert found.sets.argmax(axis=1).tolist() == [1, 2, 0]
+    assert found.cheap.tolist() == [0.8, 0.7, 0.9]
+    assert found.dear.tolist() == [0.6, 0.6, 0.5]
+    assert len(asked) == 1
+    assert len(asked[0]) == 3
+
+
+def test_verify_takes_all_that_tie_and_no_more_than_there_are():
+    sets = np.eye(4, dtype=bool)
+    assert len(verify(lambda s: np.zeros(len(s)), lambda s: s @ np.arange(4.0), sets, best=1).sets) == 4
+    assert len(verify(lambda s: s @ np.arange(4.0), lambda s: s @ np.arange(4.0), sets, best=9).sets) == 4
+
+
+@pytest.mark.parametrize(("sets", "best"), [(SETS, 0), (SETS[:0], 1)])
+def test_verify_refuses(sets, best):
+    with pytest.raises(ValueError, match="a set to verify and best >= 1"):
+        verify(lambda s: s.sum(axis=1), lambda s: s.sum(axis=1), sets, best=best)
