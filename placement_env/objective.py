@@ -1,0 +1,222 @@
+"""The objective that every search and environment maximises: reward = AP − λ_comm · kbit per sensor − λ_price · price.
+
+kbit per sensor is the paper's measure of communication (section IV-A): what the sensors of a set send in a frame, its
+mean over frames and sensors. What the whole set sends is reported beside it. A set is feasible when no two of its
+sensors hang on one mount and, where points are sent (early and hybrid fusion), no sensor sends more than the link of
+its mount carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from placement_env.fidelity import Fidelity
+from toolkit.arrays import Bool, Float64
+from toolkit.objects import Detector
+from toolkit.site import Site, load_site
+
+if TYPE_CHECKING:
+    from placement_env.candidates import Candidates
+
+Scheme = Literal["early", "late", "hybrid"]
+FidelityName = Literal["coverage", "surrogate", "detector", "table"]
+SCHEMES: tuple[Scheme, ...] = ("early", "late", "hybrid")
+FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
+MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What communication and building cost, in AP: `comm` per kbit that a sensor sends in a frame, `price` per unit of
+    the mounts' price. With both 0, the default, the reward is the AP."""
+
+    comm: float = 0.0
+    price: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.comm < np.inf and 0 <= self.price < np.inf):
+            raise ValueError(f"weights must be finite and not negative, got comm {self.comm} and price {self.price}")
+
+
+AP_ONLY = Weights()
+
+
+@dataclass(frozen=True)
+class Score:
+    """What an objective says of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
+    cache_hit: whether the fidelity had been asked about this set before."""
+
+    subset: tuple[int, ...]
+    ap: float
+    recall: float
+    kbit_per_sensor: float
+    kbit: float
+    price: float
+    reward: float
+    terms: dict[str, float]
+    fidelity: str
+    cache_hit: bool
+
+
+class Scores(NamedTuple):
+    """`Score` of n sets as arrays."""
+
+    ap: Float64[np.ndarray, " n"]
+    recall: Float64[np.ndarray, " n"]
+    kbit_per_sensor: Float64[np.ndarray, " n"]
+    kbit: Float64[np.ndarray, " n"]
+    price: Float64[np.ndarray, " n"]
+    reward: Float64[np.ndarray, " n"]
+    cache_hit: Bool[np.ndarray, " n"]
+
+
+class Objective:
+    """Scores sets of candidate sensors at a site.
+
+    site: a site or its name; frames: of traffic, drawn from `seed`; fidelity: how a set is scored, see `FIDELITIES`;
+    candidates: None for the site's own sensors, "pool" for its pool, or the candidates themselves; detector: of
+    fidelity "detector", None for the shipped network; iou: at which a detection counts; cache: folder where what was
+    rendered and detected is kept, None for nowhere; workers: processes that prepare it.
+
+    `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
+    """
+
+    def __init__(
+        self,
+        site: Site | str,
+        frames: int = 200,
+        scheme: Scheme = "early",
+        fidelity: FidelityName = "surrogate",
+        weights: Weights = AP_ONLY,
+        *,
+        candidates: Candidates | Literal["pool"] | None = None,
+        detector: Detector | None = None,
+        iou: float = 0.7,
+        seed: int = 0,
+        cache: str | Path | None = None,
+        workers: int = 1,
+    ) -> None:
+        from placement_env.fidelities import Preparation, site_candidates
+
+        site = load_site(site) if isinstance(site, str) else site
+        candidates = site_candidates(site, candidates)
+        preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, detector)
+        self._hold(candidates, preparation.fidelity(fidelity), scheme, weights, preparation.sent(fidelity))
+
+    @classmethod
+    def of(
+        cls,
+        candidates: Candidates,
+        fidelity: Fidelity,
+        scheme: Scheme = "early",
+        weights: Weights = AP_ONLY,
+        sent: Float64[np.ndarray, " C"] | None = None,
+    ) -> Objective:
+        """From parts. sent: kbit in a frame that each candidate sends, found by scoring each alone if not given."""
+        objective = cls.__new__(cls)
+        objective._hold(candidates, fidelity, scheme, weights, sent)
+        return objective
+
+    def _hold(
+        self,
+        candidates: Candidates,
+        fidelity: Fidelity,
+        scheme: Scheme,
+        weights: Weights,
+        sent: Float64[np.ndarray, " C"] | None,
+    ) -> None:
+        if scheme not in SCHEMES:
+            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
+        self.candidates, self.scheme, self.weights = candidates, scheme, weights
+        self.scored_by = fidelity
+        self._sent = sent
+        self._known: dict[bytes, tuple[float, float, float]] = {}
+
+    @property
+    def fidelity(self) -> str:
+        """Name of the fidelity."""
+        return self.scored_by.name
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the candidates."""
+        return tuple(sensor.name for sensor in self.candidates.sensors)
+
+    @cached_property
+    def linked(self) -> Bool[np.ndarray, " C"]:
+        """Which candidates send no more than their mount's link carries; late fusion sends boxes, which always fit."""
+        if self.scheme == "late":
+            return np.ones(len(self.candidates), np.bool_)
+        sent = self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit if self._sent is None else self._sent
+        return np.asarray(sent <= self.candidates.capacity)
+
+    def score(self, subset: Iterable[int | str]) -> Score:
+        """Score of a set, given as indices or names of candidates, in any order. Raises ValueError for one that there
+        is not."""
+        row = self.row(subset)
+        scores = self.scores(row[None])
+        ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
+        terms = {"ap": ap, "comm": -self.weights.comm * per_sensor, "price": -self.weights.price * price}
+        members = tuple(np.flatnonzero(row).tolist())
+        return Score(
+            members, ap, recall, per_sensor, kbit, price, reward, terms, self.fidelity, bool(scores.cache_hit[0])
+        )
+
+    def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
+        """Scores of sets, given as rows of booleans. A set that was asked before, here or earlier, is not scored again;
+        the empty set scores 0. Sets are scored whether feasible or not."""
+        figures, cache_hit = self._figures(subsets)
+        ap, recall, kbit = figures.T
+        per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
+        price = self.candidates.price(subsets)
+        reward = ap - self.weights.comm * per_sensor - self.weights.price * price
+        return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
+
+    def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+        """Which sets may be built: at most one sensor on a mount, and each within the capacity of its mount's link."""
+        one_each = (self.candidates.per_mount(subsets) <= 1).all(axis=1)
+        return np.asarray(one_each & ~(subsets & ~self.linked).any(axis=1))
+
+    def allowed(self, subset: Bool[np.ndarray, " C"] | Iterable[int | str]) -> Bool[np.ndarray, " C"]:
+        """Which candidates may join a set and leave it feasible, those on mounts that are free."""
+        row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
+        taken = np.zeros(len(self.candidates.mounts), np.bool_)
+        taken[self.candidates.mount[row]] = True
+        return np.asarray(~taken[self.candidates.mount] & self.linked)
+
+    def row(self, subset: Iterable[int | str]) -> Bool[np.ndarray, " C"]:
+        """A set, given as indices or names of candidates, as a row of booleans."""
+        row = np.zeros(len(self.candidates), np.bool_)
+        for member in subset:
+            row[self._index(member)] = True
+        return row
+
+    def _index(self, member: int | str) -> int:
+        if isinstance(member, str) and member in self.names:
+            return self.names.index(member)
+        if not isinstance(member, str) and 0 <= member < len(self.candidates):
+            return int(member)
+        raise ValueError(
+            f"candidates are 0 to {len(self.candidates) - 1}, or their names such as {self.names[0]!r}; got {member!r}"
+        )
+
+    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+        """ap, recall, kbit of each set, and which of them were known before."""
+        if len(self._known) > MOST_REMEMBERED:
+            self._known.clear()
+        empty = np.packbits(np.zeros(len(self.candidates), np.bool_)).tobytes()
+        self._known[empty] = (0.0, 0.0, 0.0)
+        keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
+        cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
+        fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
+        if fresh:
+            estimate = self.scored_by(subsets[list(fresh.values())])
+            figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
+            self._known.update(zip(fresh, figures, strict=True))
+        return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
