@@ -1,0 +1,103 @@
+"""`Surrogate`: the AP of sensor sets predicted from how many points their sensors have on each object.
+
+A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as a detector's scores would, and
+down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
+`false_alarms`. The area under that expected precision-recall curve of O objects is
+
+    AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.coverage import LEAST, bits_sent
+from placement_env.fidelity import Estimate
+from placement_env.hit_model import HitModel, shipped_model
+from placement_env.member_sums import MemberSums, check_subsets
+from placement_env.visibility import Visibility
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.evaluation import Scheme
+
+
+class Surrogate:
+    """Sets of the candidates of `visibility` scored by a model, the shipped one of `scheme` at `iou` if none is given.
+
+    radius: of hybrid fusion (m). Raises ValueError where the model is of another scheme or there is none.
+    """
+
+    name = "surrogate"
+
+    def __init__(
+        self,
+        visibility: Visibility,
+        scheme: Scheme = "early",
+        model: HitModel | None = None,
+        *,
+        iou: float = 0.7,
+        radius: float = 20.0,
+    ) -> None:
+        self.model = shipped_model(scheme, iou) if model is None else model
+        if self.model.scheme != scheme:
+            raise ValueError(f"the model is for {self.model.scheme} fusion, not for {scheme}: pass one fitted to it")
+        self._hybrid = scheme == "hybrid"
+        self._sums = MemberSums(evidence_rows(visibility, self.model, radius))
+        boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
+        self._bits = bits_sent(visibility, scheme, boxes)
+        self._frames = visibility.frames
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Expected AP and recall of each set."""
+        ap, recall = np.zeros(len(subsets)), np.zeros(len(subsets))
+        for block, sums in self._sums.blocks(subsets):
+            ap[block], recall[block] = self._expected(sums)
+        return Estimate(ap, recall, subsets @ self._bits / (1000 * self._frames))
+
+    def extended(self, subset: Bool[np.ndarray, " C"], candidates: Int64[np.ndarray, " n"]) -> Estimate:
+        """What each set would score that has one of the candidates more than `subset`: quicker than asking for the
+        sets, as greedy search does."""
+        check_subsets(subset[None], len(self._sums.rows))
+        base, rows = self._sums(subset[None]), self._sums.rows
+        ap, recall = np.zeros(len(candidates)), np.zeros(len(candidates))
+        for block in self._sums.steps(len(candidates)):
+            more = rows[candidates[block]] * ~subset[candidates[block], None]
+            more += base
+            ap[block], recall[block] = self._expected(more)
+        bits = subset @ self._bits + np.where(subset[candidates], 0, self._bits[candidates])
+        return Estimate(ap, recall, bits / (1000 * self._frames))
+
+    def _expected(
+        self, sums: Float32[np.ndarray, "n w"]
+    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+        if self._hybrid:
+            near, far = np.split(sums, 2, axis=1)
+            sums = near + far ** np.float32(self.model.norm)
+        sums.sort(axis=1)
+        return expected_ap(self.model.probability(sums[:, ::-1]), self.model.false_alarms)
+
+
+def expected_ap(
+    probability: Float32[np.ndarray, "n O"], false_alarms: float
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """AP and recall (n,) of hit probabilities in descending order: the formula above.
+
+    >>> expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
+    (array([0.5 , 0.25]), array([0.5, 0.5]))
+    """
+    n, objects = probability.shape
+    if not objects:
+        return np.zeros(n), np.zeros(n)
+    hits = np.cumsum(probability, axis=1)
+    recall = hits[:, -1].astype(np.float64) / objects
+    found = hits + np.float32(false_alarms) * (np.arange(1, objects + 1, dtype=np.float32) - hits)
+    np.divide(hits, found, out=hits, where=found > 0)
+    return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
+
+
+def evidence_rows(visibility: Visibility, model: HitModel, radius: float) -> Float32[np.ndarray, "C w"]:
+    """N ^ norm of each candidate and object; for hybrid fusion, beside it, the points of those beyond the radius."""
+    points = visibility.points.astype(np.float32)
+    powers = points ** np.float32(model.norm)
+    if model.scheme != "hybrid":
+        return powers
+    return np.concatenate([powers, np.where(visibility.nearest > radius, points, np.float32(0))], axis=1)
