@@ -1,0 +1,161 @@
+"""`Progress`: scores sets for one search within its limits and remembers the best feasible one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_env.objective import Objective, Score
+from placement_env.search.found import Certificate, Found, History
+from toolkit.arrays import Bool, Float64, Int
+
+BLOCK = 4096  # sets scored between two looks at the clock, at most
+BLOCK_S = 0.5  # seconds of scoring between two looks at the clock, about
+
+
+class Figures(NamedTuple):
+    """What n sets score; a set the limits left no room for has reward -inf and NaN for the rest."""
+
+    reward: Float64[np.ndarray, " n"]
+    ap: Float64[np.ndarray, " n"]
+    kbit: Float64[np.ndarray, " n"]
+    price: Float64[np.ndarray, " n"]
+
+
+class Limits:
+    """When to stop, and the history until then. seconds, evaluations: None for no limit. Raises ValueError where a
+    limit is not above 0."""
+
+    def __init__(self, seconds: float | None, evaluations: int | None) -> None:
+        for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
+            if limit is not None and not limit > 0:
+                raise ValueError(f"{name} must be above 0, got {limit}: leave it out for no limit")
+        self.started = time.monotonic()
+        self.seconds = np.inf if seconds is None else float(seconds)
+        self.evaluations = np.inf if evaluations is None else int(evaluations)
+        self.count = 0
+        self.rows: list[tuple[int, float, float]] = []
+
+    @property
+    def passed(self) -> float:
+        """Seconds since the search began."""
+        return time.monotonic() - self.started
+
+    @property
+    def spent(self) -> bool:
+        """Whether a limit is reached."""
+        return self.count >= self.evaluations or self.passed >= self.seconds
+
+    @property
+    def share(self) -> float:
+        """How much of the nearer limit is used, 0 to 1; 0 without limits."""
+        return min(1.0, max(self.count / self.evaluations, self.passed / self.seconds))
+
+    def improved(self, reward: float) -> None:
+        """The best is now this."""
+        self.rows.append((self.count, self.passed, reward))
+
+    def history(self, reward: float) -> History:
+        """The improvements, and where it ends."""
+        count, seconds, rewards = zip(*self.rows, (self.count, self.passed, reward), strict=True)
+        return History(np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64))
+
+
+class Progress:
+    """Scores sets of an objective's candidates and keeps the best of those with at most `budget` sensors.
+
+    The best starts as the empty set, reward 0. A limit in seconds is kept to about `BLOCK_S`, or the time of one set.
+    """
+
+    def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
+        if budget < 1:
+            raise ValueError(f"budget must be at least 1 sensor, got {budget}")
+        self.objective, self.budget = objective, budget
+        self.size = len(objective.candidates)
+        self.limits = Limits(seconds, evaluations)
+        self.best, self.reward = np.zeros(self.size, bool), 0.0
+        self._block = 1
+
+    @property
+    def spent(self) -> bool:
+        """Whether a limit is reached."""
+        return self.limits.spent
+
+    def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Figures:
+        """Score sets, feasible or not, as far as the limits go."""
+        n = len(subsets)
+        figures = Figures(np.full(n, -np.inf), *(np.full(n, np.nan) for _ in range(3)))
+        done = 0
+        while done < n and not self.spent:
+            room = min(n - done, self._block, self.limits.evaluations - self.limits.count)
+            rows = slice(done, done + int(room))
+            began = time.monotonic()
+            scores = self.objective.scores(subsets[rows])
+            for name, column in figures._asdict().items():
+                column[rows] = getattr(scores, name)
+            self._pace(int(room), time.monotonic() - began)
+            self.limits.count += int(room)
+            self._keep(subsets[rows], figures.reward[rows])
+            done += int(room)
+        return figures
+
+    def rewards(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        """Rewards of sets, -inf where the limits left no room."""
+        return self.figures(subsets).reward
+
+    def found(
+        self, method: str, certificate: Certificate, front: tuple[Score, ...] = (), by_size: tuple[Score, ...] = ()
+    ) -> Found:
+        """The best so far as an answer."""
+        best = self.objective.score(np.flatnonzero(self.best).tolist())
+        history = self.limits.history(self.reward)
+        return Found(method, best, history, certificate, self.limits.count, self.limits.passed, front, by_size)
+
+    def unknown(self, note: str) -> Certificate:
+        """The certificate that nothing is known."""
+        return Certificate("none", self.reward, note=note)
+
+    def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
+        better = np.flatnonzero(rewards > self.reward)
+        if not better.size:
+            return
+        fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
+        better = better[fits]
+        if better.size:
+            row = better[np.argmax(rewards[better])]
+            self.best, self.reward = subsets[row].copy(), float(rewards[row])
+            self.limits.improved(self.reward)
+
+    def _pace(self, scored: int, took: float) -> None:
+        """Blocks as large as fit `BLOCK_S` and what is left of the time: one set may take 0.1 ms, or a minute."""
+        affordable = min(BLOCK_S, max(0.0, self.limits.seconds - self.limits.passed)) * scored / max(took, 1e-9)
+        self._block = int(np.clip(affordable, 1, min(BLOCK, 4 * self._block)))
+
+
+def rows_of(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:
+    """Sets of indices as rows of booleans.
+
+    >>> rows_of([[0, 2], []], 3)
+    array([[ True, False,  True],
+           [False, False, False]])
+    """
+    rows = np.zeros((len(sets), size), bool)
+    for row, chosen in zip(rows, sets, strict=True):
+        row[list(chosen)] = True
+    return rows
+
+
+def joined(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
+    """The set `chosen` with each of the options added.
+
+    >>> joined([0], np.array([1, 2]), 3)
+    array([[ True,  True, False],
+           [ True, False,  True]])
+    """
+    rows = np.zeros((len(options), size), bool)
+    rows[:, list(chosen)] = True
+    rows[np.arange(len(options)), options] = True
+    return rows
