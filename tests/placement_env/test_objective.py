@@ -1,0 +1,131 @@
+"""The objective on a stand-in fidelity: memory, order, terms, feasibility."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from placement_env.candidates import Axes, Candidates, pool
+from placement_env.fidelity import Estimate
+from placement_env.objective import AP_ONLY, Objective, Weights
+from toolkit.sensors import DepthCamera
+from toolkit.site import Mount, Site
+
+
+class Counting:
+    """Each candidate adds a share of AP and 100 kbit times its index; counts what it is asked."""
+
+    name = "counting"
+
+    def __init__(self, candidates: int) -> None:
+        self.asked = 0
+        self.share = (candidates + np.arange(candidates)) / 1024  # sums of these are exact
+
+    def __call__(self, subsets: np.ndarray, /) -> Estimate:
+        self.asked += len(subsets)
+        ap = subsets @ self.share
+        return Estimate(ap, ap / 2, subsets @ (100.0 * np.arange(len(self.share))))
+
+
+@cache
+def candidates(mounts: int = 3, headings: int = 2, capacity: float = 2000.0, price: float = 2.0) -> Candidates:
+    site = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
+    poles = [
+        Mount(f"m{i}", np.array([10.0 * i - 10, 12.0, 0.0]), price=price, capacity=capacity) for i in range(mounts)
+    ]
+    return pool(
+        site, heights=(5.0,), headings=headings, tilts=(0.3,), models=(DepthCamera(),), mounts=poles, blind=True
+    )
+
+
+def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float) -> Objective:
+    some = candidates(**kwargs)  # type: ignore[arg-type]
+    return Objective.of(some, Counting(len(some)), scheme, weights)  # type: ignore[arg-type]
+
+
+def test_reward_is_the_sum_of_its_terms() -> None:
+    score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
+    assert score.kbit == 500.0
+    assert score.kbit_per_sensor == 250.0
+    assert score.price == 4.0
+    assert score.terms["comm"] == -0.25
+    assert score.terms["price"] == -0.04
+    assert score.reward == pytest.approx(sum(score.terms.values()), abs=1e-15)
+    assert score.subset == (1, 4)
+
+
+def test_without_weights_the_reward_is_the_ap() -> None:
+    score = objective().score([0, 3])
+    assert score.reward == score.ap > 0
+
+
+def test_the_empty_set_scores_nothing_and_is_not_asked() -> None:
+    some = objective(Weights(1.0, 1.0))
+    score = some.score([])
+    assert (score.ap, score.recall, score.kbit, score.price, score.reward) == (0, 0, 0, 0, 0)
+    assert some.scored_by.asked == 0  # type: ignore[attr-defined]
+    assert some.scores(np.zeros((0, len(some.candidates)), bool)).reward.shape == (0,)
+
+
+def test_a_set_is_asked_once_whatever_its_order_and_names() -> None:
+    some = objective()
+    first = some.score([4, 0])
+    again = some.score([some.names[0], some.names[4], 0])
+    assert (first.cache_hit, again.cache_hit) == (False, True)
+    assert first.reward == again.reward
+    assert some.scored_by.asked == 1  # type: ignore[attr-defined]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.sets(st.integers(0, 5)), max_size=12))
+def test_many_at_once_are_the_same_as_one_by_one(sets: list[set[int]]) -> None:
+    some, other = objective(Weights(0.001, 0.01)), objective(Weights(0.001, 0.01))
+    rows = np.array([some.row(members) for members in sets], bool).reshape(-1, 6)
+    together = some.scores(rows)
+    alone = [other.score(members) for members in sets]
+    assert together.reward.tolist() == [score.reward for score in alone]
+    assert some.scored_by.asked == len({frozenset(members) for members in sets} - {frozenset()})  # type: ignore[attr-defined]
+
+
+def test_one_sensor_on_a_mount() -> None:
+    some = objective()
+    rows = np.array([some.row(members) for members in ([], [0, 2, 4], [0, 1], [5, 3, 2])])
+    assert some.feasible(rows).tolist() == [True, True, False, False]
+    assert some.allowed([2]).tolist() == [True, True, False, False, True, True]
+    assert some.allowed(some.row([2])).tolist() == some.allowed([2]).tolist()
+
+
+@pytest.mark.parametrize(("scheme", "fits"), [("early", 3), ("hybrid", 3), ("late", 6)])
+def test_a_link_carries_what_it_can(scheme: str, fits: int) -> None:
+    some = objective(scheme=scheme, capacity=250.0)
+    assert int(some.allowed([]).sum()) == fits
+    assert bool(some.feasible(some.row([5])[None])[0]) == (scheme == "late")
+
+
+def test_what_a_mount_carries_twice_is_paid_once() -> None:
+    assert objective().score([0, 1]).price == 2.0
+
+
+@pytest.mark.parametrize("bad", [[6], [-1], ["nobody"]])
+def test_members_that_there_are_not(bad: list[int | str]) -> None:
+    with pytest.raises(ValueError, match="candidates are 0 to 5"):
+        objective().score(bad)
+
+
+def test_what_does_not_fit() -> None:
+    with pytest.raises(ValueError, match="weights must be finite"):
+        Weights(comm=-1.0)
+    with pytest.raises((ValueError, TypeError), match="of"):
+        objective(scheme="middle")
+
+
+def test_it_takes_hand_made_candidates() -> None:
+    some = candidates()
+    axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))
+    factors = np.array([[1, 0, 0, 0, 0]])
+    one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
+    assert Objective.of(one, Counting(1)).score([0]).price == 2.0
