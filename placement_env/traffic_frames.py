@@ -1,0 +1,65 @@
+"""`Traffic`: the frames that every sensor set of a search is judged by; the same whichever sensors look at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+
+import numpy as np
+
+from toolkit.arrays import Bool
+from toolkit.bodies import Body, catalogue
+from toolkit.objects import VEHICLE, Objects
+from toolkit.points import centred_in
+from toolkit.site import Site
+from toolkit.traffic import Snapshot, simulate
+
+FRAMES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """snapshots: the frames, of traffic on the site; bodies: what `Snapshot.bodies` counts."""
+
+    site: Site
+    bodies: tuple[Body, ...]
+    snapshots: tuple[Snapshot, ...]
+
+    def __len__(self) -> int:
+        return len(self.snapshots)
+
+    def digest(self) -> str:
+        """SHA-256 over site, bodies and frames; equal where all that a sensor might see is equal."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
+        from toolkit.sites.geojson import dumps
+
+        sha = sha256(dumps(self.site).encode())
+        for body in self.bodies:
+            sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
+            sha.update(body.vertices.tobytes() + body.triangles.tobytes())
+        for snapshot in self.snapshots:
+            objects = snapshot.objects
+            sha.update(repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode())
+            sha.update(objects.boxes.tobytes())
+        return sha.hexdigest()
+
+
+def traffic(site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None) -> Traffic:
+    """`frames` frames of simulated traffic; bodies: None for `catalogue()`. Same seed, same frames.
+
+    Raises ValueError for fewer frames than one, and what `toolkit.traffic.simulate` raises.
+    """
+    if frames < 1:
+        raise ValueError(f"frames must be at least 1, got {frames}")
+    bodies = catalogue() if bodies is None else bodies
+    return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed)))
+
+
+def scored(objects: Objects, site: Site) -> Bool[np.ndarray, " n"]:
+    """Which objects a detector is scored by: vehicles (no heavy ones) centred in the area, as in `toolkit.evaluation`
+    with its exact protocol."""
+    return (objects.labels == VEHICLE) & centred_in(objects.boxes, site.area)
