@@ -42,7 +42,7 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
                 f"weights must be finite, but {name} is not: the training diverged, save an earlier network"
             )
     metadata = {
-        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": _digest(tensors),
+        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_of(tensors),
         "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
     }  # fmt: skip
     path = Path(path)
@@ -72,7 +72,7 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
         ) from None
     if metadata.get("format") != FORMAT:
         raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
-    if metadata.get("digest") != _digest(tensors):
+    if metadata.get("digest") != digest_of(tensors):
         raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
     return _network(path, metadata, tensors), _header(metadata)
 
@@ -106,7 +106,8 @@ def _header(metadata: dict[str, str]) -> Header:
     return Header(metadata.get("site", ""), int(metadata.get("seed", 0)), metadata.get("commit", ""), ap)
 
 
-def _digest(tensors: dict[str, Tensor]) -> str:
+def digest_of(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 of tensors, their names, types and shapes."""
     digest = hashlib.sha256()
     for name in sorted(tensors):
         digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())

@@ -15,6 +15,7 @@ import os
 import sqlite3
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -59,16 +60,14 @@ class Memo:
         """What is kept under each key, None for nothing."""
         found: dict[bytes, bytes] = {}
         for first in range(0, len(keys), AT_ONCE):
-            some = list(keys[first : first + AT_ONCE])
-            marks = ",".join("?" * len(some))
-            question = f"SELECT key, value FROM memo WHERE key IN ({marks})"
-            found |= dict(self._safely(lambda db, q=question, some=some: db.execute(q, some).fetchall(), []))
+            nothing: dict[bytes, bytes] = {}
+            found |= self._safely(partial(_select, keys=list(keys[first : first + AT_ONCE])), nothing)
         return [decoded(key, found[key]) if key in found else None for key in keys]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
         """Keep all of them or, where the process ends before, none."""
         rows = [(key, encoded(key, value)) for key, value in values.items()]
-        self._safely(lambda db: _insert(db, rows), None)
+        self._safely(partial(_insert, rows=rows), None)
 
     def __len__(self) -> int:
         return self._safely(lambda db: int(db.execute("SELECT count(*) FROM memo").fetchone()[0]), 0)
@@ -154,6 +153,11 @@ def decoded(key: bytes, value: bytes) -> Arrays | None:
 
 def _checksum(key: bytes, body: bytes) -> bytes:
     return hashlib.blake2b(body, digest_size=CHECKSUM, key=key).digest()
+
+
+def _select(database: sqlite3.Connection, keys: list[bytes]) -> dict[bytes, bytes]:
+    marks = ",".join("?" * len(keys))
+    return dict(database.execute(f"SELECT key, value FROM memo WHERE key IN ({marks})", keys))
 
 
 def _insert(database: sqlite3.Connection, rows: list[tuple[bytes, bytes]]) -> None:

@@ -14,6 +14,7 @@ It needs no labels and no training, only a look at the empty site, and is the ba
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import compress, pairwise
@@ -96,6 +97,14 @@ class ClusterDetector:
         sensors measure, a few times over, so that their noise is known."""
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what its detections depend on: the empty site and its settings."""
+        seen, digest = self.background, hashlib.sha256(repr((self.cell, self.reach, self.fewest)).encode())
+        for part in (seen.origin, seen.voxel, seen.occupied, seen.cell, seen.ground):
+            digest.update(repr(np.shape(part)).encode() + np.ascontiguousarray(part).tobytes())
+        return digest.hexdigest()
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect; points: (n, 3), world frame. Those that are not finite are left out."""

@@ -184,3 +184,19 @@ def test_weights_that_are_not_numbers_are_not_saved(tmp_path):
 def test_cuda_detects_the_same():
     here, there = VoxelNetDetector(network())(points()), VoxelNetDetector(network(), device="cuda")(points())
     np.testing.assert_allclose(there.boxes, here.boxes, atol=2e-2)
+
+
+def test_digest_changes_with_weights_configuration_and_thresholds():
+    def changed():
+        other = network()
+        next(other.parameters()).data[0] += 1e-6
+        return other
+
+    digests = [
+        VoxelNetDetector(network()).digest,
+        VoxelNetDetector(changed()).digest,
+        VoxelNetDetector(network(), score_threshold=0.2).digest,
+        VoxelNetDetector(network(), nms_threshold=0.2).digest,
+    ]
+    assert len(set(digests)) == len(digests)
+    assert VoxelNetDetector(network()).digest == digests[0]

@@ -171,3 +171,13 @@ def test_a_frame_is_quick(detector):
         times.append(time.perf_counter() - start)
     assert (found.labels == VEHICLE).sum() == len(cars)
     assert min(times) < 0.4
+
+
+def test_digest_changes_with_the_empty_site_and_the_settings(detector):
+    others = [
+        ClusterDetector.learn([street(np.random.default_rng(9))]),
+        ClusterDetector(detector.background, fewest=6),
+        ClusterDetector(detector.background, cell=0.25),
+    ]
+    assert len({detector.digest, *(other.digest for other in others)}) == 4
+    assert ClusterDetector(detector.background).digest == detector.digest
