@@ -7,11 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from placement_env.fidelity import Fidelity
-from toolkit.arrays import Float64
-from toolkit.fusion import PAPER
+from toolkit.evaluation import Scheme
+from toolkit.fusion import hybrid_radius
 from toolkit.objects import Detector
 from toolkit.site import Site
 
@@ -37,7 +35,7 @@ class Preparation:
     site: Site
     candidates: Candidates
     frames: int
-    scheme: str
+    scheme: Scheme
     iou: float
     seed: int
     cache: str | Path | None
@@ -57,12 +55,6 @@ class Preparation:
         from placement_env.visibility import see
 
         return see(self.traffic, self.candidates, workers=self.workers, cache=self.cache)
-
-    def sent(self, name: str) -> Float64[np.ndarray, " C"] | None:
-        """kbit of points per frame of each candidate; None where the fidelity itself says it at no cost."""
-        if name == "table":
-            return None
-        return np.asarray(self.visibility.sent.mean(axis=1, dtype=np.float64) * PAPER.bits_per_point / 1000)
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name."""
@@ -84,15 +76,28 @@ class Preparation:
     def _surrogate(self) -> Fidelity:
         from placement_env.surrogate import Surrogate
 
-        return Surrogate(self.visibility, self.scheme)
+        return Surrogate(self.visibility, self.scheme, iou=self.iou, radius=hybrid_radius(self.site))
 
     def _detected(self) -> Fidelity:
         from placement_env.detection import Detected
         from placement_env.renders import Renders
 
-        return Detected(Renders(self.traffic, self.candidates, self.cache), self.detector, self.scheme, self.iou)
+        folder = None if self.cache is None else Path(self.cache)
+        renders = Renders(self.traffic, self.candidates, folder and folder / "renders")
+        detector = shipped_detector(self.site) if self.detector is None else self.detector
+        return Detected(renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite")
 
     def _table(self) -> Fidelity:
         from placement_env.tables import TableFidelity, load_table
 
         return TableFidelity(load_table(self.site.name), self.scheme, self.iou)
+
+
+def shipped_detector(site: Site) -> Detector:
+    """The network trained for the site, or else the general one, moved there. Raises FileNotFoundError without either."""
+    from models import load_detector
+
+    try:
+        return load_detector(site.name, site=site.name)
+    except FileNotFoundError:
+        return load_detector("general", area=site.area)

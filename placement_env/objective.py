@@ -12,21 +12,23 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from placement_env.fidelity import Fidelity
 from toolkit.arrays import Bool, Float64
+from toolkit.evaluation import Scheme
+from toolkit.fusion import PAPER
 from toolkit.objects import Detector
 from toolkit.site import Site, load_site
 
 if TYPE_CHECKING:
     from placement_env.candidates import Candidates
+    from placement_env.visibility import Visibility
 
-Scheme = Literal["early", "late", "hybrid"]
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
-SCHEMES: tuple[Scheme, ...] = ("early", "late", "hybrid")
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
@@ -106,8 +108,10 @@ class Objective:
 
         site = load_site(site) if isinstance(site, str) else site
         candidates = site_candidates(site, candidates)
+        check_scheme(scheme)
         preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, detector)
-        self._hold(candidates, preparation.fidelity(fidelity), scheme, weights, preparation.sent(fidelity))
+        visibility = None if fidelity == "table" else preparation.visibility
+        self._hold(candidates, preparation.fidelity(fidelity), scheme, weights, site, visibility)
 
     @classmethod
     def of(
@@ -116,11 +120,13 @@ class Objective:
         fidelity: Fidelity,
         scheme: Scheme = "early",
         weights: Weights = AP_ONLY,
-        sent: Float64[np.ndarray, " C"] | None = None,
+        *,
+        site: Site | None = None,
+        visibility: Visibility | None = None,
     ) -> Objective:
-        """From parts. sent: kbit in a frame that each candidate sends, found by scoring each alone if not given."""
+        """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that."""
         objective = cls.__new__(cls)
-        objective._hold(candidates, fidelity, scheme, weights, sent)
+        objective._hold(candidates, fidelity, check_scheme(scheme), weights, site, visibility)
         return objective
 
     def _hold(
@@ -129,14 +135,15 @@ class Objective:
         fidelity: Fidelity,
         scheme: Scheme,
         weights: Weights,
-        sent: Float64[np.ndarray, " C"] | None,
+        site: Site | None,
+        visibility: Visibility | None,
     ) -> None:
-        if scheme not in SCHEMES:
-            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
-        self.candidates, self.scheme, self.weights = candidates, scheme, weights
-        self.scored_by = fidelity
-        self._sent = sent
+        self.candidates, self.scored_by, self.scheme, self.weights = candidates, fidelity, scheme, weights
+        self.site, self.visibility = site, visibility
         self._known: dict[bytes, tuple[float, float, float]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_known": {}}
 
     @property
     def fidelity(self) -> str:
@@ -149,12 +156,19 @@ class Objective:
         return tuple(sensor.name for sensor in self.candidates.sensors)
 
     @cached_property
+    def sent(self) -> Float64[np.ndarray, " C"]:
+        """kbit of a frame that each candidate sends."""
+        if self.visibility is None or self.scheme == "late":
+            return self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit
+        points = self.visibility.sent if self.scheme == "early" else self.visibility.far
+        return np.asarray(points.mean(axis=1, dtype=np.float64) * PAPER.bits_per_point / 1000)
+
+    @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
         """Which candidates send no more than their mount's link carries; late fusion sends boxes, which always fit."""
         if self.scheme == "late":
             return np.ones(len(self.candidates), np.bool_)
-        sent = self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit if self._sent is None else self._sent
-        return np.asarray(sent <= self.candidates.capacity)
+        return np.asarray(self.sent <= self.candidates.capacity)
 
     def score(self, subset: Iterable[int | str]) -> Score:
         """Score of a set, given as indices or names of candidates, in any order. Raises ValueError for one that there
@@ -217,6 +231,15 @@ class Objective:
         fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
         if fresh:
             estimate = self.scored_by(subsets[list(fresh.values())])
+            if not np.isfinite(estimate.ap).all():
+                raise ValueError("there is no vehicle to find in these frames: take more of them, or another seed")
             figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
+
+
+def check_scheme(scheme: Scheme) -> Scheme:
+    """The scheme, or ValueError where there is none of that name."""
+    if scheme not in SCHEMES:
+        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
+    return scheme
