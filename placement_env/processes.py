@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -206,9 +207,12 @@ def _work_on_ray(shared: list[Any], x: Any) -> Any:
 def _connect(ray: Any, address: str) -> None:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     here = {"include_dashboard": False} if address == "local" else {}
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
     try:
+        if colon:  # Ray itself takes minutes to find out
+            socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
         ray.init(address=address, log_to_driver=False, **here)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         raise ConnectionError(
             f"no Ray cluster answers at {address!r} ({reason}): start one with `ray start --head`, or ask for 'local'"
