@@ -94,7 +94,7 @@ class Preparation:
 
 
 def shipped_detector(site: Site) -> Detector:
-    """The network trained for the site, or else the general one, moved there. Raises FileNotFoundError without either."""
+    """The network trained for the site, or else the general one, moved there. FileNotFoundError without either."""
     from models import load_detector
 
     try:
