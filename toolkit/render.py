@@ -63,11 +63,20 @@ class Renderer:
         self._threads = threads
         self._scenes: dict[int, o3d.t.geometry.RaycastingScene] = {}
         self._sizes = np.array([body.size for body in bodies]).reshape(-1, 3)
-        still = _scene(scenery.vertices, scenery.triangles, threads)
-        self.background = tuple(self._cast_all(still, sensor) for sensor in self.sensors)
+        self._still = _scene(scenery.vertices, scenery.triangles, threads)
+        self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Renderer, self._arguments
+
+    def looking(self, sensors: Sequence[Sensor]) -> Renderer:
+        """The same site and bodies through other sensors; the scenes are shared, so nothing is built again."""
+        other = object.__new__(Renderer)
+        other.__dict__.update(self.__dict__, sensors=tuple(sensors))
+        site, bodies, _, scenery, threads = self._arguments
+        other._arguments = (site, bodies, other.sensors, scenery, threads)
+        other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
+        return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
         """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
