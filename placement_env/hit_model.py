@@ -1,13 +1,16 @@
 """`HitModel`: how likely a detector finds an object with given points on it, in a few numbers kept as JSON.
 
-Of an object with N_i points from sensor i of a set, a hit has the probability
+Of an object with N_i points from sensor i of a set, d_i metres away, a hit has the probability
 
-    p = ceiling · sigmoid(intercept + density · e),    e = log(1 + Σ N_i ^ norm) / norm,    0 without any point
+    p = ceiling · sigmoid(intercept + density · e)        0 without any point
+    e = log(1 + Σ n_i ^ norm) / norm                      n_i = N_i · (d_i / 20 m) ^ reach
 
-With norm 1 all points count together: early fusion, where a set detects by the density that it gathers. The greater the
-norm, the more the best sensor alone decides: late fusion. Hybrid fusion has one sensor more, which holds the far points
-of all. The numbers are fitted to a detector's own hits and misses, which is the paper's analysis of density and spatial
-diversity (sections IV-C and IV-D) made predictive.
+A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. With norm 1 all
+points count together, with less, points from many sensors count more than as many from one, which is the gain of
+spatial diversity: early fusion, where a set detects by the density that it gathers. The greater the norm, the more the
+best sensor alone decides: late fusion. Hybrid fusion has one sensor more, which holds the far points of all.
+The numbers are fitted to a detector's own hits and misses (`placement_env.hit_fit`), which is the paper's analysis of
+density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
 """
 
 from __future__ import annotations
@@ -20,11 +23,19 @@ from typing import Any, get_args
 
 import numpy as np
 
-from toolkit.arrays import Float32
+from toolkit.arrays import Float
 from toolkit.evaluation import Scheme
 
 FOLDER = Path(__file__).parent / "surrogates"
-LARGEST_NORM = 8.0  # up to which 10,000 points to its power fit float32
+RANGES = {
+    "iou": (0.0, 1.0),
+    "intercept": (-30.0, 30.0),
+    "density": (0.0, 20.0),
+    "ceiling": (0.0, 1.0),
+    "norm": (0.2, 6.0),  # so that 100,000 points to its power fit float32
+    "reach": (-1.0, 3.0),
+    "false_alarms": (0.0, 5.0),
+}
 
 
 @dataclass(frozen=True)
@@ -39,19 +50,12 @@ class HitModel:
     density: float
     ceiling: float
     norm: float
+    reach: float
     false_alarms: float
     source: str
 
     def __post_init__(self) -> None:
-        ranges = {
-            "iou": (0.0, 1.0),
-            "intercept": (-50.0, 50.0),
-            "density": (0.0, 50.0),
-            "ceiling": (0.0, 1.0),
-            "norm": (1.0, LARGEST_NORM),
-            "false_alarms": (0.0, 50.0),
-        }
-        for name, (lowest, highest) in ranges.items():
+        for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= highest:
                 raise ValueError(f"{name} must be a number in {lowest:g}..{highest:g}, got {value!r}")
@@ -60,18 +64,14 @@ class HitModel:
         if not isinstance(self.source, str):
             raise ValueError(f"source must be a text, got {self.source!r}")
 
-    def evidence(self, powers: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-        """e, from Σ N_i ^ norm."""
-        return np.log1p(powers) / np.float32(self.norm)
-
-    def probability(self, powers: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-        """p, from Σ N_i ^ norm."""
-        z = self.evidence(powers)
-        z *= np.float32(-self.density)
-        z -= np.float32(self.intercept)
-        np.exp(np.minimum(z, 80, out=z), out=z)
-        z += 1
-        np.divide(np.float32(self.ceiling), z, out=z)
+    def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """p, from Σ n_i ^ norm; it grows with it."""
+        z = np.log1p(powers)
+        z *= -self.density / self.norm
+        z -= self.intercept
+        np.exp(np.minimum(z, 80.0, out=z), out=z)
+        z += 1.0
+        np.divide(self.ceiling, z, out=z)
         z *= powers > 0
         return z
 

@@ -16,7 +16,7 @@ from placement_env.fidelity import Estimate
 from placement_env.hit_model import HitModel, shipped_model
 from placement_env.member_sums import MemberSums, check_subsets
 from placement_env.visibility import Visibility
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.evaluation import Scheme
 
 
@@ -40,7 +40,6 @@ class Surrogate:
         self.model = shipped_model(scheme, iou) if model is None else model
         if self.model.scheme != scheme:
             raise ValueError(f"the model is for {self.model.scheme} fusion, not for {scheme}: pass one fitted to it")
-        self._hybrid = scheme == "hybrid"
         self._sums = MemberSums(evidence_rows(visibility, self.model, radius))
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
         self._bits = bits_sent(visibility, scheme, boxes)
@@ -69,15 +68,13 @@ class Surrogate:
     def _expected(
         self, sums: Float32[np.ndarray, "n w"]
     ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-        if self._hybrid:
-            near, far = np.split(sums, 2, axis=1)
-            sums = near + far ** np.float32(self.model.norm)
+        sums = joined(sums, self.model)
         sums.sort(axis=1)
         return expected_ap(self.model.probability(sums[:, ::-1]), self.model.false_alarms)
 
 
 def expected_ap(
-    probability: Float32[np.ndarray, "n O"], false_alarms: float
+    probability: Float[np.ndarray, "n O"], false_alarms: float
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """AP and recall (n,) of hit probabilities in descending order: the formula above.
 
@@ -89,15 +86,27 @@ def expected_ap(
         return np.zeros(n), np.zeros(n)
     hits = np.cumsum(probability, axis=1)
     recall = hits[:, -1].astype(np.float64) / objects
-    found = hits + np.float32(false_alarms) * (np.arange(1, objects + 1, dtype=np.float32) - hits)
+    found = hits + false_alarms * (np.arange(1, objects + 1, dtype=hits.dtype) - hits)
     np.divide(hits, found, out=hits, where=found > 0)
     return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
 
 
-def evidence_rows(visibility: Visibility, model: HitModel, radius: float) -> Float32[np.ndarray, "C w"]:
-    """N ^ norm of each candidate and object; for hybrid fusion, beside it, the points of those beyond the radius."""
-    points = visibility.points.astype(np.float32)
-    powers = points ** np.float32(model.norm)
+def evidence_rows(
+    visibility: Visibility, model: HitModel, radius: float, dtype: type = np.float32
+) -> Float[np.ndarray, "C w"]:
+    """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
+    points = visibility.points.astype(dtype)
+    if model.reach:
+        points *= (np.maximum(visibility.nearest, 1).astype(dtype) / 20) ** model.reach
+    powers = points**model.norm
     if model.scheme != "hybrid":
         return powers
-    return np.concatenate([powers, np.where(visibility.nearest > radius, points, np.float32(0))], axis=1)
+    return np.concatenate([powers, np.where(visibility.nearest > radius, points, 0)], axis=1)
+
+
+def joined(sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
+    """Σ n_i ^ norm of sets, from the sums of their members' `evidence_rows`."""
+    if model.scheme != "hybrid":
+        return sums
+    near, far = np.split(sums, 2, axis=1)
+    return near + far**model.norm
