@@ -1,8 +1,9 @@
 """Greedy search: one sensor after another, each the one that adds most; plain, lazy and stochastic.
 
 With a monotone submodular objective (coverage, no cost weights) the answer has a guaranteed share of the optimum, see
-`placement_env.search.submodular`; AP is not submodular, so say `submodular=True` only of coverage. All three go on to
-`budget` sensors even where one loses, since two may gain what one does not, and answer with the best set on the way.
+`placement_env.search.submodular`; AP is not submodular. `submodular` None asks whether the fidelity is coverage by one
+view; say True of a fidelity of your own that you know to be monotone submodular. All three go on to `budget` sensors
+even where one loses, since two may gain what one does not, and answer with the best set on the way.
 """
 
 from __future__ import annotations
@@ -27,19 +28,26 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    submodular: bool = False,
+    submodular: bool | None = None,
 ) -> Found:
     """Plain greedy: about budget × C sets, scored thousands at once.
 
-    submodular: that the objective is monotone submodular; it adds a certificate, for C more sets, unless a gain was
-    seen to grow as others joined. `seed` is not used: of equal candidates the first is taken.
+    A submodular objective gets a certificate, for C more sets, unless a gain was seen to grow. `seed` is not used: of
+    equal candidates the first is taken.
     """
     progress = Progress(objective, budget, seconds, evaluations)
+    chosen, rise = grow(progress)
+    return progress.found("greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
+
+
+def grow(progress: Progress) -> tuple[list[int], float]:
+    """Greedy's set of `progress.budget` sensors, fewer where no more fit or a limit came first, in the order they were
+    taken; and by how much the gain of any candidate was seen to grow as others joined."""
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
-    while len(chosen) < budget:
-        options = np.flatnonzero(objective.allowed(chosen))
+    while len(chosen) < progress.budget:
+        options = np.flatnonzero(progress.objective.allowed(chosen))
         rewards = progress.rewards(joined(chosen, options, progress.size))
         if not np.isfinite(rewards).any():
             break
@@ -49,7 +57,7 @@ def search(
         best = int(rewards.argmax())
         chosen.append(int(options[best]))
         reward = float(rewards[best])
-    return progress.found("greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
+    return chosen, rise
 
 
 def lazy(
@@ -59,7 +67,7 @@ def lazy(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    submodular: bool = False,
+    submodular: bool | None = None,
     batch: int = 1,
 ) -> Found:
     """Greedy that takes a candidate's last known gain for an upper bound of its gain now and scores only the leaders
@@ -91,11 +99,7 @@ def lazy(
         reward += float(bound[best])
     if complete:
         rise = max(rise, _rise_at_end(progress, chosen, bound))
-    certificate = _certificate(progress, chosen, submodular, theory.guarantee(objective), rise)
-    if rise > theory.TOLERANCE and not submodular:
-        note = f"gains grew by up to {rise:.2g} as sensors joined: not submodular, plain greedy may find another set"
-        certificate = progress.unknown(note)
-    return progress.found("lazy greedy", certificate)
+    return progress.found("lazy greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
 
 
 def stochastic(
@@ -105,7 +109,7 @@ def stochastic(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    submodular: bool = False,
+    submodular: bool | None = None,
     epsilon: float = 0.1,
 ) -> Found:
     """Greedy over a fresh random sample of C/budget · ln(1/epsilon) candidates for each sensor, so C · ln(1/epsilon)
@@ -132,9 +136,15 @@ def stochastic(
     return progress.found("stochastic greedy", _certificate(progress, chosen, submodular, ratio, 0.0))
 
 
-def _certificate(progress: Progress, chosen: list[int], submodular: bool, ratio: float, rise: float) -> Certificate:
-    if submodular:
+def _certificate(
+    progress: Progress, chosen: list[int], submodular: bool | None, ratio: float, rise: float
+) -> Certificate:
+    if theory.is_submodular(progress.objective) if submodular is None else submodular:
         return theory.certificate(progress, chosen, ratio if len(chosen) == progress.budget else 0.0, rise)
+    if rise > theory.TOLERANCE:
+        return progress.unknown(
+            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
+        )
     return progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
 
 

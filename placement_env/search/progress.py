@@ -159,3 +159,10 @@ def joined(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> 
     rows[:, list(chosen)] = True
     rows[np.arange(len(options)), options] = True
     return rows
+
+
+def random_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
+    """A feasible set of `budget` candidates, or of as many as fit: a mount at random, then a candidate of it."""
+    free = np.flatnonzero(objective.allowed([]))
+    mounts = rng.permutation(np.unique(objective.candidates.mount[free]))[:budget]
+    return [int(rng.choice(free[objective.candidates.mount[free] == mount])) for mount in mounts]

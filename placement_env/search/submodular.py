@@ -18,6 +18,11 @@ from placement_env.search.progress import Progress, joined, rows_of
 TOLERANCE = 1e-9  # a gain that rises by no more does not count against submodularity
 
 
+def is_submodular(objective: Objective) -> bool:
+    """Whether AP is known to be monotone submodular here: coverage by at least one view, nothing else."""
+    return objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
+
+
 def guarantee(objective: Objective) -> float:
     """The share of the optimum that greedy reaches on a monotone submodular objective without cost weights."""
     mount = objective.candidates.mount[objective.allowed([])]

@@ -55,7 +55,7 @@ def random_objective(mounts=6, poses=1, *, views=1, objects=60, seed=0, weights=
     candidates = candidates_on(mounts, poses, capacity=capacity, seed=seed)
     seen = rng.random((len(candidates), objects)) < rng.uniform(0.1 * most, most, (len(candidates), 1))
     sent = rng.uniform(100.0, 900.0, len(candidates))
-    return Objective.of(candidates, Seen(seen, sent, views), "early", weights, sent)
+    return Objective.of(candidates, Seen(seen, sent, views), "early", weights)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,73 @@
+"""Swap local search: change one sensor of the set at a time until nothing improves, from greedy's answer and others.
+
+The set is taken as `budget` places, each with one sensor or none. A step looks at everything that one place could hold
+instead, all at once, and takes the best; so one step may swap, add or drop a sensor. When no place can be bettered the
+set is a local optimum under such changes. Then it starts again from a random set.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.objective import Objective
+from placement_env.search.found import Certificate, Found
+from placement_env.search.greedy import grow
+from placement_env.search.progress import Progress, joined, random_set, rows_of
+
+NOBODY = -1  # a place without a sensor
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    starts: int = 5,
+) -> Found:
+    """The best local optimum of `starts` starts, or of as many as the limits allow: greedy's set first, then sets
+    drawn from `seed`.
+
+    The certificate is "local optimum" where the best set was searched around to its end. Raises ValueError where
+    `starts` is below 1.
+    """
+    if starts < 1:
+        raise ValueError(f"starts must be at least 1, got {starts}")
+    progress = Progress(objective, budget, seconds, evaluations)
+    rng = np.random.default_rng(seed)
+    proven = False
+    for start in range(starts):
+        if progress.spent:
+            break
+        before = progress.reward if start else -np.inf
+        chosen = random_set(objective, budget, rng) if start else grow(progress)[0]
+        finished = _climb(progress, chosen, rng)
+        proven = finished if progress.reward > before else proven
+    certificate = (
+        Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
+        if proven
+        else progress.unknown("stopped before all changes of one sensor were tried")
+    )
+    return progress.found("swap", certificate)
+
+
+def _climb(progress: Progress, start: list[int], rng: np.random.Generator) -> bool:
+    """Change one place after another until none improves; whether it came so far before the limits did."""
+    places = start + [NOBODY] * (progress.budget - len(start))
+    reward = float(progress.rewards(rows_of([start], progress.size))[0])
+    waiting = list(range(len(places)))
+    while waiting:
+        place = waiting.pop(0)
+        others = [c for i, c in enumerate(places) if i != place and c != NOBODY]
+        options = np.flatnonzero(progress.objective.allowed(others))
+        subsets = np.vstack([rows_of([others], progress.size), joined(others, options, progress.size)])
+        rewards = progress.rewards(subsets)
+        best = int(rewards.argmax())
+        if rewards[best] > reward:
+            reward = float(rewards[best])
+            places[place] = NOBODY if best == 0 else int(options[best - 1])
+            waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
+        if not np.isfinite(rewards).all():
+            return False
+    return True

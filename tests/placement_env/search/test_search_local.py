@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from placement_env.objective import Weights
+from placement_env.search import annealing, exhaustive, greedy, swap
+
+WAYS = [swap.search, annealing.search]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 1000), budget=st.integers(1, 6), poses=st.integers(1, 3), views=st.integers(1, 2),
+    comm=st.sampled_from([0.0, 1e-4]), capacity=st.sampled_from([50.0, 500.0, 2000.0]),
+)  # fmt: skip
+def test_answers_are_feasible_and_never_beat_the_optimum(make, way, seed, budget, poses, views, comm, capacity):
+    objective = make(4, poses, views=views, seed=seed, weights=Weights(comm=comm, price=comm), capacity=capacity)
+    found = way(objective, budget, seed=seed, evaluations=300)
+    row = objective.row(found.best.subset)
+    assert objective.feasible(row[None])[0]
+    assert row.sum() <= budget
+    assert found.best.reward <= exhaustive.search(objective, budget).best.reward
+    assert found.best.reward == found.history.reward[-1]
+    assert found.evaluations <= 300
+    assert (np.diff(found.history.reward) >= 0).all()
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
+def test_small_ones_are_solved(make, way, views, seed):
+    objective = make(5, 3, views=views, seed=seed, weights=Weights(price=0.02))
+    assert way(objective, 3, evaluations=4000).best.reward == exhaustive.search(objective, 3).best.reward
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_same_seed_same_answer(make, way):
+    objective = make(20, 3, views=2, most=0.2)
+    first, again = (way(objective, 4, seed=5, evaluations=1000) for _ in range(2))
+    assert first.best.subset == again.best.subset
+    assert np.array_equal(first.history.reward, again.history.reward)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_swap_starts_from_greedy_and_ends_where_no_change_improves(make, seed):
+    objective = make(15, 2, views=2, most=0.3, seed=seed)
+    found = swap.search(objective, 4, starts=2)
+    assert found.certificate.kind == "local optimum"
+    assert found.best.reward >= greedy.search(objective, 4).best.reward
+    for gone in found.best.subset:
+        rest = [c for c in found.best.subset if c != gone]
+        for new in np.flatnonzero(objective.allowed(rest)):
+            assert objective.score([*rest, new]).reward <= found.best.reward
+
+
+def test_swap_proves_nothing_when_stopped(make):
+    assert swap.search(make(20, 2), 4, evaluations=30).certificate.kind == "none"
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_seconds_end_it(make, way):
+    found = way(make(20, 2), 4, seconds=0.2)
+    assert found.seconds < 2.0
+
+
+def test_settings_are_checked(make):
+    with pytest.raises(ValueError, match="hot >= cold > 0"):
+        annealing.search(make(), 2, hot=0.1, cold=0.2)
+    with pytest.raises(ValueError, match="starts must be at least 1"):
+        swap.search(make(), 2, starts=0)
