@@ -15,24 +15,27 @@ Two kinds of value are kept, of one frame each:
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
+from typing import Any, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
 from placement_env.fidelity import Estimate
 from placement_env.memo import Arrays, Memo, key_of
+from placement_env.processes import spread
+from placement_env.traffic_frames import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
+from toolkit.evaluation import Scheme
 from toolkit.fusion import Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
 from toolkit.metrics import average_precision, match, precision_recall
-from toolkit.objects import VEHICLE, Detections, Detector, Objects
-from toolkit.points import centred_in
+from toolkit.objects import Detections, Detector, Objects
 from toolkit.sensors import Sensor
 from toolkit.site import Site
 
-Scheme = Literal["early", "late", "hybrid"]
 IOUS = (0.7, 0.8, 0.9)
 FALSE_ALARM, IGNORED = -1, -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
@@ -91,7 +94,8 @@ class Detected:
     """AP of sensor sets by detection: the fidelity that the others approximate.
 
     scheme: early, late or hybrid; iou: at which a detection counts; memo: where detections and outcomes are kept, or
-    the path of its file, None for this object's memory; frames: only the first so many.
+    the path of its file, None for this object's memory; frames: only the first so many; workers, ray: where frames are
+    worked on, see `placement_env.processes.spread`; the figures are the same.
     Raises ValueError where these do not fit, and for a detector without `digest` with a memo that others share.
     """
 
@@ -106,6 +110,8 @@ class Detected:
         iou: float = 0.7,
         memo: Memo | str | Path | None = None,
         frames: int | None = None,
+        workers: int = 1,
+        ray: str | None = None,
     ) -> None:
         if scheme not in get_args(Scheme):
             raise ValueError(f"scheme must be one of {', '.join(get_args(Scheme))}, got {scheme!r}")
@@ -113,6 +119,7 @@ class Detected:
             raise ValueError(f"iou must lie in (0, 1], got {iou}")
         self.renders, self.detector, self.scheme, self.iou = renders, detector, scheme, iou
         self.frames = len(_indices(renders.frames, frames))
+        self.workers, self.ray = workers, ray
         self.ious = tuple(sorted({*IOUS, iou}))
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Memo) else Memo(memo)
@@ -131,15 +138,19 @@ class Detected:
         return self.estimates(subsets, frames)[self.iou]
 
     def estimates(
-        self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int] | None = None
+        self,
+        subsets: Bool[np.ndarray, "n C"],
+        frames: int | Sequence[int] | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and the object's own."""
+        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and the object's own. progress: told how
+        many of the frames in which a set was not scored yet are done."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
         to_find = sum(int(self.scored(k).sum()) for k in chosen_frames)
         figures = np.zeros((len(sets), len(self.ious), 3))
         for first in range(0, len(sets), AT_ONCE):
             some = sets[first : first + AT_ONCE]
-            outcomes = self.outcomes(dict.fromkeys(some), chosen_frames)
+            outcomes = self.outcomes(dict.fromkeys(some), chosen_frames, progress)
             for row, chosen in enumerate(some, first):
                 figures[row] = _figures(outcomes[chosen], to_find)
         return {iou: Estimate(*figures[:, i].T.copy()) for i, iou in enumerate(self.ious)}
@@ -159,20 +170,24 @@ class Detected:
             alarms.append(np.concatenate([each.scores[each.truth[at] == FALSE_ALARM] for each in found]))
         return Hits(hit, score, tuple(alarms))
 
-    def outcomes(self, sets: Iterable[tuple[int, ...]], frames: Sequence[int]) -> dict[tuple[int, ...], list[Outcome]]:
+    def outcomes(
+        self,
+        sets: Iterable[tuple[int, ...]],
+        frames: Sequence[int],
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[tuple[int, ...], list[Outcome]]:
         """The outcome of each set (ascending indices) in each frame, from the memo or else computed and kept."""
         sets = list(sets)
         kept: dict[tuple[int, ...], list[Any]] = {
             chosen: self.memo.get([self._outcome_key(chosen, k) for k in frames]) for chosen in sets
         }
-        for place, k in enumerate(frames):
-            missing = [chosen for chosen in sets if kept[chosen][place] is None]
-            if missing:
-                frame = _Frame(self, k)
-                for chosen in missing:
-                    kept[chosen][place] = frame.outcome(chosen)
-                keys = {self._outcome_key(chosen, k): kept[chosen][place] for chosen in missing}
-                self.memo.put({**frame.new, **keys})
+        missing = {place: [chosen for chosen in sets if kept[chosen][place] is None] for place in range(len(frames))}
+        tasks = [(place, frames[place], lacking) for place, lacking in missing.items() if lacking]
+        work = spread(_Scoring(self), tasks, workers=self.workers, ray=self.ray, progress=progress)
+        for (place, k, lacking), (found, detections) in zip(tasks, work, strict=True):
+            self.memo.put(detections | {self._outcome_key(c, k): o for c, o in zip(lacking, found, strict=True)})
+            for chosen, outcome in zip(lacking, found, strict=True):
+                kept[chosen][place] = outcome
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
@@ -182,8 +197,7 @@ class Detected:
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
         """Which objects of frame k are to be found."""
         if k not in self._scored:
-            objects = self.renders.objects(k)
-            self._scored[k] = (objects.labels == VEHICLE) & centred_in(objects.boxes, self.renders.site.area)
+            self._scored[k] = scored(self.renders.objects(k), self.renders.site)
         return self._scored[k]
 
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
@@ -207,6 +221,20 @@ class Detected:
         ]
 
 
+@dataclass(frozen=True)
+class _Scoring:
+    """The job of scoring some sets in one frame: their outcomes, and the detections that were not kept yet."""
+
+    rules: Detected
+
+    def __call__(self, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
+        if (self.rules.workers > 1 or self.rules.ray) and "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
+        _, k, sets = task
+        frame = _Frame(self.rules, k)
+        return [frame.outcome(chosen) for chosen in sets], frame.new
+
+
 class _Frame:
     """One frame, each step done when first asked for; what is to be kept is gathered in `new`."""
 
@@ -219,11 +247,11 @@ class _Frame:
     def outcome(self, chosen: tuple[int, ...]) -> Outcome:
         """What the sensors of a set detect together, matched."""
         fused = self._fused(chosen) if chosen else fuse_late([])
-        objects, scored = self._rules.renders.objects(self._k), self._rules.scored(self._k)
-        place = np.append(np.cumsum(scored) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
+        objects, counted = self._rules.renders.objects(self._k), self._rules.scored(self._k)
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
         truth = np.empty((len(self._rules.ious), len(fused.detections)), np.int16)
         for row, iou in enumerate(self._rules.ious):
-            matched = match(fused.detections, objects, iou, counted=scored)
+            matched = match(fused.detections, objects, iou, counted=counted)
             truth[row] = np.where(matched.ignored, IGNORED, place[matched.truth])
         return Outcome(fused.detections.scores, truth, fused.bits)
 

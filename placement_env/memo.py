@@ -81,6 +81,12 @@ class Memo:
             self._open[1].close()
         self._open = None
 
+    def delete(self) -> None:
+        """Remove the file and all it keeps."""
+        self.close()
+        for suffix in ("", "-wal", "-shm") if self.path is not None else ():
+            Path(f"{self.path}{suffix}").unlink(missing_ok=True)
+
     def _safely(self, call: Callable[[sqlite3.Connection], Result], otherwise: Result) -> Result:
         """The result of a call; if the file is damaged, of the call with a new one; `otherwise` where neither works."""
         for attempt in ("as it is", "begun anew"):
