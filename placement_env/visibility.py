@@ -6,20 +6,33 @@ the cropped cloud but for the few points of the ground that uneven ground lifts 
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from placement_env.array_files import read_arrays, write_arrays
 from placement_env.candidates import Candidates
+from placement_env.processes import spread
+from placement_env.sightings import Seen, look_at
 from placement_env.traffic_frames import Traffic, scored
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.fusion import hybrid_radius
-from toolkit.points import beyond, inside, unproject
 from toolkit.sensors import Sensor
 
-BLOCK = 50  # candidates
+if TYPE_CHECKING:
+    from toolkit.render import Renderer
+
+VERSION = 1  # of what is counted and how it is kept: another one, and nothing kept is believed
+BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
+
+Block = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +71,33 @@ def see(
     candidates: Candidates,
     *,
     workers: int = 1,
+    ray: str | None = None,
     progress: Callable[[int], None] | None = None,
     cache: str | Path | None = None,
 ) -> Visibility:
-    """What the candidates see of the traffic. progress: told how many candidates are done."""
-    blocks = [range(first, min(first + BLOCK, len(candidates))) for first in range(0, len(candidates), BLOCK)]
+    """What the candidates see of the traffic.
+
+    workers, ray: see `placement_env.processes.spread`; progress: told how many candidates are done; cache: a folder
+    where the finished blocks of candidates are kept, so that what was broken off goes on there.
+    Raises ValueError without candidates.
+    """
+    if not len(candidates):
+        raise ValueError("there must be a candidate to see, got none")
+    job = _Job(traffic, candidates.sensors, None if cache is None else Path(cache))
+    blocks = _blocks(candidates.sensors)
+    kept = {block: found for block in blocks if (found := job.kept(block)) is not None}
+    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
     seen = []
     for block in blocks:
-        seen.append(_render(traffic, [candidates.sensors[c] for c in block]))
+        seen.append(kept[block] if block in kept else next(made))
         if progress:
-            progress(block.stop)
-    frame, boxes = scored_boxes(traffic)
+            progress(block[1])
+    frame, boxes = _scored_boxes(traffic)
     points, sent, far = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    return Visibility(points, nearest(candidates.sensors, boxes), frame, boxes, sent, far)
+    return Visibility(points, _distances(candidates.sensors, boxes), frame, boxes, sent, far)
 
 
-def scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"]]:
+def _scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"]]:
     """Frame and box of every scored object."""
     rows = [scored(snapshot.objects, traffic.site) for snapshot in traffic.snapshots]
     frame = np.repeat(np.arange(len(rows)), [int(row.sum()) for row in rows])
@@ -81,26 +105,57 @@ def scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np.
     return frame, np.concatenate([np.zeros((0, 7)), *chosen])
 
 
-def nearest(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
+def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
     """Distance (m) from each sensor to the centre of each box."""
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 1, 3)
     return np.linalg.norm(boxes[:, :3] - positions, axis=2).astype(np.float32)
 
 
-def _render(traffic: Traffic, sensors: Sequence[Sensor]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    from toolkit.render import Renderer
+def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
+    """First and last sensor of blocks with `BLOCK_PIXELS` at most, or one sensor each."""
+    blocks, first, pixels = [], 0, 0
+    for c, sensor in enumerate(sensors):
+        size = math.prod(sensor.model.shape)
+        if pixels and pixels + size > BLOCK_PIXELS:
+            blocks.append((first, c))
+            first, pixels = c, 0
+        pixels += size
+    return [*blocks, (first, len(sensors))]
 
-    site = traffic.site
-    renderer, radius = Renderer(site, traffic.bodies, sensors), hybrid_radius(site)
-    points, sent, far = [], [], []
-    for snapshot in traffic.snapshots:
-        rows = scored(snapshot.objects, site)
-        for sensor, depth, hits in zip(sensors, *renderer.render(snapshot), strict=True):
-            xyz, valid = unproject(sensor, depth)
-            keep = valid & inside(xyz.T, site.area, site.height)
-            points.append(np.bincount(hits.ravel()[keep] + 1, minlength=len(rows) + 1)[1:][rows])
-            sent.append(keep.sum())
-            far.append(beyond(xyz.T[keep], sensor, radius).sum())
-    of_sensor = [np.concatenate(points[s :: len(sensors)]) for s in range(len(sensors))]
-    per_frame = (np.reshape(each, (-1, len(sensors))).T.astype(np.float32) for each in (sent, far))
-    return np.array(of_sensor, np.float32), *per_frame
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Looks at all frames with a block of the sensors; sent to every worker."""
+
+    traffic: Traffic
+    sensors: tuple[Sensor, ...]
+    cache: Path | None
+
+    def __call__(self, block: Block) -> Seen:
+        found = self.kept(block)
+        if found is None:
+            found = look_at(self.traffic, self._renderer, self.sensors[slice(*block)])
+            if self.cache is not None:
+                write_arrays(self._path(block), found._asdict())
+        return found
+
+    def kept(self, block: Block) -> Seen | None:
+        """What an earlier call found; None where there is nothing, or it is damaged."""
+        if self.cache is not None:
+            with suppress(FileNotFoundError, ValueError):
+                return Seen(**read_arrays(self._path(block)))
+        return None
+
+    def _path(self, block: Block) -> Path:
+        told = [(repr(sensor.model), sensor.pose.tolist()) for sensor in self.sensors[slice(*block)]]
+        key = sha256(json.dumps([VERSION, self.traffic.digest(), told]).encode()).hexdigest()
+        return Path(self.cache or "") / f"seen-{key[:32]}.npz"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_renderer"}
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        from toolkit.render import Renderer
+
+        return Renderer(self.traffic.site, self.traffic.bodies, (), threads=1)

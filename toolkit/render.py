@@ -89,6 +89,11 @@ class Renderer:
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
+    def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
+        """How many times its direction each line (start, direction; body frame) goes until it meets the body, infinite
+        where it does not."""
+        return self._lengths(self._scene_of(body), lines)
+
     def _render(
         self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
     ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
@@ -118,8 +123,12 @@ class Renderer:
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
         start_and_direction[3, :3] = scene_SE3_sensor[:3, 3]
         lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
-        hit = scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
-        return hit["t_hit"].numpy() + np.float32(NEAR)
+        return self._lengths(scene, lines) + np.float32(NEAR)
+
+    def _lengths(
+        self, scene: o3d.t.geometry.RaycastingScene, lines: Float32[np.ndarray, "*shape 6"]
+    ) -> Float32[np.ndarray, "*shape"]:
+        return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
 
     def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
         if body not in self._scenes:
