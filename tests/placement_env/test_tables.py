@@ -160,7 +160,7 @@ def test_bad_requests_are_refused(tmp_path):
     with pytest.raises(ValueError, match="3 sensors"):
         TableFidelity(table)(np.zeros((2, 4), bool))
     with pytest.raises(ValueError, match="must be"):
-        replace(table, ap=table.ap[:5])
+        replace(table, ap=table.ap[:5], recall=table.recall[:5], kbit=table.kbit[:5])
     with pytest.raises(ValueError, match="too many"):
         all_subsets(17)
     with pytest.raises(FileNotFoundError, match="no table 'nowhere'"):
