@@ -41,8 +41,9 @@ FALSE_ALARM, IGNORED = -1, -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
 COMPUTED_BY = (
     *("toolkit/boxes.py", "toolkit/cluster.py", "toolkit/fusion.py", "toolkit/metrics.py", "toolkit/points.py"),
-    *("models/anchors.py", "models/detector.py", "models/folding.py", "models/published.py", "models/sparse.py"),
-    *("models/sparse_middle.py", "models/voxelnet.py", "models/voxels.py", "placement_env/detection.py"),
+    *("toolkit/render.py", "toolkit/sensors.py", "models/anchors.py", "models/detector.py", "models/folding.py"),
+    *("models/packed.py", "models/published.py", "models/sparse.py", "models/sparse_middle.py", "models/voxelnet.py"),
+    *("models/voxels.py", "placement_env/detection.py", "placement_env/renders.py"),
 )
 """The files whose code an outcome depends on: when one of them changes, nothing that was kept is believed."""
 
