@@ -53,6 +53,7 @@ class VoxelNetConfig:
     anchor_z: float = 1.6  # height of the anchors' centres, m
     anchor_yaws: tuple[float, ...] = (0.0, math.pi / 2)
     quality_power: float = 0.0  # score = class probability · (predicted IoU)^quality_power
+    averaging: float = 0.0  # > 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU
 
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
@@ -82,7 +83,7 @@ class VoxelNetConfig:
             "point_features": "local", "vfe_widths": (), "voxel_width": 32, "middle_widths": (), "column_width": 32,
             "rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
             "upsample": "add", "upsample_width": 64, "head3x3": 0,
-            "head": "quality", "anchor_z": 0.8, "quality_power": 1.0,
+            "head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75,
         }  # fmt: skip
         return cls(**{"area": tuple(float(side) for side in area), **light, **changes})
 

@@ -19,8 +19,8 @@ from models.sparse import SparseVoxelNet
 from models.voxelnet import Prediction, VoxelNet
 from models.voxels import collate, voxelise
 from models.weights import digest_of, load_weights
-from toolkit.arrays import Float, Float32
-from toolkit.boxes import nms
+from toolkit.arrays import Float, Float32, Int64
+from toolkit.boxes import iou_bev, nms
 from toolkit.objects import Detections, label_index
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -126,7 +126,22 @@ def suppressed(
     best, label = scores[inside].max(1)
     labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
     found = Detections(boxes[inside].double().cpu().numpy(), best.double().cpu().numpy(), labels)
-    return found[nms(found.boxes, found.scores, nms_threshold)]
+    kept = nms(found.boxes, found.scores, nms_threshold)
+    return averaged(found, kept, config.averaging) if config.averaging else found[kept]
+
+
+def averaged(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
+    """The candidates kept, each box the mean of those whose footprints overlap it by more than the threshold, weighted
+    by their squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
+    boxes, best = candidates.boxes, candidates.boxes[kept]
+    weights = np.where(iou_bev(best, boxes) > iou_threshold, candidates.scores**2, 0.0)
+    weights[np.arange(len(kept)), kept] = candidates.scores[kept] ** 2
+    weights /= weights.sum(axis=1, keepdims=True)
+    turn = boxes[:, 6] - best[:, 6:]
+    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a candidate that faces the other way lies along the same line
+    mean = weights @ boxes
+    mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
+    return Detections(mean, candidates.scores[kept], candidates.labels[kept])
 
 
 def load_detector(

@@ -151,8 +151,8 @@ def config_for(area: tuple[float, float, float, float], preset: str, size: str =
     The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.moved` puts
     what it learned on all of it.
     """
-    quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0}
-    published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0}
+    quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
+    published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
     head = published if PRESETS[preset].loss == "published" else quality
     if size == "light":
         return VoxelNetConfig.light(window(area), **head)

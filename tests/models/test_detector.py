@@ -9,10 +9,10 @@ import torch
 
 from models.anchors import anchors, encode, faces_back
 from models.config import VoxelNetConfig
-from models.detector import VoxelNetDetector, candidates, label_scores, load_detector, suppressed
+from models.detector import VoxelNetDetector, averaged, candidates, label_scores, load_detector, suppressed
 from models.voxelnet import Prediction, VoxelNet
 from models.weights import Header, load_weights, save_weights
-from toolkit.objects import Detector
+from toolkit.objects import Detections, Detector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 
@@ -72,6 +72,18 @@ def test_scores_are_probabilities_and_a_quality_lowers_them():
     logits = torch.randn(1, 4, *published.map_shape)
     scores = label_scores(Prediction(logits, torch.zeros(1, 14, *published.map_shape)), published)
     torch.testing.assert_close(scores[0, :, :, 1, 0], torch.softmax(logits[0, 2:], 0)[1])
+
+
+def test_averaging_weighs_by_squared_scores_and_heeds_neither_far_nor_turned_boxes():
+    best = [0.0, 0, 1, 4, 2, 1.5, 0.1]
+    beside = [0.2, 0, 1, 4, 2, 1.5, 0.1 + np.pi]  # the same line, the other way
+    across, far = [0.0, 0, 1, 4, 2, 1.5, 0.1 + np.pi / 2], [9.0, 0, 1, 4, 2, 1.5, 0]
+    found = Detections(np.array([best, beside, across, far]), np.array([0.8, 0.4, 0.7, 0.6]), np.zeros(4, np.int64))
+    mean = averaged(found, np.array([0, 3]), 0.75)
+    np.testing.assert_allclose(mean.boxes[0], [0.2 / 5, 0, 1, 4, 2, 1.5, 0.1], atol=1e-12)
+    np.testing.assert_allclose(mean.boxes[1], far)
+    np.testing.assert_array_equal(mean.scores, [0.8, 0.6])
+    assert len(averaged(Detections.empty(), np.array([], np.int64), 0.75)) == 0
 
 
 def test_it_is_a_detector_that_ignores_what_is_outside():
