@@ -7,13 +7,15 @@ import pytest
 
 from placement_env.candidates import Axes, Candidates, paper_candidates
 from placement_env.coverage import Coverage
-from placement_env.hit_model import HitModel
+from placement_env.hit_model import shipped_model
 from placement_env.objective import Objective, Weights
+from placement_env.renders import Renders
 from placement_env.surrogate import Surrogate
 from placement_env.traffic_frames import Traffic
 from placement_env.values import all_subsets, exact_worth
 from placement_env.visibility import see
 from toolkit.bodies import catalogue
+from toolkit.boxes import count_points
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects
 from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
@@ -75,8 +77,8 @@ def candidates_of(site):
     return Candidates(site.sensors, number, site.mounts, factors, Axes(*[np.zeros(1)] * 3, models))
 
 
-MODELS = {
-    scheme: HitModel(scheme, 0.7, -5.0, 1.2, 0.95, norm, 0.3, "made up")
+MODELS = {  # made up
+    scheme: replace(shipped_model("early", 0.7), scheme=scheme, norm=norm)
     for scheme, norm in zip(SCHEMES, (1.0, 4.0, 2.0), strict=True)
 }
 
@@ -242,3 +244,37 @@ def test_names_are_only_names(seen):
 def test_the_sites_own_sensors_are_the_candidates_it_comes_with():
     traffic, candidates = scene()
     assert paper_candidates(traffic.site).sensors == candidates.sensors
+
+
+def test_renders_hold_the_points_that_visibility_counts(seen):
+    traffic, candidates = scene()
+    renders = Renders(traffic, candidates, noise_seed=None)
+    for k in range(len(traffic)):
+        boxes = seen.boxes[seen.frame == k]
+        for c in range(len(candidates)):
+            counted = count_points(renders.clouds(k, c), boxes)
+            np.testing.assert_allclose(
+                counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8
+            )  # and ground at its foot
+
+
+def test_a_folder_of_renders_is_shared_but_never_by_what_changed(tmp_path):
+    traffic, candidates = scene(frames=[0])
+    east = 2
+    first = Renders(traffic, candidates, tmp_path).clouds(0, east)
+    assert Renders(traffic, candidates, tmp_path).clouds(0, east).tobytes() == first.tobytes()
+    assert Renders(traffic, candidates.select([5, east]), tmp_path).clouds(0, 1).tobytes() == first.tobytes()
+    assert len(list(tmp_path.iterdir())) == 1
+
+    sensors = list(candidates.sensors)
+    sensors[east] = Sensor("east", CAMERA, look((17.0, -3.0, 4.0), 3.0, 0.5))
+    changed = {
+        "wall": (replace(traffic, site=replace(traffic.site, solids=())), candidates),
+        "traffic": (scene(frames=[1])[0], candidates),
+        "area": (replace(traffic, site=replace(traffic.site, area=traffic.site.area / 2)), candidates),
+        "pose": (traffic, replace(candidates, sensors=tuple(sensors))),
+    }
+    for what in changed.values():
+        kept, anew = Renders(*what, tmp_path).clouds(0, east), Renders(*what).clouds(0, east)
+        assert kept.tobytes() == anew.tobytes() != first.tobytes()
+    assert len({Renders(*what).digest for what in changed.values()} | {Renders(traffic, candidates).digest}) == 4
