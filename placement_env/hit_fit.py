@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from placement_env.detection import Detected
 
 FITTED = ("intercept", "density", "norm", "reach")  # and the ceiling, as a logit
-START = {"early": (-4.0, 1.8, 0.8, 0.3), "late": (-4.0, 1.8, 3.0, 0.3), "hybrid": (-4.0, 1.8, 3.0, 0.3)}
+NORM = {"early": 0.8, "late": 4.0, "hybrid": 4.0}  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 
 
@@ -51,7 +51,9 @@ def fit(
         return -float(np.where(hits, np.log(p), np.log1p(-p)).mean())
 
     bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT]
-    best = minimize(unlikelihood, [*START[scheme], 3.0], method="L-BFGS-B", bounds=bounds).x
+    starts = [(-2.0 - 3.0 * reach, 1.6, NORM[scheme], reach, 3.0) for reach in (0.0, 1.0)]
+    ends = [minimize(unlikelihood, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+    best = min(ends, key=lambda end: float(end.fun)).x
     ranked = -np.sort(-_probability(visibility, subsets, model_of(best), radius), axis=1)
     misfit = minimize_scalar(
         lambda rate: float(np.square(expected_ap(ranked, float(rate))[0] - ap).mean()),

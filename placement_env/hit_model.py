@@ -50,9 +50,9 @@ class HitModel:
     density: float
     ceiling: float
     norm: float
-    reach: float
     false_alarms: float
     source: str
+    reach: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
