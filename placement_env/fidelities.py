@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -55,6 +55,12 @@ class Preparation:
         from placement_env.visibility import see
 
         return see(self.traffic, self.candidates, workers=self.workers, cache=self.cache)
+
+    def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
+        """The same traffic for other candidates, of which it is known what they see."""
+        there = replace(self, candidates=candidates)
+        vars(there).update(traffic=self.traffic, visibility=visibility)
+        return there
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name."""

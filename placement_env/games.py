@@ -1,0 +1,107 @@
+"""Games: n episodes side by side under one set of rules, and the Gymnasium environment of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.spaces import Box, Space
+
+from placement_env.boards import DYNAMIC, GLOBAL, Boards
+from placement_env.pictures import bird_view, summary
+from placement_env.scenes import STATIC, Scenes, Start
+from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+
+RENDER_MODES = ["rgb_array", "ansi"]
+
+
+class Game(Protocol):
+    """n episodes by one set of rules."""
+
+    scenes: Scenes
+    boards: Boards
+    observation_space: Box
+    action_space: Space[Any]
+
+    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
+        """New episodes on some rows."""
+
+    def play(
+        self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
+    ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """One action on each row that plays: rewards, terminated, truncated."""
+
+    def look(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
+        """Observations and info, an array (n, ...) each."""
+
+    def masks(self) -> Bool[np.ndarray, "n choices"]:
+        """Which actions are legal."""
+
+
+class GameEnv(gym.Env[np.ndarray, Any]):
+    """One episode after another of a game with one row; the registered environments differ by their game."""
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]"render_modes": RENDER_MODES, "render_fps": 2}
+
+    def __init__(self, game: Game, render_mode: str | None) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise ValueError(f"render_mode must be None or one of {', '.join(RENDER_MODES)}, got {render_mode!r}")
+        self.game, self.render_mode = game, render_mode
+        self.observation_space, self.action_space = game.observation_space, game.action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode; options: site, scheme, budget, failed (candidates out of order, by index or name), which
+        hold for this episode. Raises ValueError where one does not fit."""
+        super().reset(seed=seed)
+        self.game.begin(np.zeros(1, np.int64), [self.game.scenes.start(self.np_random, options)])
+        observations, info = self.game.look()
+        return observations[0], alone(info)
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take an action."""
+        reward, terminated, truncated = self.game.play(np.ones(1, np.bool_), np.asarray(action)[None])
+        observations, info = self.game.look()
+        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), alone(info)
+
+    def action_masks(self) -> Bool[np.ndarray, " choices"]:
+        """Which actions are legal, as sb3-contrib's MaskablePPO asks for them."""
+        return self.game.masks()[0]
+
+    def render(self) -> Any:
+        """The area from above with the chosen sensors and what they see (uint8), or a few lines of text."""
+        if self.render_mode is None:
+            return None
+        return picture(self.game, 0, self.render_mode)
+
+
+def picture(game: Game, row: int, mode: str) -> Any:
+    """A row of a game as an image or as text."""
+    objective, members = game.boards.placed(row)
+    return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
+
+
+def alone(info: dict[str, Any]) -> dict[str, Any]:
+    """The info of the first of n games, with Python's own numbers."""
+    return {key: alone(value) if isinstance(value, dict) else _item(value[0]) for key, value in info.items()}
+
+
+def _item(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def observation_space(slots: int) -> Box:
+    """Of games that choose among candidates: features of each slot, feature after feature, then of the whole."""
+    size = (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)
+    return Box(-1.0, 1.0, (size,), np.float32)
+
+
+def scenes_of(
+    site: Any, budget: int, scheme: Any, slots: int | None, objective: Any, arguments: dict[str, Any]
+) -> Scenes:
+    """The scenes of one site or several."""
+    several = isinstance(site, Sequence) and not isinstance(site, str)
+    return Scenes(site if several else [site], budget, scheme, slots, objective, arguments)

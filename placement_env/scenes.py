@@ -1,0 +1,218 @@
+"""Scenes: what an episode of an environment is played at, an objective with what of it an agent may observe.
+
+A scene pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What a
+candidate sees is taken at up to `PLACES` places: vehicles of the traffic where it is known, else spots of the area.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from placement_env.candidates import Candidates
+from placement_env.coverage import LEAST
+from placement_env.fidelities import site_candidates
+from placement_env.objective import Objective, check_scheme
+from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.evaluation import Scheme
+from toolkit.sensors import DepthCamera
+from toolkit.site import Site, load_site
+
+PLACES = 512
+STATIC = ("x", "y", "z", "cos heading", "sin heading", "tilt", "field of view", "lidar", "price", "kbit", "seen")
+REACH = 30.0  # m within which a sensor is taken to see the spots in its field of view, where no traffic is known
+OPTIONS = ("site", "scheme", "budget", "failed")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An objective, its C candidates in `slots` slots."""
+
+    objective: Objective
+    slots: int
+
+    def __post_init__(self) -> None:
+        if len(self.objective.candidates) > self.slots:
+            raise ValueError(
+                f"the environment has slots for {self.slots} candidates, this site has "
+                f"{len(self.objective.candidates)}: make it with slots={len(self.objective.candidates)}"
+            )
+
+    @cached_property
+    def mount(self) -> Int64[np.ndarray, " slots"]:
+        """Mount of each candidate; the empty slots share one that there is not."""
+        return padded(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
+
+    @cached_property
+    def usable(self) -> Bool[np.ndarray, " slots"]:
+        """Which slots hold a candidate whose link carries what it sends."""
+        return padded(self.objective.linked, self.slots)
+
+    @cached_property
+    def seen(self) -> Shaped[np.ndarray, "slots words"]:
+        """Which places each candidate sees, a bit each."""
+        seen = self._places_seen
+        whole = np.zeros((self.slots, PLACES), np.bool_)
+        whole[: len(seen), : seen.shape[1]] = seen
+        return np.packbits(whole, axis=1).view(np.uint64)
+
+    @cached_property
+    def places(self) -> int:
+        """How many places there are."""
+        return self._places_seen.shape[1]
+
+    @cached_property
+    def _places_seen(self) -> Bool[np.ndarray, "C places"]:
+        return places_seen(self.objective)
+
+    @cached_property
+    def static(self) -> Float32[np.ndarray, "features slots"]:
+        """`STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides lie
+        at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
+        x / (x + 1) of the price, and of what is sent in Mbit; seen is a share of the places."""
+        features = np.zeros((len(STATIC), self.slots), np.float32)
+        own = np.bitwise_count(self.seen).sum(axis=1) / max(1, self.places)
+        described = candidate_features(self.objective, own[: len(self.objective.candidates)])
+        features[:, : described.shape[1]] = np.clip(described, -1, 1)
+        return features
+
+    def failed_row(self, failed: Sequence[int | str]) -> Bool[np.ndarray, " slots"]:
+        """Candidates, given by index or name, as a row over the slots."""
+        return padded(self.objective.row(failed), self.slots)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """How an episode starts: at which scene, with how many sensors to place, and which candidates out of order."""
+
+    scene: Scene
+    budget: int
+    failed: Bool[np.ndarray, " slots"]
+
+
+class Scenes:
+    """The scenes of an environment, made when first played at.
+
+    sites: one of them, by name, is drawn for each episode unless an option names one; objective: in place of sites;
+    arguments: further ones of `Objective`. slots: None for what the largest of the sites needs.
+    """
+
+    def __init__(
+        self,
+        sites: Sequence[Site | str],
+        budget: int,
+        scheme: Scheme,
+        slots: int | None,
+        objective: Objective | None,
+        arguments: Mapping[str, Any],
+    ) -> None:
+        if budget < 1:
+            raise ValueError(f"budget must be at least 1 sensor, got {budget}")
+        self.sites = [load_site(site) if isinstance(site, str) else site for site in sites]
+        if objective is None and not self.sites:
+            raise ValueError("an environment needs a site or an objective")
+        self.budget, self.scheme, self.objective = budget, check_scheme(scheme), objective
+        self._arguments, self._drawn = dict(arguments), len(self.sites)
+        self._made: dict[tuple[int, Scheme], Scene] = {}
+        self._candidates: dict[int, Candidates] = {}
+        whole = [objective.candidates] if objective else [self._candidates_of(i) for i in range(self._drawn)]
+        self.slots = max(map(len, whole)) if slots is None else slots
+        self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
+
+    def start(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Start:
+        """Of an episode with these options. Raises ValueError for an option that there is not or does not fit."""
+        options = checked(options)
+        budget = options.get("budget", self.budget)
+        scene = self._scene(options, rng)
+        return Start(scene, int(budget), scene.failed_row(options.get("failed", ())))
+
+    def _scene(self, options: Mapping[str, Any], rng: np.random.Generator) -> Scene:
+        scheme = check_scheme(options.get("scheme", self.objective.scheme if self.objective else self.scheme))
+        if self.objective is not None:
+            if "site" in options or scheme != self.objective.scheme:
+                raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
+            return self._made.setdefault((-1, scheme), Scene(self.objective, self.slots))
+        index = self._index(options.get("site"), rng)
+        if (index, scheme) not in self._made:
+            arguments = {**self._arguments, "candidates": self._candidates_of(index)}
+            self._made[index, scheme] = Scene(Objective(self.sites[index], scheme=scheme, **arguments), self.slots)
+        return self._made[index, scheme]
+
+    def _index(self, site: Site | str | None, rng: np.random.Generator) -> int:
+        """Place among the sites of one given by itself or name, of one drawn for None; a new one joins the others."""
+        if site is None:
+            return int(rng.integers(self._drawn)) if self._drawn > 1 else 0
+        for index, known in enumerate(self.sites):
+            if known is site or known.name == site:
+                return index
+        self.sites.append(load_site(site) if isinstance(site, str) else site)
+        return len(self.sites) - 1
+
+    def _candidates_of(self, index: int) -> Candidates:
+        if index not in self._candidates:
+            given = self._arguments.get("candidates")
+            self._candidates[index] = site_candidates(self.sites[index], given)
+        return self._candidates[index]
+
+
+def checked(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Options of `reset`, or ValueError for one that there is not, or a budget without sensors."""
+    options = options or {}
+    if unknown := set(options) - set(OPTIONS):
+        raise ValueError(f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}")
+    if options.get("budget", 1) < 1:
+        raise ValueError(f"budget must be at least 1 sensor, got {options['budget']}")
+    return options
+
+
+def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
+    """Which of the places each candidate sees: vehicles with enough points on them, or spots of the area in view."""
+    if objective.visibility is not None:
+        points = objective.visibility.points
+        some = np.unique(np.linspace(0, points.shape[1] - 1, PLACES).round().astype(np.int64))[: points.shape[1]]
+        return np.asarray(points[:, some] >= LEAST)
+    xmin, ymin, xmax, ymax = area_of(objective)
+    x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
+    positions, headings, _, widths, _ = poses(objective.candidates)
+    dx, dy = x.ravel() - positions[:, :1], y.ravel() - positions[:, 1:2]
+    bearing = np.angle(np.exp(1j * (np.arctan2(dy, dx) - headings[:, None])))
+    return np.asarray((np.abs(bearing) <= widths[:, None] / 2) & (np.hypot(dx, dy) <= REACH))
+
+
+def area_of(objective: Objective) -> Float64[np.ndarray, "4"]:
+    """xmin ymin xmax ymax of the detection area, or of all mounts where the site is not known."""
+    if objective.site is not None:
+        return objective.site.area
+    feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
+    return np.concatenate([feet.min(axis=0) - 1, feet.max(axis=0) + 1])
+
+
+def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of each candidate position (C, 3), heading, tilt, horizontal field of view (rad), and whether it is a lidar."""
+    sensors = candidates.sensors
+    lidar = np.array([not isinstance(sensor.model, DepthCamera) for sensor in sensors], np.bool_)
+    forward = np.array([sensor.pose[:3, 0 if is_lidar else 2] for sensor, is_lidar in zip(sensors, lidar, strict=True)])
+    width = [s.model.fov if isinstance(s.model, DepthCamera) else s.model.azimuth_fov for s in sensors]
+    heading = np.arctan2(forward[:, 1], forward[:, 0])
+    tilt = np.arctan2(-forward[:, 2], np.hypot(forward[:, 0], forward[:, 1]))
+    return np.array([sensor.position for sensor in sensors]), heading, tilt, np.array(width), lidar
+
+
+def candidate_features(objective: Objective, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
+    """`STATIC` of each candidate; `seen`: the share of places that it sees."""
+    position, heading, tilt, width, lidar = poses(objective.candidates)
+    area = area_of(objective)
+    middle, size = (area[:2] + area[2:]) / 2, area[2:] - area[:2]
+    x, y = ((position[:, :2] - middle) / size).T
+    price, megabit = objective.candidates.prices, objective.sent / 1000
+    turned = (np.cos(heading), np.sin(heading), tilt / (np.pi / 2), width / (2 * np.pi))
+    return np.stack([x, y, position[:, 2] / 20, *turned, lidar, price / (price + 1), megabit / (megabit + 1), seen])
+
+
+def padded(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.ndarray, " slots"]:
+    """A row over the candidates as one over the slots."""
+    return np.concatenate([row, np.full(slots - len(row), fill, row.dtype)])
