@@ -43,7 +43,7 @@ class Game(Protocol):
 class GameEnv(gym.Env[np.ndarray, Any]):
     """One episode after another of a game with one row; the registered environments differ by their game."""
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]"render_modes": RENDER_MODES, "render_fps": 2}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES, "render_fps": 2}  # type: ignore[misc]
 
     def __init__(self, game: Game, render_mode: str | None) -> None:
         if render_mode not in (None, *RENDER_MODES):

@@ -124,7 +124,7 @@ class SensorSubsetVectorEnv(GameVectorEnv):
 
 
 class SensorPoseVectorEnv(GameVectorEnv):
-    """n of `placement_env.pose_env.SensorPoseEnv`, which describes the arguments; what has moved is rendered together."""
+    """n of `placement_env.pose_env.SensorPoseEnv`, which describes the arguments."""
 
     def __init__(
         self,
