@@ -11,9 +11,9 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search.found import Found
-from placement_env.search.progress import Progress, random_set, rows_of
+from placement_env.search.moves import Moves
+from placement_env.search.progress import Progress, rows_of
 
-DROP = 0.05  # share of proposals that drop a sensor
 SETS = 20_000  # scored where no limit is given
 
 
@@ -39,42 +39,17 @@ def search(
     if seconds is None and evaluations is None:
         evaluations = SETS
     progress = Progress(objective, budget, seconds, evaluations)
-    rng = np.random.default_rng(seed)
+    moves, rng = Moves(objective, budget), np.random.default_rng(seed)
     note = "simulated annealing proves nothing"
-    movable = np.flatnonzero(objective.allowed([]))
-    if not movable.size:
+    if not moves.free.size:
         return progress.found("annealing", progress.unknown(note))
-    mount = objective.candidates.mount
-    neighbours = {int(m): movable[mount[movable] == m] for m in np.unique(mount[movable])}
-    sets = [random_set(objective, budget, rng) for _ in range(chains)]
+    sets = [moves.some(rng) for _ in range(chains)]
     rewards = progress.rewards(rows_of(sets, progress.size))
     while not progress.spent:
         temperature = hot * (cold / hot) ** progress.limits.share
-        proposed = [_change(chosen, budget, mount, movable, neighbours, rng) for chosen in sets]
+        proposed = [moves.change(chosen, rng) for chosen in sets]
         fresh = progress.rewards(rows_of(proposed, progress.size))
         accepted = fresh - rewards >= temperature * np.log(1 - rng.random(chains))
         sets = [new if yes else old for new, old, yes in zip(proposed, sets, accepted, strict=True)]
         rewards = np.where(accepted, fresh, rewards)
     return progress.found("annealing", progress.unknown(note))
-
-
-def _change(
-    chosen: list[int],
-    budget: int,
-    mount: np.ndarray,
-    movable: np.ndarray,
-    neighbours: dict[int, np.ndarray],
-    rng: np.random.Generator,
-) -> list[int]:
-    """A feasible set that differs in one sensor, or the same set where the draw was of what is there already."""
-    if chosen and rng.random() < DROP:
-        gone = int(rng.integers(len(chosen)))
-        return chosen[:gone] + chosen[gone + 1 :]
-    if chosen and rng.random() < 0.5:
-        new = int(rng.choice(neighbours[int(mount[chosen[int(rng.integers(len(chosen)))]])]))
-    else:
-        new = int(movable[int(rng.integers(len(movable)))])
-    kept = [c for c in chosen if mount[c] != mount[new]]
-    if len(kept) == budget:
-        kept.pop(int(rng.integers(budget)))
-    return [*kept, new]

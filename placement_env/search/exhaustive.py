@@ -7,7 +7,7 @@ import numpy as np
 from placement_env.objective import Objective, Score
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Figures, Progress
-from toolkit.arrays import Bool, Float
+from toolkit.arrays import Bool, Float, Float64
 
 LARGEST = 16  # candidates, 65 536 sets
 
@@ -60,22 +60,27 @@ def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
 
 def front(objective: Objective, subsets: Bool[np.ndarray, "n C"], figures: Figures) -> tuple[Score, ...]:
     """The sets that none of the others beats in AP, kbit and price at once, by price, then kbit."""
-    keep = undominated(np.stack([-figures.ap, figures.kbit, figures.price], axis=1))
+    keep = undominated(costs(figures))
     keep = keep[np.lexsort((figures.kbit[keep], figures.price[keep]))]
     return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in keep)
 
 
-def undominated(costs: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no worse in any cost and better in one. Of equal rows the first is kept.
+def costs(figures: Figures) -> Float64[np.ndarray, "n 3"]:
+    """What a front is about, each the less the better: -AP, kbit of the whole set, price."""
+    return np.stack([-figures.ap, figures.kbit, figures.price], axis=1)
+
+
+def undominated(points: Float[np.ndarray, "n m"]) -> np.ndarray:
+    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept.
 
     >>> undominated(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
     array([0, 1])
     """
-    order = np.lexsort((np.arange(len(costs)), *costs.T[::-1]))  # what comes first is never beaten by what follows
+    order = np.lexsort((np.arange(len(points)), *points.T[::-1]))  # what comes first is never beaten by what follows
     kept = []
     while order.size:
         kept.append(order[0])
-        order = order[(costs[order] < costs[order[0]]).any(axis=1)]
+        order = order[(points[order] < points[order[0]]).any(axis=1)]
     return np.sort(np.array(kept, np.int64))
 
 

@@ -106,6 +106,13 @@ class Progress:
         """Rewards of sets, -inf where the limits left no room."""
         return self.figures(subsets).reward
 
+    def settle(self, chosen: list[int]) -> None:
+        """Take this set for the answer, whatever it scores and the limits say."""
+        self.best = rows_of([chosen], self.size)[0]
+        self.reward = float(self.objective.scores(self.best[None]).reward[0])
+        self.limits.count += 1
+        self.limits.improved(self.reward)
+
     def found(
         self, method: str, certificate: Certificate, front: tuple[Score, ...] = (), by_size: tuple[Score, ...] = ()
     ) -> Found:
@@ -159,10 +166,3 @@ def joined(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> 
     rows[:, list(chosen)] = True
     rows[np.arange(len(options)), options] = True
     return rows
-
-
-def random_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """A feasible set of `budget` candidates, or of as many as fit: a mount at random, then a candidate of it."""
-    free = np.flatnonzero(objective.allowed([]))
-    mounts = rng.permutation(np.unique(objective.candidates.mount[free]))[:budget]
-    return [int(rng.choice(free[objective.candidates.mount[free] == mount])) for mount in mounts]

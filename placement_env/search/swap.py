@@ -7,13 +7,17 @@ set is a local optimum under such changes. Then it starts again from a random se
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search.found import Certificate, Found
 from placement_env.search.greedy import grow
-from placement_env.search.progress import Progress, joined, random_set, rows_of
+from placement_env.search.moves import Moves
+from placement_env.search.progress import Progress, joined, rows_of
 
+STARTS = 5
 NOBODY = -1  # a place without a sensor
 
 
@@ -24,25 +28,25 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    starts: int = 5,
+    starts: int | None = None,
 ) -> Found:
-    """The best local optimum of `starts` starts, or of as many as the limits allow: greedy's set first, then sets
-    drawn from `seed`.
+    """The best local optimum of several starts: greedy's set first, then sets drawn from `seed`.
 
-    The certificate is "local optimum" where the best set was searched around to its end. Raises ValueError where
-    `starts` is below 1.
+    starts: how many; None for as many as the limits allow, or `STARTS` without a limit. The certificate is "local
+    optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1.
     """
-    if starts < 1:
+    if starts is not None and starts < 1:
         raise ValueError(f"starts must be at least 1, got {starts}")
     progress = Progress(objective, budget, seconds, evaluations)
-    rng = np.random.default_rng(seed)
+    moves, rng = Moves(objective, budget), np.random.default_rng(seed)
     proven = False
+    if starts is None:
+        starts = STARTS if seconds is None and evaluations is None else sys.maxsize
     for start in range(starts):
-        if progress.spent:
+        if progress.spent and start:
             break
         before = progress.reward if start else -np.inf
-        chosen = random_set(objective, budget, rng) if start else grow(progress)[0]
-        finished = _climb(progress, chosen, rng)
+        finished = _climb(progress, moves.some(rng) if start else _greedy(progress), rng)
         proven = finished if progress.reward > before else proven
     certificate = (
         Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
@@ -50,6 +54,12 @@ def search(
         else progress.unknown("stopped before all changes of one sensor were tried")
     )
     return progress.found("swap", certificate)
+
+
+def _greedy(progress: Progress) -> list[int]:
+    """The best set on greedy's way, or where none pays the last."""
+    grown, _ = grow(progress)
+    return np.flatnonzero(progress.best).tolist() or grown
 
 
 def _climb(progress: Progress, start: list[int], rng: np.random.Generator) -> bool:
@@ -70,4 +80,6 @@ def _climb(progress: Progress, start: list[int], rng: np.random.Generator) -> bo
             waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
         if not np.isfinite(rewards).all():
             return False
+    if reward == progress.reward:  # of equal sets the one whose surroundings are known
+        progress.best = rows_of([[c for c in places if c != NOBODY]], progress.size)[0]
     return True

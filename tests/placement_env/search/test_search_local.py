@@ -51,7 +51,7 @@ def test_swap_starts_from_greedy_and_ends_where_no_change_improves(make, seed):
     assert found.best.reward >= greedy.search(objective, 4).best.reward
     for gone in found.best.subset:
         rest = [c for c in found.best.subset if c != gone]
-        for new in np.flatnonzero(objective.allowed(rest)):
+        for new in np.flatnonzero(objective.allowed(rest)).tolist():
             assert objective.score([*rest, new]).reward <= found.best.reward
 
 

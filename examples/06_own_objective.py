@@ -1,0 +1,45 @@
+"""Score sensor sets your own way: any function from sets to AP, recall and kbit is a fidelity.
+
+python examples/06_own_objective.py
+"""
+
+import numpy as np
+
+from placement_env.candidates import paper_candidates
+from placement_env.fidelity import Estimate
+from placement_env.objective import Objective, Weights
+from placement_env.search import exhaustive, greedy
+from placement_env.traffic_frames import traffic
+from placement_env.visibility import Visibility, see
+from toolkit import load_site
+
+
+class SeenFromTwoSides:
+    """How much of the traffic at least two sensors see well, what is near the middle counting most."""
+
+    name = "seen from two sides"
+
+    def __init__(self, seen: Visibility, least: float = 50.0) -> None:
+        distance = np.hypot(seen.boxes[:, 0], seen.boxes[:, 1])
+        self.importance = np.exp(-distance / 15.0) / np.exp(-distance / 15.0).sum()
+        self.well = (seen.points >= least).astype(np.int64)
+        self.kbit = seen.sent.mean(axis=1, dtype=np.float64) * 96 / 1000  # 96 bit a point
+
+    def __call__(self, subsets: np.ndarray) -> Estimate:
+        """subsets: a row of booleans for each set."""
+        share = (subsets @ self.well >= 2) @ self.importance
+        return Estimate(share, share, subsets @ self.kbit)
+
+
+def main(frames: int = 6) -> None:
+    """Every search takes it like the ones that come with coview."""
+    site = load_site("tjunction")
+    candidates = paper_candidates(site)
+    seen = see(traffic(site, frames, seed=0), candidates)
+    objective = Objective.of(candidates, SeenFromTwoSides(seen), weights=Weights(price=0.02), visibility=seen)
+    print(exhaustive.search(objective, budget=3))
+    print(greedy.search(objective, budget=3))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""Continuous poses: height, heading and tilt of each sensor of a set, by CMA-ES (Hansen and Ostermeier 2001, `cma`).
+
+A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
+without bounds), tilt between `TILTS` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts (0 to
+1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so every
+vector is rendered: some hundred are all that one affords, and the start should be good, greedy's for instance.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from placement_env.candidates import Axes, Candidates
+from placement_env.fidelity import Fidelity
+from placement_env.objective import Objective, Score, Weights
+from placement_env.search.found import Certificate, Found
+from placement_env.search.progress import Limits
+from toolkit.arrays import Bool, Float64
+from toolkit.evaluation import Scheme
+from toolkit.geometry import look, pose
+from toolkit.sensors import DepthCamera, Sensor
+from toolkit.site import Mount
+
+if TYPE_CHECKING:
+    from placement_env.traffic_frames import Traffic
+    from placement_env.visibility import Visibility
+
+TILTS = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
+VECTORS = 300  # scored where no limit is given
+STEP = 0.15  # standard deviation of the first vectors around the start
+UNFIT = 1e6  # cost of a set that may not be built
+Poses = tuple[Sensor, ...]
+Place = Callable[[Sequence[Poses]], Sequence[Score | None]]  # scores sets of sensors; None: may not be built
+FREE = Weights()
+
+
+def search(
+    place: Place,
+    start: Candidates,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    roam: bool = False,
+    population: int | None = None,
+) -> Found:
+    """Turn, tilt and lift the sensors of `start`, all of which are placed, to where `place` scores most.
+
+    start: such as `objective.candidates.select(found.best.subset)`, on mounts of their own; roam: whether a sensor may
+    go to another of `start.mounts`; population: vectors to a step, None for 4 + 3 ln n; without a limit 300 are scored.
+    The answer is never worse than the start, which is scored first; when the search has settled it begins anew at the
+    best with twice the population. `Found.sensors` are the poses, `Found.best.subset` just counts them. Raises
+    ValueError where there is no sensor, two share a mount or the start may not be built, ImportError without `cma`.
+    """
+    if not len(start) or len(np.unique(start.mount)) < len(start):
+        raise ValueError(
+            f"need sensors on mounts of their own, got {len(start)} on {np.unique(start.mount).size} mounts"
+        )
+    cma = _cma()
+    if seconds is None and evaluations is None:
+        evaluations = VECTORS
+    limits, rng = Limits(seconds, evaluations), np.random.default_rng(seed)
+    coding = Coding(start, roam)
+    sensors = start.sensors
+    score = place([sensors])[0]
+    if score is None:
+        raise ValueError("the sensors to start from may not be built: choose a feasible set")
+    limits.count += 1
+    limits.improved(score.reward)
+    best = coding.encode()
+    size = population or 4 + int(3 * np.log(len(best)))
+    while not limits.spent:
+        strategy = cma.CMAEvolutionStrategy(best, STEP, {**coding.options(), **_quiet(rng), "popsize": size})
+        while not strategy.stop() and not limits.spent:
+            vectors = strategy.ask()
+            room = int(min(len(vectors), limits.evaluations - limits.count))
+            sets = [coding.decode(vector) for vector in vectors[:room]]
+            scores = place(sets)
+            limits.count += room
+            costs = [UNFIT if s is None else -s.reward for s in scores]
+            leader = int(np.argmin(costs))
+            if -costs[leader] > score.reward:
+                score, sensors, best = scores[leader] or score, sets[leader], vectors[leader]
+                limits.improved(score.reward)
+            if room == len(vectors):
+                strategy.tell(vectors, costs)
+        size *= 2
+    score = replace(score, subset=tuple(range(len(sensors))))
+    certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
+    return Found(
+        "CMA-ES", score, limits.history(score.reward), certificate, limits.count, limits.passed, sensors=sensors
+    )
+
+
+def placing(
+    traffic: Traffic,
+    mounts: tuple[Mount, ...],
+    fidelity: Callable[[Visibility], Fidelity],
+    scheme: Scheme = "early",
+    weights: Weights = FREE,
+    *,
+    workers: int = 1,
+) -> Place:
+    """Scores sets of sensors by rendering all of them at once; fidelity: such as `lambda seen: Surrogate(seen)`.
+
+    A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
+    """
+    from placement_env.visibility import see
+
+    def place(sets: Sequence[Poses]) -> list[Score | None]:
+        sensors = [sensor for chosen in sets for sensor in chosen]
+        candidates = hung(sensors, mounts)
+        visibility = see(traffic, candidates, workers=workers)
+        objective = Objective.of(candidates, fidelity(visibility), scheme, weights, visibility=visibility)
+        ends = np.cumsum([0, *map(len, sets)])
+        rows = np.arange(len(sensors))
+        subsets = (rows >= ends[:-1, None]) & (rows < ends[1:, None])
+        objective.scores(subsets)
+        fits = objective.feasible(subsets)
+        return [
+            objective.score(np.flatnonzero(row).tolist()) if fit else None
+            for row, fit in zip(subsets, fits, strict=True)
+        ]
+
+    return place
+
+
+def hung(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candidates:
+    """Any sensors as candidates, each on the mount whose foot is nearest seen from above; names are numbered."""
+    feet = np.array([mount.position[:2] for mount in mounts])
+    spots = np.array([sensor.position[:2] for sensor in sensors])
+    mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
+    heights, headings, tilts = np.array([angles(sensor) for sensor in sensors]).T
+    models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
+    count = np.arange(len(sensors))
+    model = np.array([models.index(sensor.model) for sensor in sensors])
+    factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
+    numbered = tuple(replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors))
+    return Candidates(numbered, factors[:, 0].copy(), mounts, factors, Axes(heights, headings, tilts, models))
+
+
+def angles(sensor: Sensor) -> tuple[float, float, float]:
+    """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
+    x, y, z = sensor.pose[:3, 2 if isinstance(sensor.model, DepthCamera) else 0]
+    return float(sensor.position[2]), float(np.arctan2(y, x)), float(np.arctan2(-z, np.hypot(x, y)))
+
+
+class Coding:
+    """Vectors for sets of sensors and back; each sensor keeps its model and, unless it roams, its mount."""
+
+    def __init__(self, start: Candidates, roam: bool) -> None:
+        self.start, self.roam = start, roam
+        self.feet = np.array([mount.position for mount in start.mounts])
+        self.corner, self.span = self.feet[:, :2].min(axis=0), np.maximum(np.ptp(self.feet[:, :2], axis=0), 1e-9)
+        self.width = 5 if roam else 3
+
+    def encode(self) -> Float64[np.ndarray, " n"]:
+        """The vector of the start."""
+        rows = []
+        for sensor, mount in zip(self.start.sensors, self.start.mount, strict=True):
+            height, _, tilt = angles(sensor)
+            low, high = _range(self.start.mounts[mount])
+            lift = (height - self.feet[mount, 2] - low) / max(high - low, 1e-9)
+            row = [lift, 0.0, (tilt - TILTS[0]) / (TILTS[1] - TILTS[0])]
+            rows.append([*row, *((self.feet[mount, :2] - self.corner) / self.span)] if self.roam else row)
+        vector = np.array(rows)
+        turns = np.arange(self.width) == 1
+        return np.where(turns, vector, np.clip(vector, 0.0, 1.0)).ravel()
+
+    def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
+        """The sensors of a vector."""
+        taken = np.zeros(len(self.feet), bool)
+        sensors = []
+        for c, (lift, turn, tilt, *spot) in enumerate(vector.reshape(-1, self.width)):
+            mount = self._nearest(np.array(spot), taken) if self.roam else int(self.start.mount[c])
+            taken[mount] = True
+            low, high = _range(self.start.mounts[mount])
+            position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
+            heading = angles(self.start.sensors[c])[1] + np.pi * turn
+            sensors.append(_aimed(self.start.sensors[c], position, heading, TILTS[0] + tilt * (TILTS[1] - TILTS[0])))
+        return tuple(sensors)
+
+    def options(self) -> dict[str, Any]:
+        """Bounds, as `cma` takes them: all but the headings have some."""
+        bounded: Bool[np.ndarray, " n"] = np.tile(np.arange(self.width) != 1, len(self.start))
+        return {"bounds": [[0.0 if b else None for b in bounded], [1.0 if b else None for b in bounded]]}
+
+    def _nearest(self, spot: np.ndarray, taken: np.ndarray) -> int:
+        away = np.linalg.norm(self.feet[:, :2] - (self.corner + spot * self.span), axis=1)
+        return int(np.where(taken, np.inf, away).argmin())
+
+
+def _range(mount: Mount) -> tuple[float, float]:
+    return mount.min_height, mount.max_height
+
+
+def _aimed(sensor: Sensor, position: np.ndarray, heading: float, tilt: float) -> Sensor:
+    x, y, z = (float(p) for p in position)
+    if isinstance(sensor.model, DepthCamera):
+        return replace(sensor, pose=look((x, y, z), float(heading), float(tilt)))
+    return replace(sensor, pose=pose(x, y, z, yaw=float(heading), pitch=float(tilt)))
+
+
+def _quiet(rng: np.random.Generator) -> dict[str, Any]:
+    """Numbers from our generator, so that NumPy's global one stays as it is, and no printing."""
+    return {"seed": np.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9}
+
+
+def _cma() -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a plotting library it would like
+            import cma
+    except ImportError as error:
+        raise ImportError("CMA-ES needs the package cma: pip install coview[search]") from error
+    return cma

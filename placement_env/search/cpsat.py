@@ -1,0 +1,247 @@
+"""The largest coverage with a proven bound: maximum (k-)coverage as an integer programme, solved by CP-SAT (OR-Tools).
+
+    max Σ_o w_o y_o    where  Σ_c seen[c, o] x_c >= k y_o,   Σ_{c on m} x_c <= 1 for each mount m,   Σ_c x_c <= budget
+
+x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
+same candidates see are one object of weight w. What cannot be covered is left out, and so is, where one view is enough,
+a pose that sees nothing which another on its mount does not see.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from placement_env.coverage import LEAST
+from placement_env.objective import Objective
+from placement_env.search.found import Certificate, Found
+from placement_env.search.progress import Progress
+from placement_env.visibility import Visibility
+from toolkit.arrays import Bool, Int64
+
+if TYPE_CHECKING:
+    from ortools.sat.python.cp_model import CpModel, CpSolver, IntVar
+
+SECONDS = 60.0  # of solving, where no limit is given
+
+
+class Cover(NamedTuple):
+    """chosen: candidates, ascending; covered, bound: objects covered by them and by any feasible set, at most; optimal:
+    whether they are the same; merged: objects after merging; built, solved: seconds."""
+
+    chosen: list[int]
+    covered: int
+    bound: int
+    optimal: bool
+    merged: int
+    built: float
+    solved: float
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    visibility: Visibility | None = None,
+    least: float = LEAST,
+    views: int = 1,
+    workers: int = 1,
+) -> Found:
+    """The set that covers most, whatever else the objective asks for, and its score there.
+
+    The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
+    make a view; views: k; workers: threads of the solver; seconds: 60 if None; `evaluations` is not used, the answer
+    alone is scored. One worker finds the same set for the same seed as long as it is not cut short. Raises ValueError
+    where the objective has no visibility and none is given, and ImportError without OR-Tools.
+    """
+    visibility = objective.visibility if visibility is None else visibility
+    if visibility is None:
+        raise ValueError("CP-SAT needs to know what each candidate sees: pass visibility=see(traffic, candidates)")
+    progress = Progress(objective, budget, seconds, evaluations)
+    seen, mount, may_stand = visibility.points >= least, objective.candidates.mount, objective.allowed([])
+    left = SECONDS if seconds is None else seconds
+    cover = cover_most(seen, mount, budget, views=views, may_stand=may_stand, seconds=left, workers=workers, seed=seed)
+    progress.settle(cover.chosen)
+    objects = max(1, seen.shape[1])
+    certificate = Certificate(
+        "optimal" if cover.optimal else "bound",
+        cover.covered / objects,
+        cover.bound / objects,
+        1.0 if cover.optimal else 0.0,
+        f"{cover.covered} of {seen.shape[1]} objects have {views} view(s) of {least:g} points or more from "
+        f"{{{', '.join(map(str, cover.chosen))}}}, and no set covers more than {cover.bound}",
+        "coverage",
+    )
+    return progress.found("CP-SAT", certificate)
+
+
+def cover_most(
+    seen: Bool[np.ndarray, "C O"],
+    mount: Int64[np.ndarray, " C"],
+    budget: int,
+    *,
+    views: int = 1,
+    may_stand: Bool[np.ndarray, " C"] | None = None,
+    seconds: float = SECONDS,
+    workers: int = 1,
+    seed: int = 0,
+) -> Cover:
+    """At most `budget` candidates, one per mount, so that as many objects as can be have at least `views` of them.
+
+    seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all.
+    The solver starts from greedy's set, so the answer covers no less.
+
+    >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
+    [0, 2]
+    """
+    if budget < 1 or views < 1:
+        raise ValueError(f"budget and views must be at least 1, got {budget} and {views}")
+    began = time.monotonic()
+    rows = np.ones(len(seen), bool) if may_stand is None else may_stand
+    kept = useful(np.where(rows[:, None], seen, False), mount, dominated=views == 1)
+    objects, weight = merged(seen[kept], mount[kept], views)
+    start = greedy_cover(objects, weight, mount[kept], budget, views)
+    bound = bound_at(objects, weight, mount[kept], budget, views, start)
+    model, built = _model(objects, weight, mount[kept], budget, views, start, bound)
+    solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed)
+    ready = time.monotonic()
+    status = solver.status_name(solver.solve(model))
+    times = (ready - began, time.monotonic() - ready)
+    if status in ("OPTIMAL", "FEASIBLE"):  # else out of time before it found anything
+        start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
+        bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
+    chosen = sorted(kept[start].tolist())
+    covered = int((seen[chosen].sum(axis=0) >= views).sum())
+    return Cover(chosen, covered, max(bound, covered), bound <= covered, len(weight), *times)
+
+
+def useful(
+    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], *, dominated: bool = True
+) -> Int64[np.ndarray, " k"]:
+    """Candidates that see something and, if `dominated`, whose mount has none that sees all of it and more.
+
+    Of several on a mount that see the same the first is kept.
+
+    >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
+    array([1, 2])
+    """
+    keep = seen.any(axis=1)
+    if dominated:
+        for here in np.unique(mount):
+            poses = np.flatnonzero(keep & (mount == here))
+            views = seen[poses].astype(np.float32)
+            size = views.sum(axis=1)
+            within = (views @ views.T) == size[:, None]  # all that i sees, j sees
+            earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
+            beaten = within & ((size[None] > size[:, None]) | ((size[None] == size[:, None]) & earlier))
+            keep[poses[beaten.any(axis=1)]] = False
+    return np.flatnonzero(keep)
+
+
+def merged(
+    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int
+) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, " m"]]:
+    """Objects that differ in who sees them, and how many there are of each; without those that fewer than `views`
+    mounts see."""
+    mounts = np.unique(mount)
+    able = np.zeros(seen.shape[1], np.int64)
+    for here in mounts:
+        able += seen[mount == here].any(axis=0)
+    seen = seen[:, able >= views]
+    if not seen.size:
+        return seen[:, :0], np.zeros(0, np.int64)
+    packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
+    keys = packed.view(np.dtype((np.void, packed.shape[1])))[:, 0]
+    _, first, weight = np.unique(keys, return_index=True, return_counts=True)
+    return seen[:, first], weight.astype(np.int64)
+
+
+def greedy_cover(
+    seen: Bool[np.ndarray, "C m"],
+    weight: Int64[np.ndarray, " m"],
+    mount: Int64[np.ndarray, " C"],
+    budget: int,
+    views: int,
+) -> list[int]:
+    """One candidate after another, each on a free mount, that gives most views to objects that have fewer than `views`.
+
+    >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
+    [1]
+    """
+    missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
+    chosen: list[int] = []
+    while len(chosen) < budget and free.any():
+        needed = (missing > 0).astype(np.float64) * weight
+        best = int(np.where(free, seen @ needed, -1.0).argmax())
+        chosen.append(best)
+        missing = missing - seen[best]
+        free &= mount != mount[best]
+    return chosen
+
+
+def bound_at(
+    seen: Bool[np.ndarray, "C m"],
+    weight: Int64[np.ndarray, " m"],
+    mount: Int64[np.ndarray, " C"],
+    budget: int,
+    views: int,
+    chosen: list[int],
+) -> int:
+    """No set covers more objects than this: each needs `views` views, and for one view (Leskovec et al., KDD 2007) what
+    `chosen` covers and the largest gains on top of it, one to a mount, are no less than any set covers."""
+
+    def largest(gains: np.ndarray) -> float:
+        best = np.zeros(int(mount.max(initial=-1)) + 1)
+        np.maximum.at(best, mount, gains)
+        return float(np.sort(best)[::-1][:budget].sum())
+
+    bounds = [float(weight.sum()), largest(seen @ weight.astype(np.float64)) / views]
+    if views == 1:
+        covered = seen[chosen].any(axis=0)
+        bounds.append(float(weight[covered].sum()) + largest(seen @ np.where(covered, 0.0, weight)))
+    return int(min(bounds) + 1e-6)
+
+
+def _model(
+    seen: np.ndarray, weight: np.ndarray, mount: np.ndarray, budget: int, views: int, start: list[int], bound: int
+) -> tuple[CpModel, list[IntVar]]:
+    """The programme, with the set `start` as a complete hint, and its variables x."""
+    cp = _cp_model()
+    model = cp.CpModel()
+    built = [model.new_bool_var("") for _ in range(len(seen))]
+    covered = [model.new_bool_var("") for _ in range(len(weight))]
+    for o, y in enumerate(covered):
+        by = [built[c] for c in np.flatnonzero(seen[:, o]).tolist()]
+        model.add(cp.LinearExpr.sum(by) >= views * y)
+    for here in np.unique(mount):
+        model.add_at_most_one([built[c] for c in np.flatnonzero(mount == here).tolist()])
+    model.add(cp.LinearExpr.sum(built) <= budget)
+    total = cp.LinearExpr.weighted_sum(covered, weight.tolist())
+    model.add(total <= bound)
+    model.maximize(total)
+    hint = [*np.isin(np.arange(len(built)), start), *(seen[start].sum(axis=0) >= views)]
+    for x, value in zip(built + covered, hint, strict=True):
+        model.add_hint(x, bool(value))
+    return model, built
+
+
+def _solver(seconds: float, workers: int, seed: int) -> CpSolver:
+    solver = _cp_model().CpSolver()
+    solver.parameters.max_time_in_seconds = seconds
+    solver.parameters.num_workers = workers
+    solver.parameters.random_seed = seed
+    solver.parameters.linearization_level = 2
+    return solver
+
+
+def _cp_model():  # type: ignore[no-untyped-def]
+    try:
+        from ortools.sat.python import cp_model
+    except ImportError as error:
+        raise ImportError("CP-SAT needs OR-Tools: pip install coview[search]") from error
+    return cp_model

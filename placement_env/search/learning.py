@@ -1,0 +1,222 @@
+"""Policies that place sensors: MaskablePPO (sb3-contrib) where actions have masks, PPO (Stable-Baselines3) elsewhere.
+
+Training goes in rounds of one PPO update. Each starts from reset environments and generators seeded by the run's seed
+and the number of the round, so weights, optimiser and the count of steps are the whole state: a training that was
+killed and called again ends with the weights of one that was not. Checkpoints hold tensors and numbers only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+from placement_env.objective import Score
+from placement_env.search.found import Certificate, Found
+from placement_env.search.progress import Limits
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+CHECKPOINT = "policy.pt"
+
+
+@dataclass(frozen=True)
+class Learning:
+    """How a policy is trained. envs: played side by side; rollout: steps of each between updates; width: of the two
+    hidden layers; the others are PPO's (Schulman et al. 2017). Episodes are short, so nothing is discounted."""
+
+    envs: int = 8
+    rollout: int = 128
+    batch: int = 256
+    epochs: int = 4
+    learning_rate: float = 3e-4
+    entropy: float = 0.01
+    discount: float = 1.0
+    width: int = 128
+
+
+PLAIN = Learning()
+
+
+def train_policy(
+    make_env: Callable[[], gym.Env[Any, Any]],
+    out: Path,
+    *,
+    steps: int | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    learning: Learning = PLAIN,
+    every_s: float = 60.0,
+    progress: Callable[[int, float], None] | None = None,
+) -> OnPolicyAlgorithm:
+    """Train until `steps` environment steps are done in all, or `seconds` have passed in this call.
+
+    `out/policy.pt` is kept; called again with the folder it goes on where that was. Whole rounds are played, so there
+    may be some more steps.
+
+    progress: told the steps done and the mean return of the last 100 episodes, NaN before there is one.
+    Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
+    libraries.
+    """
+    from models.train import save_atomically
+
+    if steps is None and seconds is None:
+        raise ValueError("training needs an end: give steps or seconds")
+    out.mkdir(parents=True, exist_ok=True)
+    model = _model(make_env, learning, seed)
+    identity = _identity(model, learning, seed)
+    if (out / CHECKPOINT).exists():
+        _restore(model, out / CHECKPOINT, identity)
+    began = saved = time.monotonic()
+    per_round = learning.envs * learning.rollout
+    while model.num_timesteps < (np.inf if steps is None else steps):
+        if time.monotonic() - began >= (np.inf if seconds is None else seconds):
+            break
+        _begin_round(model, seed, model.num_timesteps // per_round)
+        model.learn(per_round, reset_num_timesteps=False)
+        if progress:
+            returns = [episode["r"] for episode in model.ep_info_buffer or ()]
+            progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
+        if time.monotonic() - saved > every_s:
+            save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+            saved = time.monotonic()
+    save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+    return model
+
+
+def load_policy(
+    path: Path, make_env: Callable[[], gym.Env[Any, Any]], *, seed: int = 0, learning: Learning = PLAIN
+) -> OnPolicyAlgorithm:
+    """The policy of a checkpoint or its folder, for environments with the same spaces. Nothing in the file is executed.
+
+    Raises ValueError where the settings or the spaces differ, FileNotFoundError where there is none.
+    """
+    model = _model(make_env, learning, seed)
+    _restore(model, path / CHECKPOINT if path.is_dir() else path, _identity(model, learning, seed))
+    return model
+
+
+def rollout(
+    policy: OnPolicyAlgorithm,
+    env: gym.Env[Any, Any],
+    *,
+    episodes: int = 1,
+    seed: int = 0,
+    seconds: float | None = None,
+    options: dict[str, Any] | None = None,
+) -> Found:
+    """The best set that a policy comes by in some episodes, of the same start: the likeliest actions in the first,
+    drawn from its distribution in the others. Every step counts as an evaluation.
+
+    Raises ValueError below 1 episode.
+    """
+    import torch
+
+    limits, masked = Limits(seconds, None), _masked(env)
+    torch.manual_seed(seed)
+    best: Score | None = None
+    for episode in range(episodes):
+        if episode and limits.spent:
+            break
+        observation, _ = env.reset(seed=seed, options=options)
+        ended = False
+        while not ended:
+            mask = {"action_masks": env.get_wrapper_attr("action_masks")()} if masked else {}
+            action, _ = policy.predict(observation, deterministic=episode == 0, **mask)
+            observation, _, terminated, truncated, info = env.step(action)
+            limits.count += 1
+            score = _score(info)
+            if best is None or score.reward > best.reward:
+                best = score
+                limits.improved(best.reward)
+            ended = terminated or truncated
+    if best is None:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    certificate = Certificate("none", best.reward, note="a policy promises nothing")
+    return Found("policy", best, limits.history(best.reward), certificate, limits.count, limits.passed)
+
+
+def _score(info: dict[str, Any]) -> Score:
+    """What the environment says of the set it holds; failed episodes and continuous poses included."""
+    terms = {name: float(term) for name, term in info["reward_terms"].items()}
+    subset = np.asarray(info["subset"])
+    members = np.flatnonzero(subset) if subset.dtype == bool else subset
+    figures = (float(info[name]) for name in ("ap", "recall", "kbit_per_sensor", "kbit", "price"))
+    reward = sum(terms.values())
+    return Score(tuple(members.tolist()), *figures, reward, terms, str(info["fidelity"]), bool(info["cache_hit"]))
+
+
+def _masked(env: gym.Env[Any, Any]) -> bool:
+    """Whether the environment says which actions are legal, in a form that MaskablePPO takes."""
+    discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
+    return discrete and env.has_wrapper_attr("action_masks")
+
+
+def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: int) -> OnPolicyAlgorithm:
+    try:
+        from sb3_contrib import MaskablePPO
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.monitor import Monitor
+        from stable_baselines3.common.vec_env import DummyVecEnv
+    except ImportError as error:
+        raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
+    first = make_env()
+    envs = DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (learning.envs - 1)])
+    algorithm = MaskablePPO if _masked(first) else PPO
+    return algorithm(
+        "MlpPolicy",
+        envs,
+        n_steps=learning.rollout,
+        batch_size=learning.batch,
+        n_epochs=learning.epochs,
+        learning_rate=learning.learning_rate,
+        ent_coef=learning.entropy,
+        gamma=learning.discount,
+        policy_kwargs={"net_arch": [learning.width, learning.width]},
+        seed=seed,
+        device="cpu",
+    )
+
+
+def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[str, Any]:
+    """What two trainings must share to be the same."""
+    return {
+        "algorithm": type(model).__name__,
+        "spaces": f"{model.observation_space} {model.action_space}",
+        "learning": str(learning),
+        "seed": seed,
+    }
+
+
+def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
+    return {
+        "steps": model.num_timesteps,
+        "policy": model.policy.state_dict(),
+        "optimiser": model.policy.optimizer.state_dict(),
+    }
+
+
+def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
+    import torch
+
+    state = torch.load(path, map_location="cpu", weights_only=True)
+    different = [key for key, value in identity.items() if state.get(key) != value]
+    if different:
+        raise ValueError(f"{path} is of another {' and '.join(different)}: choose another folder or remove it")
+    model.policy.load_state_dict(state["policy"])
+    model.policy.optimizer.load_state_dict(state["optimiser"])
+    model.num_timesteps = state["steps"]
+
+
+def _begin_round(model: OnPolicyAlgorithm, seed: int, number: int) -> None:
+    """Every generator and environment as the number of the round says, whatever was before."""
+    model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
+    envs = model.get_env()
+    assert envs is not None
+    model.set_env(envs, force_reset=True)

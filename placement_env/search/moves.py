@@ -1,0 +1,47 @@
+"""`Moves`: feasible sets at random, and feasible sets that differ from a set in one sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.objective import Objective
+
+DROP = 0.05  # share of changes that drop a sensor
+TURN = 0.5  # share of the others that stay on a mount of the set
+
+
+class Moves:
+    """Sets of at most `budget` of an objective's candidates: one per mount, each within the capacity of its link."""
+
+    def __init__(self, objective: Objective, budget: int) -> None:
+        self.budget, self.mount = budget, objective.candidates.mount
+        self.free = np.flatnonzero(objective.allowed([]))
+        self._of_mount = {int(m): self.free[self.mount[self.free] == m] for m in np.unique(self.mount[self.free])}
+
+    def some(self, rng: np.random.Generator) -> list[int]:
+        """A set of `budget` candidates, or as many as there are mounts: mounts at random, then a candidate of each."""
+        mounts = rng.permutation(list(self._of_mount))[: self.budget] if self._of_mount else ()
+        return [int(rng.choice(self._of_mount[int(mount)])) for mount in mounts]
+
+    def change(self, chosen: list[int], rng: np.random.Generator) -> list[int]:
+        """The set with one sensor dropped, added or replaced; the same set where one was drawn that it has, or where no
+        candidate may stand. A sensor replaces the one on its mount, or in a full set any."""
+        if not self.free.size or (chosen and rng.random() < DROP):
+            gone = int(rng.integers(len(chosen))) if chosen else 0
+            return chosen[:gone] + chosen[gone + 1 :]
+        if chosen and rng.random() < TURN:
+            new = int(rng.choice(self._of_mount[int(self.mount[chosen[int(rng.integers(len(chosen)))]])]))
+        else:
+            new = int(self.free[int(rng.integers(len(self.free)))])
+        kept = [c for c in chosen if self.mount[c] != self.mount[new]]
+        if len(kept) == self.budget:
+            kept.pop(int(rng.integers(self.budget)))
+        return [*kept, new]
+
+    def repair(self, chosen: list[int], rng: np.random.Generator) -> list[int]:
+        """A feasible part of a set: in random order, what fits beside those before."""
+        kept: dict[int, int] = {}
+        for candidate in rng.permutation(np.intersect1d(chosen, self.free)).tolist():
+            if len(kept) < self.budget:
+                kept.setdefault(int(self.mount[candidate]), int(candidate))
+        return list(kept.values())

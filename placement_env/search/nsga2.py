@@ -1,0 +1,104 @@
+"""The AP-kbit-price front over sets: NSGA-II (Deb et al. 2002, pymoo); exact, by enumeration, up to 16 candidates.
+
+A child has each sensor of its two parents with probability 1/2, made feasible by leaving out what does not fit, and is
+then changed in one sensor. The front is of all sets that were scored, not of the last generation alone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from placement_env.objective import Objective
+from placement_env.search import exhaustive
+from placement_env.search.found import Found
+from placement_env.search.moves import Moves
+from placement_env.search.progress import Figures, Progress, rows_of
+
+if TYPE_CHECKING:
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+
+SETS = 20_000  # scored where no limit is given
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    population: int = 100,
+) -> Found:
+    """The front of AP against kbit of the whole set against price, with at most `budget` sensors, and the set of most
+    reward. Up to 16 candidates it is exact, with nothing random; beyond, without a limit, 20 000 sets are scored.
+
+    Raises ValueError for a population below 2, and ImportError without pymoo.
+    """
+    if population < 2:
+        raise ValueError(f"population must be at least 2, got {population}")
+    if len(objective.candidates) <= exhaustive.LARGEST:
+        return exhaustive.search(objective, budget, seconds=seconds, evaluations=evaluations)
+    if seconds is None and evaluations is None:
+        evaluations = SETS
+    progress = Progress(objective, budget, seconds, evaluations)
+    algorithm = _nsga2(Moves(objective, budget), progress.size, population, seed)
+    subsets, figures = np.zeros((0, progress.size), bool), Figures(*(np.zeros(0) for _ in range(4)))
+    while not progress.spent:
+        generation = algorithm.ask()
+        if not len(generation):  # every child is known already
+            break
+        rows = np.asarray(generation.get("X"), bool)
+        fresh = progress.figures(rows)
+        _tell(algorithm, generation, fresh)
+        scored = np.isfinite(fresh.reward) & rows.any(axis=1)
+        subsets = np.concatenate([subsets, rows[scored]])
+        figures = Figures(*(np.concatenate([old, new[scored]]) for old, new in zip(figures, fresh, strict=True)))
+        kept = exhaustive.undominated(exhaustive.costs(figures))
+        subsets, figures = subsets[kept], Figures(*(column[kept] for column in figures))
+    note = "NSGA-II proves nothing: other sets may beat those of its front"
+    return progress.found("NSGA-II", progress.unknown(note), exhaustive.front(objective, subsets, figures))
+
+
+def _tell(algorithm: NSGA2, generation: Any, figures: Figures) -> None:
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.problems.static import StaticProblem
+
+    costs = np.where(np.isnan(exhaustive.costs(figures)), 1e9, exhaustive.costs(figures))
+    Evaluator().eval(StaticProblem(algorithm.problem, F=costs), generation)
+    algorithm.tell(infills=generation)
+
+
+def _nsga2(moves: Moves, size: int, population: int, seed: int) -> NSGA2:
+    try:
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+        from pymoo.core.crossover import Crossover
+        from pymoo.core.mutation import Mutation
+        from pymoo.core.problem import Problem
+        from pymoo.core.termination import NoTermination
+    except ImportError as error:
+        raise ImportError("NSGA-II needs pymoo: pip install coview[search]") from error
+    rng = np.random.default_rng(seed)
+
+    class Inherit(Crossover):  # type: ignore[misc]
+        def _do(self, _: Any, parents: np.ndarray, **__: Any) -> np.ndarray:
+            either = rng.random(parents.shape[1:]) < 0.5
+            children = np.where(either, parents, parents[::-1]).reshape(-1, size)
+            feasible = [moves.repair(np.flatnonzero(child).tolist(), rng) for child in children]
+            return rows_of(feasible, size).reshape(parents.shape)
+
+    class Change(Mutation):  # type: ignore[misc]
+        def _do(self, _: Any, children: np.ndarray, **__: Any) -> np.ndarray:
+            return rows_of([moves.change(np.flatnonzero(child).tolist(), rng) for child in children], size)
+
+    start = rows_of([_part(moves.some(rng), rng) for _ in range(population)], size)
+    algorithm = NSGA2(population, sampling=start, crossover=Inherit(2, 2), mutation=Change())
+    problem = Problem(n_var=size, n_obj=3, xl=0, xu=1, vtype=bool)
+    algorithm.setup(problem, termination=NoTermination(), seed=seed)
+    return algorithm
+
+
+def _part(chosen: list[int], rng: np.random.Generator) -> list[int]:
+    """The first few of a set, of any number from 1 up, so that cheap sets are there from the start."""
+    return chosen[: int(rng.integers(1, len(chosen) + 1))] if chosen else []

@@ -1,0 +1,88 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.search import cmaes
+
+pytest.importorskip("cma")
+
+
+def scorer(make, target, calls=None):
+    """Scores sets by how near every sensor's height, heading and tilt are to a target; the score's other figures are of
+    any set."""
+    any_score = make(3, 1).score([0])
+
+    def place(sets):
+        if calls is not None:
+            calls.append(len(sets))
+        off = [np.mean([np.abs(np.subtract(cmaes.angles(s), target)).sum() for s in sensors]) for sensors in sets]
+        return [replace(any_score, ap=float(np.exp(-o)), reward=float(np.exp(-o))) for o in off]
+
+    return place
+
+
+@pytest.fixture
+def start(make):
+    return make(4, 1).candidates.select([0, 2])
+
+
+def test_finds_the_poses_that_score_most(make, start):
+    calls = []
+    found = cmaes.search(scorer(make, (6.0, 0.4, 0.3), calls), start, seed=1, evaluations=600)
+    assert found.best.reward > 0.9
+    assert found.evaluations == sum(calls) <= 600
+    assert (np.diff(found.history.reward) >= 0).all()
+    for sensor, mount in zip(found.sensors, start.mount, strict=True):
+        assert np.array_equal(sensor.position[:2], start.mounts[mount].position[:2])
+        assert 3.0 <= sensor.position[2] <= 8.0
+
+
+def test_never_worse_than_the_start(make, start):
+    place = scorer(make, cmaes.angles(start.sensors[0]))
+    assert cmaes.search(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
+
+
+def test_same_seed_same_answer_and_numpy_untouched(make, start):
+    np.random.seed(3)  # noqa: NPY002
+    expected = np.random.random()  # noqa: NPY002
+    np.random.seed(3)  # noqa: NPY002
+    first, again = (cmaes.search(scorer(make, (6.0, 0.4, 0.3)), start, seed=2, evaluations=60) for _ in range(2))
+    assert first.best.reward == again.best.reward
+    assert first.sensors == again.sensors
+    assert np.random.random() == expected  # noqa: NPY002
+
+
+def test_roaming_sensors_take_mounts_of_their_own(make, start):
+    coding = cmaes.Coding(start, roam=True)
+    rng = np.random.default_rng(0)
+    for vector in [coding.encode(), *rng.random((20, 10))]:
+        spots = {tuple(sensor.position[:2]) for sensor in coding.decode(vector)}
+        assert len(spots) == 2
+    assert [s.pose.round(9).tolist() for s in coding.decode(coding.encode())] == [
+        s.pose.round(9).tolist() for s in start.sensors
+    ]
+
+
+def test_what_may_not_be_built_is_never_the_answer(make, start):
+    place = scorer(make, (6.0, 0.4, 0.3))
+
+    def low_ones(sets):
+        return [
+            s if all(x.position[2] < 5.5 for x in sensors) else None
+            for s, sensors in zip(place(sets), sets, strict=True)
+        ]
+
+    found = cmaes.search(low_ones, start, evaluations=100)
+    assert all(sensor.position[2] < 5.5 for sensor in found.sensors)
+
+
+def test_sensors_need_mounts_of_their_own(make):
+    with pytest.raises(ValueError, match="mounts of their own"):
+        cmaes.search(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
+
+
+def test_hung_names_and_mounts(make, start):
+    candidates = cmaes.hung([*start.sensors, *start.sensors], start.mounts)
+    assert candidates.mount.tolist() == [*start.mount, *start.mount]
+    assert len({sensor.name for sensor in candidates.sensors}) == 4
