@@ -27,12 +27,13 @@ from toolkit.arrays import Float
 from toolkit.evaluation import Scheme
 
 FOLDER = Path(__file__).parent / "surrogates"
+SCHEMES = get_args(Scheme)
 RANGES = {
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),
     "density": (0.0, 20.0),
     "ceiling": (0.0, 1.0),
-    "norm": (0.2, 6.0),  # so that 100,000 points to its power fit float32
+    "norm": (0.2, 6.0),
     "reach": (-1.0, 3.0),
     "false_alarms": (0.0, 5.0),
 }
@@ -56,13 +57,10 @@ class HitModel:
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= highest:
-                raise ValueError(f"{name} must be a number in {lowest:g}..{highest:g}, got {value!r}")
-        if self.scheme not in get_args(Scheme):
-            raise ValueError(f"scheme must be one of {', '.join(get_args(Scheme))}, got {self.scheme!r}")
-        if not isinstance(self.source, str):
-            raise ValueError(f"source must be a text, got {self.source!r}")
+            if not lowest <= getattr(self, name) <= highest:
+                raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
+        if self.scheme not in SCHEMES:
+            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {self.scheme!r}")
 
     def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """p, from Σ n_i ^ norm; it grows with it."""
@@ -114,4 +112,11 @@ def _model(row: Any) -> HitModel:
     names = {field.name for field in fields(HitModel)}
     if not isinstance(row, dict) or set(row) != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
-    return HitModel(**row)
+    for name in RANGES:
+        if isinstance(row[name], bool) or not isinstance(row[name], int | float):
+            raise ValueError(f"{name} must be a number, got {row[name]!r}")
+    if row["scheme"] not in SCHEMES or not isinstance(row["source"], str):
+        raise ValueError(
+            f"scheme must be one of {', '.join(SCHEMES)} and source a text, got {row['scheme']!r} and {row['source']!r}"
+        )
+    return HitModel(**row | {name: float(row[name]) for name in RANGES})

@@ -31,6 +31,7 @@ from toolkit.evaluation import Scheme
 
 SLOPE, OFFSET = 0.152, 0.659
 LOWEST, HIGHEST = 0.001, 0.999
+UNSEEN_SPREAD = 1 / LOWEST - 1
 CELL = 1.0  # m
 
 
@@ -50,7 +51,7 @@ class PerceptionEntropy:
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
-            log_spread = np.log(spread(sums)) if self._early else -0.5 * np.log(np.maximum(sums, spread(0.0) ** -2))
+            log_spread = np.log(spread(sums)) if self._early else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
             entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
             score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
         return self._cost.estimate(score, subsets)
@@ -77,7 +78,7 @@ class InformationGain:
         return self._cost.estimate(gain / whole if whole else gain, subsets)
 
 
-def spread(points: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"]:
+def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """σ = 1/AP - 1 of so many points."""
     with np.errstate(divide="ignore"):
         return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1

@@ -19,6 +19,8 @@ from placement_env.visibility import Visibility
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.evaluation import Scheme
 
+MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
+
 
 class Surrogate:
     """Sets of the candidates of `visibility` scored by a model, the shipped one of `scheme` at `iou` if none is given.
@@ -95,10 +97,9 @@ def evidence_rows(
     visibility: Visibility, model: HitModel, radius: float, dtype: type = np.float32
 ) -> Float[np.ndarray, "C w"]:
     """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
-    points = visibility.points.astype(dtype)
-    if model.reach:
-        points *= (np.maximum(visibility.nearest, 1).astype(dtype) / 20) ** model.reach
-    powers = points**model.norm
+    points: np.ndarray = visibility.points.astype(dtype)
+    points *= (np.maximum(visibility.nearest, 1).astype(dtype) / 20) ** model.reach
+    powers = np.minimum(points, MOST_POINTS) ** model.norm
     if model.scheme != "hybrid":
         return powers
     return np.concatenate([powers, np.where(visibility.nearest > radius, points, 0)], axis=1)

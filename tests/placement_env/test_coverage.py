@@ -43,8 +43,8 @@ def test_it_is_a_fidelity():
     assert isinstance(Coverage(SEEN), Fidelity)
 
 
-@pytest.mark.parametrize("arguments", [{"least": 0.0}, {"views": 0}, {"scheme": "all"}])
-def test_refuses_what_is_no_view_or_scheme(arguments):
+@pytest.mark.parametrize("arguments", [{"least": 0.0}, {"views": 0}])
+def test_refuses_what_is_no_view(arguments):
     with pytest.raises(ValueError, match="got"):
         Coverage(SEEN, **arguments)
 
