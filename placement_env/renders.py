@@ -175,7 +175,7 @@ class _Packed:
     rig: Rig
     pixels: Shaped[np.ndarray, " p"]
     steps: Shaped[np.ndarray, " p"]
-    ends: Int64[np.ndarray, " F+1"]
+    ends: Int64[np.ndarray, " _"]
 
     def frame(self, k: int) -> tuple[Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """The changed pixels of frame k and what they measure (m)."""

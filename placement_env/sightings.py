@@ -73,12 +73,10 @@ class _Scene:
         gaze = self._gaze
         which = np.repeat(np.arange(len(sensors)), np.diff(gaze.first))
         self._still_sent, self._still_far = (np.zeros(len(gaze.still), np.float32) for _ in range(2))
-        for s, pixels in enumerate(map(slice, gaze.first[:-1], gaze.first[1:])):
+        for s, image in enumerate(map(slice, gaze.first[:-1], gaze.first[1:])):  # one at a time, to spare memory
+            pixels = np.flatnonzero(gaze.still[image] > 0) + gaze.first[s]
             points = gaze.rays[pixels] * gaze.still[pixels, None] + self._positions[s]
-            seen = gaze.still[pixels] > 0
             self._still_sent[pixels], self._still_far[pixels] = self._worth(points, gaze.rays[pixels], which[pixels])
-            self._still_sent[pixels] *= seen
-            self._still_far[pixels] *= seen
         self.sent, self.far = (np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far))
         self._front = np.full(len(gaze.still), np.inf, np.float32)
         self._owner = np.zeros(len(gaze.still), np.int32)
@@ -110,7 +108,7 @@ class _Scene:
         return on_objects, more_sent, more_far
 
     def _worth(self, points: np.ndarray, rays: np.ndarray, sensors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The chance of each point to be sent and to be far: noise lifts half of an even ground's points above z = 0."""
+        """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
         xmin, ymin, xmax, ymax = self._site.area.tolist()
         x, y, z = points.T
         within = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z < self._site.height)

@@ -1,7 +1,9 @@
-"""`Visibility`: how many points each candidate has on each vehicle, and how many it sends, without its noise.
+"""`Visibility`: how many points each candidate has on each vehicle, and how many it sends.
 
-A point counts for a vehicle when it lies on it and in the crop, which is what `toolkit.boxes.count_points` counts in
-the cropped cloud but for the few points of the ground that uneven ground lifts into the foot of a box.
+Points on a vehicle are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
+counts in the cropped cloud, but for the ground that relief lifts into the foot of a box, which is no part of the
+vehicle, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of them in the mean, since it lifts half of the points on even ground
+above z = 0 and with that into the crop.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -24,6 +26,10 @@ from placement_env.processes import spread
 from placement_env.sightings import Seen, look_at
 from placement_env.traffic_frames import Traffic, scored
 from toolkit.arrays import Float32, Float64, Int64
+from toolkit.boxes import count_points
+from toolkit.dataset import CoopDataset
+from toolkit.fusion import hybrid_radius
+from toolkit.points import beyond, frame_points
 from toolkit.sensors import Sensor
 
 if TYPE_CHECKING:
@@ -39,9 +45,9 @@ Block = tuple[int, int]
 class Visibility:
     """What C candidates see of the O scored objects (vehicles centred in the area) of F frames, frame after frame.
 
-    points: on each object inside the crop; nearest: m from the sensor to the object's centre, whether or not it is
-    seen; frame: of each object, ascending; boxes: of the objects; sent: points in the crop of each frame; far: those of
-    them farther off than the radius of hybrid fusion, horizontally.
+    points: on each object inside the crop, noise-free; nearest: m from the sensor to the object's centre, whether or
+    not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the crop of each
+    frame; far: those of them farther off, horizontally, than the radius of hybrid fusion.
     """
 
     points: Float32[np.ndarray, "C O"]
@@ -64,6 +70,42 @@ class Visibility:
         chosen = np.asarray(indices, np.int64)
         per_candidate = (self.points[chosen], self.nearest[chosen])
         return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen])
+
+    def save(self, path: str | Path) -> None:
+        """Write a file, all of it or nothing, to be read by `load`."""
+        write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @staticmethod
+    def load(path: str | Path) -> Visibility:
+        """Read what `save` wrote. Raises FileNotFoundError; ValueError where the file is damaged or another one."""
+        arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
+        if arrays.keys() != names:
+            raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
+        return Visibility(**arrays)
+
+    @staticmethod
+    def of(recording: CoopDataset, frames: int | None = None, *, noise_seed: int | None = 0) -> Visibility:
+        """What the sensors of a recording see of its vehicles, counted in their clouds; frames: only the first so many.
+
+        What is sent is counted with the noise that `toolkit.evaluation` adds, None for none, as kbit are there.
+        """
+        from placement_env.renders import Recorded
+
+        site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
+        measured, radius = Recorded(recording, noise_seed), hybrid_radius(site)
+        points, sent, far, boxes = [], [], [], []
+        for k in range(count):
+            frame = recording[k]
+            boxes.append(frame.objects.boxes[scored(frame.objects, site)])
+            points.append([count_points(cloud, boxes[-1]) for cloud in frame_points(frame, area=site)])
+            clouds = [measured.clouds(k, c) for c in range(len(recording.sensors))]
+            sent.append([len(cloud) for cloud in clouds])
+            far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
+        per_frame = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
+        every = np.concatenate([np.zeros((0, 7)), *boxes])
+        on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
+        frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
+        return Visibility(on_objects, _distances(recording.sensors, every), frame_of, every, *per_frame)
 
 
 def see(

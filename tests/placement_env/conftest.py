@@ -1,0 +1,49 @@
+"""A small junction in a few moments, put together by hand, and sensors of both kinds round it."""
+
+import numpy as np
+import pytest
+
+from placement_env.candidates import Candidates, paper_candidates
+from placement_env.traffic_frames import Traffic
+from toolkit.bodies import Body, catalogue
+from toolkit.geometry import look, pose
+from toolkit.objects import Objects
+from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
+from toolkit.site import Relief, Site, Solid
+from toolkit.traffic import Snapshot
+
+CAMERA = DepthCamera(width=160, height=120)
+LIDAR = SpinningLidar(channels=24, azimuth_step=float(np.deg2rad(2.0)))
+PLACES = [((-22.0, -16.0, 6.0), 0.7), ((22.0, 16.0, 5.0), -2.4), ((0.0, -17.0, 4.0), 1.6)]
+
+
+def sensors() -> tuple[Sensor, ...]:
+    cameras = [Sensor(f"camera{i}", CAMERA, look(at, heading, 0.3)) for i, (at, heading) in enumerate(PLACES)]
+    return *cameras, Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0))
+
+
+def moment(bodies: tuple[Body, ...], rng: np.random.Generator, count: int, time: float) -> Snapshot:
+    """Objects in rows, so that they stand before each other but do not overlap; some of them outside the area."""
+    chosen = np.where(rng.random(count) < 0.6, rng.integers(20, size=count), rng.integers(len(bodies), size=count))
+    cells = rng.permutation(20)[:count]
+    xy = np.column_stack([cells % 5 - 2, cells // 5 - 1.5]) * [12.0, 11.0]
+    sizes = np.array([bodies[b].size for b in chosen]).reshape(-1, 3)
+    boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-np.pi, np.pi, count)])
+    return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, time)
+
+
+@pytest.fixture(scope="session")
+def small_traffic() -> Traffic:
+    """Five frames, the third of them empty; the last two alike but for one object more."""
+    house = Solid(np.array([[-4.0, 4.0], [2.0, 4.0], [2.0, 8.0], [-4.0, 8.0]]), -0.2, 5.0)
+    site = Site("small", np.array([-20.0, -14, 20, 14]), solids=(house,), sensors=sensors(), relief=Relief(0.05, 1))
+    bodies, rng = catalogue(), np.random.default_rng(5)
+    moments = [moment(bodies, rng, count, 5.0 * i) for i, count in enumerate((12, 9, 0, 14))]
+    last = moments[-1]
+    fewer = Snapshot(last.objects[:-1], last.bodies[:-1], 15.0)
+    return Traffic(site, bodies, (*moments[:3], fewer, last))
+
+
+@pytest.fixture(scope="session")
+def small_candidates(small_traffic) -> Candidates:
+    return paper_candidates(small_traffic.site)
