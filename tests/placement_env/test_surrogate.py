@@ -111,16 +111,17 @@ def test_late_fusion_goes_by_the_best_view_and_early_by_all():
 
 
 def test_fit_finds_the_model_that_made_the_hits():
-    seen = random_visibility(12, 400, seed=5)
+    sets = SETS[:30]
+    seen = random_visibility(12, 250, seed=5)
     surrogate = Surrogate(seen, "early", MODEL)
-    sums = np.stack([surrogate._sums(row[None])[0] for row in SETS])
+    sums = np.stack([surrogate._sums(row[None])[0] for row in sets])
     hits = np.random.default_rng(6).random(sums.shape) < MODEL.probability(sums)
-    found = fit(seen, SETS, hits, surrogate(SETS).ap, scheme="early", iou=0.7, source="test")
-    estimate, truth = Surrogate(seen, "early", found)(SETS), surrogate(SETS)
-    np.testing.assert_allclose(estimate.recall, truth.recall, atol=0.02)
-    np.testing.assert_allclose(estimate.ap, truth.ap, atol=0.02)
-    assert found.norm == pytest.approx(MODEL.norm, abs=0.25)
-    assert found.density == pytest.approx(MODEL.density, rel=0.2)
+    found = fit(seen, sets, hits, surrogate(sets).ap, scheme="early", iou=0.7, source="test")
+    estimate, truth = Surrogate(seen, "early", found)(sets), surrogate(sets)
+    np.testing.assert_allclose(estimate.recall, truth.recall, atol=0.03)
+    np.testing.assert_allclose(estimate.ap, truth.ap, atol=0.03)
+    assert found.norm == pytest.approx(MODEL.norm, abs=0.4)
+    assert found.density == pytest.approx(MODEL.density, rel=0.3)
 
 
 def test_fit_refuses_other_frames_and_certainty():
