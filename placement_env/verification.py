@@ -1,0 +1,39 @@
+"""What a search found on a cheap fidelity, scored again with a dear one beside the sets that differ in one sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.objective import Objective
+from placement_env.racing import Verified, verify
+from toolkit.arrays import Bool, Int64
+
+
+def verified(cheap: Objective, dear: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5) -> Verified:
+    """The `best` of a set and its feasible neighbours by the cheap reward, ranked by the dear one.
+
+    The cheap fidelity errs by more than what one sensor's pose changes, so that a neighbour may be the better set.
+    Raises ValueError where the two objectives choose from different candidates.
+    """
+    if cheap.candidates.digest() != dear.candidates.digest():
+        raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
+    sets = neighbours(subset, len(cheap.candidates))
+    sets = sets[cheap.feasible(sets)] if cheap.feasible(sets[:1])[0] else sets[:1]
+    return verify(lambda s: cheap.scores(s).reward, lambda s: dear.scores(s).reward, sets, best=best)
+
+
+def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:
+    """A set, and those that have another candidate in the place of one of its members.
+
+    >>> neighbours(np.array([0]), 3).astype(int).tolist()
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    """
+    row = np.zeros(candidates, np.bool_)
+    row[subset] = True
+    others = np.flatnonzero(~row)
+    sets = np.repeat(row[None], 1 + len(subset) * len(others), axis=0)
+    for place, member in enumerate(subset):
+        swaps = 1 + place * len(others) + np.arange(len(others))
+        sets[swaps, member] = False
+        sets[swaps, others] = True
+    return sets
