@@ -2,8 +2,8 @@
 
 Points on a vehicle are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
 counts in the cropped cloud, but for the ground that relief lifts into the foot of a box, which is no part of the
-vehicle, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of them in the mean, since it lifts half of the points on even ground
-above z = 0 and with that into the crop.
+vehicle, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of
+them in the mean, since it lifts half of the points on even ground above z = 0 and with that into the crop.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import pytest
 from placement_env.candidates import Candidates, paper_candidates
 from placement_env.traffic_frames import Traffic
 from toolkit.bodies import Body, catalogue
+from toolkit.boxes import footprints
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
@@ -22,13 +23,14 @@ def sensors() -> tuple[Sensor, ...]:
     return *cameras, Sensor("lidar", LIDAR, pose(3.0, 9.0, 3.5, yaw=2.0))
 
 
-def moment(bodies: tuple[Body, ...], rng: np.random.Generator, count: int, time: float) -> Snapshot:
+def moment(site: Site, bodies: tuple[Body, ...], rng: np.random.Generator, count: int, time: float) -> Snapshot:
     """Objects in rows, so that they stand before each other but do not overlap; some of them outside the area."""
     chosen = np.where(rng.random(count) < 0.6, rng.integers(20, size=count), rng.integers(len(bodies), size=count))
     cells = rng.permutation(20)[:count]
     xy = np.column_stack([cells % 5 - 2, cells // 5 - 1.5]) * [12.0, 11.0]
     sizes = np.array([bodies[b].size for b in chosen]).reshape(-1, 3)
     boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-np.pi, np.pi, count)])
+    boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen, time)
 
 
@@ -38,7 +40,7 @@ def small_traffic() -> Traffic:
     house = Solid(np.array([[-4.0, 4.0], [2.0, 4.0], [2.0, 8.0], [-4.0, 8.0]]), -0.2, 5.0)
     site = Site("small", np.array([-20.0, -14, 20, 14]), solids=(house,), sensors=sensors(), relief=Relief(0.05, 1))
     bodies, rng = catalogue(), np.random.default_rng(5)
-    moments = [moment(bodies, rng, count, 5.0 * i) for i, count in enumerate((12, 9, 0, 14))]
+    moments = [moment(site, bodies, rng, count, 5.0 * i) for i, count in enumerate((12, 9, 0, 14))]
     last = moments[-1]
     fewer = Snapshot(last.objects[:-1], last.bodies[:-1], 15.0)
     return Traffic(site, bodies, (*moments[:3], fewer, last))
