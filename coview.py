@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 import tyro
@@ -18,13 +18,22 @@ from tyro.conf import Positional, subcommand
 
 if TYPE_CHECKING:
     from models.packing import Recording
+    from placement_env.candidates import Candidates
+    from placement_env.objective import Score
     from toolkit.dataset import CoopDataset
     from toolkit.objects import Detector
     from toolkit.random_recordings import RandomRecording
+    from toolkit.site import Site
 
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
 Scheme = Literal["early", "late", "hybrid"]
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+Method = Literal["exhaustive", "greedy", "lazy", "stochastic", "swap", "annealing", "cpsat", "nsga2"]
+METHODS: dict[Method, tuple[str, str]] = {
+    **{name: (name, "search") for name in get_args(Method)}, "lazy": ("greedy", "lazy"),
+    "stochastic": ("greedy", "stochastic"),
+}  # fmt: skip
 
 
 def simulate(
@@ -36,6 +45,7 @@ def simulate(
     seed: int = 0,
     workers: int | None = None,
     meshes: Path | None = None,
+    held_out: bool = False,
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
@@ -52,17 +62,19 @@ def simulate(
         seed: Same seed, same machine: same bytes.
         workers: Processes; one per core when left out.
         meshes: Folder of your own meshes, anything Open3D reads.
+        held_out: Of our own cars take those that no shipped detector was trained on, to test one.
         overwrite: Replace a file that holds another recording.
         json: Print the summary as JSON.
     """
+    from toolkit.bodies import catalogue
     from toolkit.simulation import simulate_dataset
     from toolkit.site import load_site
 
     place, started = load_site(site), perf_counter()
     with tqdm(total=frames, unit="frame", disable=json or None) as bar:
         new = simulate_dataset(
-            place, frames=frames, seed=seed, out=out, workers=workers, meshes=meshes, overwrite=overwrite,
-            progress=_advance(bar),
+            place, frames=frames, seed=seed, out=out, workers=workers, bodies=catalogue(meshes, held_out),
+            overwrite=overwrite, progress=_advance(bar),
         )  # fmt: skip
     seconds = perf_counter() - started
     summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
@@ -417,6 +429,7 @@ def train(
     *,
     data: Path,
     out: Path,
+    start: str | None = None,
     preset: Literal["fast", "paper", "general"] | None = None,
     size: Literal["light", "published"] = "light",
     voxel: float | None = None,
@@ -439,6 +452,7 @@ def train(
         site: Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere.
         data: Made by coview pack.
         out: Folder for checkpoint, log, curves and weights.safetensors.
+        start: Weights to go on from, a shipped name (general, to fit it to your junction) or a file, instead of random.
         preset: fast, or general for general, when left out; paper: as published.
         size: The light network, or one as wide as the published.
         voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
@@ -457,12 +471,12 @@ def train(
 
     import torch
 
-    from models.detector import moved
+    from models.detector import moved, weights_file
     from models.train import ANYWHERE, LOG, PRESETS, commit, config_for
     from models.train import train as run
     from models.training_log import curves
     from models.validation import validation
-    from models.weights import Header, save_weights
+    from models.weights import Header, load_weights, save_weights
     from toolkit.plots import draw_training
     from toolkit.site import load_site
 
@@ -491,7 +505,7 @@ def train(
 
     with tqdm(unit="step", disable=json, smoothing=0.05) as bar:
         network = run(
-            data, config, settings, out,
+            data, config, settings, out, start=load_weights(weights_file(start))[0] if start else None,
             device=device, workers=workers, validate=measure, progress=report,
         )  # fmt: skip
     save_weights(
@@ -507,9 +521,136 @@ def train(
     return OK
 
 
+def search(
+    site: Positional[str],
+    /,
+    *,
+    method: Method = "greedy",
+    budget: int = 4,
+    scheme: Scheme = "early",
+    fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate",
+    verify: Literal["detector"] | None = None,
+    candidates: str = "pool",
+    frames: int = 200,
+    iou: float = 0.7,
+    comm: float = 0.0,
+    price: float = 0.0,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    cache: Path | None = None,
+    workers: int = 1,
+    ray: str | None = None,
+    json: bool = False,
+) -> int:
+    """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
+
+    Example: coview search tjunction --method greedy --budget 4 --scheme early --fidelity surrogate --verify detector
+
+    Args:
+        site: tjunction, roundabout, or a site file.
+        method: How to search; cpsat proves how much more could be covered, exhaustive needs 16 candidates or fewer.
+        budget: Most sensors.
+        scheme: How their measurements are fused.
+        fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
+        verify: Score what was found, and its best neighbours, with the detector.
+        candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
+        frames: Of simulated traffic.
+        iou: At which a detection counts.
+        comm: AP that a kbit per sensor and frame costs.
+        price: AP that one ordinary mount costs.
+        seed: Of traffic and search.
+        seconds: Stop after so many.
+        evaluations: Stop after so many sets.
+        cache: Folder where what was rendered and detected is kept for the next search.
+        workers: Processes that render and detect.
+        ray: Address of a Ray cluster that does it instead; local for this machine.
+        json: Print as JSON.
+    """
+    from importlib import import_module
+
+    from placement_env.objective import Objective, Weights
+    from placement_env.verification import verified
+    from toolkit.site import load_site
+
+    place = load_site(site)
+    settings: dict[str, Any] = {
+        "candidates": _candidates(place, candidates), "iou": iou, "seed": seed, "cache": cache, "workers": workers,
+        "ray": ray,
+    }  # fmt: skip
+    objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+    module, function = METHODS[method]
+    run = getattr(import_module(f"placement_env.search.{module}"), function)
+    found = run(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
+    names = [objective.names[c] for c in found.best.subset]
+    summary = {**asdict(found.best), "sensors": names, "certificate": asdict(found.certificate),
+               "evaluations": found.evaluations, "seconds": found.seconds}  # fmt: skip
+    lines = [str(found), found.certificate.note, *(f"  {name}" for name in names), _figures(found.best)]
+    lines += [f"front: {_figures(score)} {score.subset}" for score in found.front]
+    if verify is not None and names:
+        dear = Objective(place, frames, scheme, verify, Weights(comm, price), **settings)
+        ranking = verified(objective, dear, np.array(found.best.subset))
+        best = dear.score(np.flatnonzero(ranking.sets[0]))
+        chosen = [dear.names[c] for c in best.subset]
+        summary["verified"] = {**asdict(best), "sensors": chosen}
+        lines += [f"best by the {verify} of {len(ranking.sets)} sets:", *(f"  {n}" for n in chosen), _figures(best)]
+    _print(summary, "\n".join(line for line in lines if line), json)
+    return OK
+
+
+def table(
+    dataset: Positional[Path],
+    /,
+    *,
+    out: Path,
+    detector: str = "voxelnet",
+    frames: int | None = None,
+    site: str | None = None,
+    workers: int = 1,
+    ray: str | None = None,
+    json: bool = False,
+) -> int:
+    """Score every set of a recording's sensors, in every scheme, with a detector; killed and started again it goes on.
+
+    Example: coview table tj_test.hdf5 --frames 200 --workers 2 --out tjunction.npz
+
+    Args:
+        dataset: Recording of at most 16 sensors.
+        out: Table to write (.npz); placement_env loads it by its path.
+        detector: As in coview evaluate.
+        frames: Only the first so many frames.
+        site: As in coview evaluate.
+        workers: Processes.
+        ray: Address of a Ray cluster instead.
+        json: Print the best sets as JSON.
+    """
+    from models.train import commit
+    from placement_env.renders import Renders
+    from placement_env.tables import best_sets, make_table
+
+    with _recording(dataset, site) as recording, tqdm(unit="frame", disable=json or None) as bar:
+
+        def report(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        made = make_table(
+            Renders.of(recording), _detector(detector, recording), out,
+            frames=_count(recording, frames), commit=commit(), workers=workers, ray=ray, progress=report,
+        )  # fmt: skip
+    best = {scheme: best_sets(made, scheme) for scheme in SCHEMES}
+    lines = [
+        f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
+        for scheme, sizes in best.items()
+        for size, sets in sizes.items()
+    ]
+    _print(best, "\n".join(lines), json)
+    return OK
+
+
 COMMANDS: dict[str, Callable[..., int]] = {
     "demo": demo, "simulate": simulate, "evaluate": evaluate, "survey": survey, "fuse": fuse, "doctor": doctor,
-    "site": site, "pack": pack, "train": train,
+    "site": site, "pack": pack, "train": train, "search": search, "table": table,
 }  # fmt: skip
 
 
@@ -612,6 +753,23 @@ def _cluster(recording: CoopDataset) -> Detector:
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     return ClusterDetector.learn(
         points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
+    )
+
+
+def _candidates(site: Site, which: str) -> Candidates:
+    """The site's pool, its own sensors (paper), or the pool of the poles in a GeoJSON file."""
+    from placement_env.candidates import paper_candidates, pool
+    from placement_env.poles import load_keep_out, load_poles
+
+    if which in ("pool", "paper"):
+        return pool(site) if which == "pool" else paper_candidates(site)
+    return pool(site, mounts=load_poles(which, site), keep_out=load_keep_out(which, site))
+
+
+def _figures(score: Score) -> str:
+    return (
+        f"AP {score.ap:.4f}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
+        f"{score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
     )
 
 

@@ -160,7 +160,7 @@ def load_detector(
 
     Raises FileNotFoundError where there are no such weights, ValueError where they are damaged or for elsewhere.
     """
-    network, header = load_weights(_found(name))
+    network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: load {site!r} or 'general'")
@@ -182,7 +182,8 @@ def moved(network: VoxelNet, area: tuple[float, float, float, float], trained_fo
     return elsewhere
 
 
-def _found(name: str | Path) -> Path:
+def weights_file(name: str | Path) -> Path:
+    """Where weights of this name are shipped, or the path itself. Raises FileNotFoundError for an unknown name."""
     path = Path(name)
     if path.suffix == ".safetensors":
         return path

@@ -27,6 +27,7 @@ from models.packed import PackedFrames
 from models.samples import Batch, SampleRecipe, Samples, stack
 from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
+from models.weights import check_tensors, digest_of
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 LOG_STEPS = 50  # losses are logged as their mean over so many steps
@@ -91,6 +92,7 @@ def train(
     preset: Preset,
     out: Path,
     *,
+    start: VoxelNet | None = None,
     device: str = "cpu",
     workers: int = 0,
     every_s: float = 300.0,
@@ -99,6 +101,7 @@ def train(
 ) -> VoxelNet:
     """Train on a packed file and leave `checkpoint.pt` and `log.csv` in `out`; called again, it goes on where it was.
 
+    start: a network of the same shape to go on from, on any area, instead of random weights;
     every_s: seconds between checkpoints; validate: called with the network after each epoch, its figures are logged;
     progress: told the step, the number of steps and the losses of the step, or the figures of `validate`.
     Raises ValueError where preset and network do not fit, and where `out` holds a run of other settings.
@@ -110,7 +113,11 @@ def train(
     per_epoch = max(1, len(samples) // preset.batch)
     total = max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
-    identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames)}
+    identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
+    if start is not None:
+        check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
+        run.network.load_state_dict(start.state_dict())
+        identity["start"] = digest_of(start.state_dict())
     _resume(run, out / CHECKPOINT, identity, device)
     training_log.cut(out / LOG, run.step)
 
@@ -251,7 +258,7 @@ def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None
     if not path.exists():
         return
     state = torch.load(path, map_location=device, weights_only=True)
-    different = [key for key in identity if _plain(state[key]) != _plain(identity[key])]
+    different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
     if different:
         raise ValueError(
             f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or remove it"

@@ -169,3 +169,13 @@ def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path)
         subprocess.run([*command, str(tmp_path / folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
     killed, whole = (load_checkpoint(tmp_path / folder / CHECKPOINT)[0] for folder in ("killed", "whole"))
     assert same_weights(killed, whole)
+
+
+def test_it_goes_on_from_other_weights(packed_file, tmp_path):
+    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=0.4, learning_rate=1e-9)
+    first = train(packed_file, config, replace(FAST, epochs=0.4), tmp_path / "first")
+    second = train(packed_file, config, settings, tmp_path / "second", start=first)
+    theirs = dict(first.named_parameters())
+    assert all(torch.allclose(theirs[name], p, atol=1e-6) for name, p in second.named_parameters())
+    with pytest.raises(ValueError, match="start"):
+        train(packed_file, config, settings, tmp_path / "second")
