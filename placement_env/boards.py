@@ -19,7 +19,6 @@ GLOBAL = (
     *("weight of kbit", "weight of price", *SCHEMES),
 )
 TURNS = 2  # for each sensor of the budget
-AT_ONCE = 1 << 22  # words of what is seen that are looked at together
 
 
 class Boards:
@@ -33,9 +32,11 @@ class Boards:
         self.n, self.slots, self._most_turns = n, slots, turns
         self.scenes: list[Scene] = []
         self.scene = np.zeros(n, np.int64)
+        self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(SCHEMES)), np.float32)
+        self._fidelity = np.full(n, None, object)
         self.chosen, self.failed = np.zeros((n, slots), np.bool_), np.zeros((n, slots), np.bool_)
         self.budget, self.turns = np.ones(n, np.int64), np.zeros(n, np.int64)
-        self.scores = Scores(*(np.zeros(n) for _ in range(6)), cache_hit=np.zeros(n, np.bool_))
+        self.scores = Scores(*np.zeros((6, n)), np.zeros(n, np.bool_))  # type: ignore[call-arg]
         self.gain = np.zeros(n)
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
@@ -45,7 +46,7 @@ class Boards:
         for row, start in zip(rows.tolist(), starts, strict=True):
             if start.scene not in self.scenes:
                 self.scenes.append(start.scene)
-            self.scene[row] = self.scenes.index(start.scene)
+            self._enter(row, self.scenes.index(start.scene))
             self.failed[row] = start.failed
 
     def clear(self, rows: Int64[np.ndarray, " m"], budget: Int64[np.ndarray, " m"]) -> None:
@@ -60,7 +61,17 @@ class Boards:
     def put(self, row: int, scene: Scene) -> None:
         """A scene of its own for a board."""
         self.scenes.extend([scene] * (row + 1 - len(self.scenes)))
-        self.scenes[row], self.scene[row] = scene, row
+        self.scenes[row] = scene
+        self._enter(row, row)
+
+    def _enter(self, row: int, index: int) -> None:
+        objective = self.scenes[index].objective
+        self.scene[row], self._fidelity[row], self._constants[row] = (
+            index,
+            objective.fidelity,
+            self.scenes[index].constants,
+        )
+        self._weights[:, row] = objective.weights.comm, objective.weights.price
 
     def turn(self, playing: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"]) -> None:
         """One turn on the boards that play: these sets are chosen now."""
@@ -109,24 +120,25 @@ class Boards:
         return fits
 
     def observations(self, allowed: Bool[np.ndarray, "n slots"]) -> Float32[np.ndarray, "n size"]:
-        """`STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1."""
+        """`STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1. Price and kbit (in
+        Mbit) of the chosen set come as x / (x + 8) and x / (x + 1), the budget as the former."""
         n, slots = self.n, self.slots
-        seen = np.zeros((n, len(STATIC) + len(DYNAMIC), slots), np.float32)
+        whole = np.empty((n, (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)), np.float32)
+        features = whole[:, : -len(GLOBAL)].reshape(n, -1, slots)
         covered = np.zeros(n)
         for scene, rows in self.by_scene(np.arange(n)):
             together, added = sights(scene.seen, self.chosen[rows])
-            covered[rows] = together / max(1, scene.places)
-            seen[rows, : len(STATIC)] = scene.static
-            seen[rows, len(STATIC)] = added / np.float32(max(1, scene.places))
-        seen[:, -2], seen[:, -1] = self.chosen, allowed
-        whole = (seen.reshape(n, -1), self._global(covered))
-        return np.concatenate(whole, axis=1)
+            places = np.float32(max(1, scene.places))
+            covered[rows] = together / places
+            features[rows, : len(STATIC)] = scene.static
+            features[rows, len(STATIC)] = added / places
+        features[:, -2], features[:, -1] = self.chosen, allowed
+        whole[:, -len(GLOBAL) :] = self._global(covered)
+        return whole
 
     def info(self) -> dict[str, Any]:
         """What `step` tells beside the observation, an array (n, ...) each, `reward_terms` a dictionary of these."""
-        objectives = [self.scenes[index].objective for index in self.scene.tolist()]
-        comm = np.array([objective.weights.comm for objective in objectives])
-        price = np.array([objective.weights.price for objective in objectives])
+        comm, price = self._weights
         scores = self.scores
         return {
             "ap": scores.ap.copy(),
@@ -141,7 +153,7 @@ class Boards:
                 "comm": -comm * scores.kbit_per_sensor,
                 "price": -price * scores.price,
             },
-            "fidelity": np.array([objective.fidelity for objective in objectives], object),
+            "fidelity": self._fidelity.copy(),
             "cache_hit": self.repeated.copy(),
             "illegal": self.illegal.copy(),
         }
@@ -151,27 +163,26 @@ class Boards:
         return self.scenes[self.scene[row]].objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def _global(self, covered: np.ndarray) -> Float32[np.ndarray, "n size"]:
-        objectives = [self.scenes[index].objective for index in self.scene.tolist()]
-        weights = np.array([(1000 * o.weights.comm, o.weights.price) for o in objectives])
-        scheme = np.array([[o.scheme == name for name in SCHEMES] for o in objectives])
-        size, scores = self.chosen.sum(axis=1), self.scores
-        left = np.stack([1 - size / self.budget, self.budget / (self.budget + 8.0), 1 - self.turns / self.most_turns])
-        megabit = scores.kbit_per_sensor / 1000
-        figures = [scores.ap, scores.recall, megabit / (megabit + 1), scores.price / (scores.price + 8), covered]
-        whole = np.concatenate([left, figures, (weights / (weights + 1)).T, scheme.T])
-        return np.clip(whole.T, -1, 1).astype(np.float32)
+        scores, megabit = self.scores, self.scores.kbit_per_sensor / 1000
+        whole = np.empty((self.n, len(GLOBAL)), np.float32)
+        whole[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
+        whole[:, 1] = self.budget / (self.budget + 8.0)
+        whole[:, 2] = 1 - self.turns / self.most_turns
+        whole[:, 3], whole[:, 4] = scores.ap, scores.recall
+        whole[:, 5], whole[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
+        whole[:, 7], whole[:, 8:] = covered, self._constants
+        return whole
 
 
 def sights(
-    seen: Shaped[np.ndarray, "slots words"], chosen: Bool[np.ndarray, "n slots"]
-) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, "n slots"]]:
+    seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
+) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
     """How many places each set sees, and how many more with each candidate beside it."""
-    together = np.zeros((len(chosen), seen.shape[1]), np.uint64)
+    together = np.zeros((len(chosen), len(seen)), np.uint64)
     board, slot = np.nonzero(chosen)
-    np.bitwise_or.at(together, board, seen[slot])
-    added = np.empty(chosen.shape, np.int64)
-    step = max(1, AT_ONCE // seen.size)
-    for first in range(0, len(chosen), step):
-        fresh = seen & ~together[first : first + step, None]
-        added[first : first + step] = np.bitwise_count(fresh).sum(axis=2, dtype=np.int64)
+    np.bitwise_or.at(together, board, seen.T[slot])
+    unseen = ~together
+    added = np.zeros(chosen.shape, np.int16)
+    for word, row in enumerate(seen):
+        added += np.bitwise_count(row & unseen[:, word, None])
     return np.bitwise_count(together).sum(axis=1, dtype=np.int64), added

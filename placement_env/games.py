@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import gymnasium as gym
 import numpy as np
@@ -11,21 +11,22 @@ from gymnasium.spaces import Box, Space
 
 from placement_env.boards import DYNAMIC, GLOBAL, Boards
 from placement_env.pictures import bird_view, summary
-from placement_env.scenes import STATIC, Scenes, Start
+from placement_env.scenes import STATIC, Scenes
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 RENDER_MODES = ["rgb_array", "ansi"]
 
 
+@runtime_checkable
 class Game(Protocol):
     """n episodes by one set of rules."""
 
-    scenes: Scenes
+    scenes: Any  # with start(rng, options)
     boards: Boards
     observation_space: Box
     action_space: Space[Any]
 
-    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
+    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Any]) -> None:
         """New episodes on some rows."""
 
     def play(

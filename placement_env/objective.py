@@ -145,6 +145,10 @@ class Objective:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": {}}
 
+    def forget(self) -> None:
+        """Empty the memory of sets that were scored."""
+        self._known.clear()
+
     @property
     def fidelity(self) -> str:
         """Name of the fidelity."""

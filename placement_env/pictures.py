@@ -53,7 +53,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes.add_patch(Wedge((x, y), WEDGE, start - half, start + half, color="#d62728", alpha=0.15))
         axes.scatter(x, y, s=40, color="#d62728", zorder=4)
     canvas.draw()  # type: ignore[no-untyped-call]
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
 
 
 def point_colours(points: Shaped[np.ndarray, " n"]) -> Shaped[np.ndarray, "n 4"]:

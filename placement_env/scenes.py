@@ -16,7 +16,7 @@ import numpy as np
 from placement_env.candidates import Candidates
 from placement_env.coverage import LEAST
 from placement_env.fidelities import site_candidates
-from placement_env.objective import Objective, check_scheme
+from placement_env.objective import SCHEMES, Objective, check_scheme
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.evaluation import Scheme
 from toolkit.sensors import DepthCamera
@@ -53,12 +53,12 @@ class Scene:
         return padded(self.objective.linked, self.slots)
 
     @cached_property
-    def seen(self) -> Shaped[np.ndarray, "slots words"]:
+    def seen(self) -> Shaped[np.ndarray, "words slots"]:
         """Which places each candidate sees, a bit each."""
         seen = self._places_seen
         whole = np.zeros((self.slots, PLACES), np.bool_)
         whole[: len(seen), : seen.shape[1]] = seen
-        return np.packbits(whole, axis=1).view(np.uint64)
+        return np.ascontiguousarray(np.packbits(whole, axis=1).view(np.uint64).T)
 
     @cached_property
     def places(self) -> int:
@@ -75,10 +75,17 @@ class Scene:
         at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
         x / (x + 1) of the price, and of what is sent in Mbit; seen is a share of the places."""
         features = np.zeros((len(STATIC), self.slots), np.float32)
-        own = np.bitwise_count(self.seen).sum(axis=1) / max(1, self.places)
+        own = np.bitwise_count(self.seen).sum(axis=0) / max(1, self.places)
         described = candidate_features(self.objective, own[: len(self.objective.candidates)])
         features[:, : described.shape[1]] = np.clip(described, -1, 1)
         return features
+
+    @cached_property
+    def constants(self) -> Float32[np.ndarray, "5"]:
+        """The last of what is observed of the whole: weights, of a kbit in Mbit, as x / (x + 1), and the scheme."""
+        weights = np.array([1000 * self.objective.weights.comm, self.objective.weights.price])
+        scheme = [self.objective.scheme == name for name in SCHEMES]
+        return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def failed_row(self, failed: Sequence[int | str]) -> Bool[np.ndarray, " slots"]:
         """Candidates, given by index or name, as a row over the slots."""
