@@ -19,9 +19,9 @@ class SeenFromTwoSides:
 
     name = "seen from two sides"
 
-    def __init__(self, seen: Visibility, least: float = 50.0) -> None:
-        distance = np.hypot(seen.boxes[:, 0], seen.boxes[:, 1])
-        self.importance = np.exp(-distance / 15.0) / np.exp(-distance / 15.0).sum()
+    def __init__(self, seen: Visibility, middle: np.ndarray, least: float = 50.0) -> None:
+        near = np.exp(-np.linalg.norm(seen.boxes[:, :2] - middle, axis=1) / 15.0)
+        self.importance = near / near.sum()
         self.well = (seen.points >= least).astype(np.int64)
         self.kbit = seen.sent.mean(axis=1, dtype=np.float64) * 96 / 1000  # 96 bit a point
 
@@ -36,7 +36,8 @@ def main(frames: int = 6) -> None:
     site = load_site("tjunction")
     candidates = paper_candidates(site)
     seen = see(traffic(site, frames, seed=0), candidates)
-    objective = Objective.of(candidates, SeenFromTwoSides(seen), weights=Weights(price=0.02), visibility=seen)
+    middle = site.area.reshape(2, 2).mean(axis=0)
+    objective = Objective.of(candidates, SeenFromTwoSides(seen, middle), weights=Weights(price=0.02), visibility=seen)
     print(exhaustive.search(objective, budget=3))
     print(greedy.search(objective, budget=3))
 

@@ -10,7 +10,7 @@ a pose that sees nothing which another on its mount does not see.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -130,7 +130,7 @@ def useful(
     >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
     array([1, 2])
     """
-    keep = seen.any(axis=1)
+    keep = np.asarray(seen.any(axis=1))
     if dominated:
         for here in np.unique(mount):
             poses = np.flatnonzero(keep & (mount == here))
@@ -239,7 +239,7 @@ def _solver(seconds: float, workers: int, seed: int) -> CpSolver:
     return solver
 
 
-def _cp_model():  # type: ignore[no-untyped-def]
+def _cp_model() -> Any:
     try:
         from ortools.sat.python import cp_model
     except ImportError as error:

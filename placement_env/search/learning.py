@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
+from placement_env.games import GameEnv
 from placement_env.objective import Score
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
+from toolkit.sensors import Sensor
 
 if TYPE_CHECKING:
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
@@ -121,6 +123,7 @@ def rollout(
     limits, masked = Limits(seconds, None), _masked(env)
     torch.manual_seed(seed)
     best: Score | None = None
+    sensors: tuple[Sensor, ...] = ()
     for episode in range(episodes):
         if episode and limits.spent:
             break
@@ -133,23 +136,33 @@ def rollout(
             limits.count += 1
             score = _score(info)
             if best is None or score.reward > best.reward:
-                best = score
+                best, sensors = score, _sensors(env)
                 limits.improved(best.reward)
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     certificate = Certificate("none", best.reward, note="a policy promises nothing")
-    return Found("policy", best, limits.history(best.reward), certificate, limits.count, limits.passed)
+    return Found("policy", best, limits.history(best.reward), certificate, limits.count, limits.passed, sensors=sensors)
 
 
 def _score(info: dict[str, Any]) -> Score:
-    """What the environment says of the set it holds; failed episodes and continuous poses included."""
+    """What the environment says of the set it holds."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
-    figures = (float(info[name]) for name in ("ap", "recall", "kbit_per_sensor", "kbit", "price"))
-    reward = sum(terms.values())
-    return Score(tuple(members.tolist()), *figures, reward, terms, str(info["fidelity"]), bool(info["cache_hit"]))
+    ap, recall, per_sensor, kbit, price = (
+        float(info[name]) for name in ("ap", "recall", "kbit_per_sensor", "kbit", "price")
+    )
+    reward, fidelity, known = sum(terms.values()), str(info["fidelity"]), bool(info["cache_hit"])
+    return Score(tuple(members.tolist()), ap, recall, per_sensor, kbit, price, reward, terms, fidelity, known)
+
+
+def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
+    """The sensors that one of our environments holds now, as they stand; none of a foreign environment."""
+    if not isinstance(env.unwrapped, GameEnv):
+        return ()
+    objective, members = env.unwrapped.game.boards.placed(0)
+    return tuple(objective.candidates.sensors[member] for member in members)
 
 
 def _masked(env: gym.Env[Any, Any]) -> bool:

@@ -47,7 +47,7 @@ def search(
     subsets, figures = np.zeros((0, progress.size), bool), Figures(*(np.zeros(0) for _ in range(4)))
     while not progress.spent:
         generation = algorithm.ask()
-        if not len(generation):  # every child is known already
+        if generation is None or not len(generation):  # every child is known already
             break
         rows = np.asarray(generation.get("X"), bool)
         fresh = progress.figures(rows)

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from placement_env.search import learning
+from placement_env.select_env import SensorSelectEnv
 
 pytest.importorskip("sb3_contrib")
 SMALL = learning.Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)
@@ -98,3 +99,14 @@ def test_continuous_actions_get_ppo(tmp_path):
 def test_training_needs_an_end():
     with pytest.raises(ValueError, match="give steps or seconds"):
         learning.train_policy(PickEnv, Path("nowhere"))
+
+
+def test_our_environment_is_learnt_and_its_sensors_told(make, tmp_path):
+    objective = make(5, 2)
+    policy = learning.train_policy(
+        lambda: SensorSelectEnv(objective=objective, budget=2), tmp_path, steps=64, learning=SMALL
+    )
+    found = learning.rollout(policy, SensorSelectEnv(objective=objective, budget=2), episodes=3)
+    assert found.best.reward == objective.score(found.best.subset).reward
+    assert [sensor.name for sensor in found.sensors] == [objective.names[c] for c in found.best.subset]
+    assert objective.feasible(objective.row(found.best.subset)[None])[0]
