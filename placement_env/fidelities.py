@@ -94,9 +94,15 @@ class Preparation:
         return Detected(renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite")
 
     def _table(self) -> Fidelity:
-        from placement_env.tables import TableFidelity, load_table
+        from placement_env.tables import TableFidelity, digest_of, load_table
 
-        return TableFidelity(load_table(self.site.name), self.scheme, self.iou)
+        table = load_table(self.site.name)
+        if table.origin.place != digest_of(self.site, self.candidates.sensors):
+            raise ValueError(
+                f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
+                "not of these candidates or this version of the site: take another fidelity, or make_table"
+            )
+        return TableFidelity(table, self.scheme, self.iou)
 
 
 def shipped_detector(site: Site) -> Detector:

@@ -7,8 +7,8 @@ shipped detectors, are in `exact/`; `make_table` makes them again.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -17,10 +17,12 @@ import numpy as np
 from placement_env.array_files import read_arrays, write_arrays
 from placement_env.detection import IOUS, Detected, Measured
 from placement_env.fidelity import Estimate
-from placement_env.memo import Memo
+from placement_env.memo import Memo, key_of
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.evaluation import Scheme
 from toolkit.objects import Detector
+from toolkit.sensors import Sensor
+from toolkit.site import Site
 
 SHIPPED = Path(__file__).parent / "exact"
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
@@ -29,11 +31,13 @@ MOST_SENSORS = 16
 
 @dataclass(frozen=True)
 class Origin:
-    """What a table was measured from: site, names of the sensors, how many frames and objects to find in them, digests
-    of what was measured in and of the detector, seed of the noise, commit of the code."""
+    """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
+    objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code.
+    """
 
     site: str
     sensors: tuple[str, ...]
+    place: str
     frames: int
     objects: int
     recording: str
@@ -153,6 +157,7 @@ def make_table(
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
+        place=digest_of(renders.site, renders.sensors),
         frames=detected.frames,
         objects=sum(int(detected.scored(k).sum()) for k in range(detected.frames)),
         recording=renders.digest,
@@ -165,6 +170,14 @@ def make_table(
     save_table(table, out)
     memo.delete()
     return table
+
+
+def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
+    """SHA-256 over a site and sensors there: a table says nothing about others."""
+    from toolkit.sites.geojson import dumps
+
+    hung = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
+    return key_of(dumps(site), hung).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:

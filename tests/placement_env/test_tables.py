@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from placement_env.array_files import write_arrays
 from placement_env.detection import IOUS, Detected
 from placement_env.fidelity import Fidelity
 from placement_env.tables import (
@@ -14,6 +15,7 @@ from placement_env.tables import (
     TableFidelity,
     all_subsets,
     best_sets,
+    digest_of,
     load_table,
     make_table,
     save_table,
@@ -85,7 +87,8 @@ def made(tmp_path_factory):
 
 def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     table, path, told, _ = made
-    assert table.origin == Origin("street", ("s0", "s1", "s2"), 3, 15, "street", "guess", 4, "abc")
+    place = digest_of(Street().site, Street().sensors)
+    assert table.origin == Origin("street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc")
     assert told == [(k, 9) for k in range(1, 10)]
     for i, scheme in enumerate(SCHEMES):
         expected = Detected(Street(), Guess(), scheme).estimates(table.subsets)
@@ -136,7 +139,7 @@ def test_rows_are_bit_masks():
 def some_table(sensors):
     ap = np.random.default_rng(0).random((1 << sensors, 3, 3))
     names = tuple(f"d{c}" for c in range(sensors))
-    return Table(Origin("x", names, 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
+    return Table(Origin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
 
 
 def test_best_sets_are_the_best_of_their_size():
@@ -177,9 +180,12 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path, size):
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     np.savez(tmp_path / "t.npz", ap=np.zeros(3))
+    with pytest.raises(ValueError, match="no file of ours"):
+        load_table(tmp_path / "t.npz")
+    write_arrays(tmp_path / "t.npz", {"ap": np.zeros(3)})
     with pytest.raises(ValueError, match="no table"):
         load_table(tmp_path / "t.npz")
-    np.savez(tmp_path / "t.npz", origin=np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8))
+    write_arrays(tmp_path / "t.npz", {"origin": np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8)})
     with pytest.raises(ValueError, match="no table"):
         load_table(tmp_path / "t.npz")
 
