@@ -36,7 +36,7 @@ def main(frames: int = 200, poses: int | None = None, workers: int = 2, *sites: 
         most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         print(
             f"{name}: {len(candidates)} poses x {frames} frames, {seen.points.shape[1]} vehicles: {seconds:.0f} s"
-            f" ({workers} processes, limit {LIMIT:.0f}), {cpu:.0f} CPU s, {most / 1e6:.2f} GB at most in a process",
+            f" ({workers} processes, limit {LIMIT:.0f}), {cpu:.1f} CPU s, {most / 1e6:.2f} GB at most in a process",
             flush=True,
         )
 
