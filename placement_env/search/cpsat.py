@@ -3,8 +3,8 @@
     max Σ_o w_o y_o    where  Σ_c seen[c, o] x_c >= k y_o,   Σ_{c on m} x_c <= 1 for each mount m,   Σ_c x_c <= budget
 
 x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
-same candidates see are one object of weight w. What cannot be covered is left out, and so is, where one view is enough,
-a pose that sees nothing which another on its mount does not see.
+same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees
+nothing which another on its mount does not see.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def cover_most(
         raise ValueError(f"budget and views must be at least 1, got {budget} and {views}")
     began = time.monotonic()
     rows = np.ones(len(seen), bool) if may_stand is None else may_stand
-    kept = useful(np.where(rows[:, None], seen, False), mount, dominated=views == 1)
+    kept = useful(np.where(rows[:, None], seen, False), mount)
     objects, weight = merged(seen[kept], mount[kept], views)
     start = greedy_cover(objects, weight, mount[kept], budget, views)
     bound = bound_at(objects, weight, mount[kept], budget, views, start)
@@ -120,10 +120,8 @@ def cover_most(
     return Cover(chosen, covered, max(bound, covered), bound <= covered, len(weight), *times)
 
 
-def useful(
-    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], *, dominated: bool = True
-) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something and, if `dominated`, whose mount has none that sees all of it and more.
+def useful(seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"]) -> Int64[np.ndarray, " k"]:
+    """Candidates that see something and whose mount has none that sees all of it and more, so would do in their place.
 
     Of several on a mount that see the same the first is kept.
 
@@ -131,15 +129,14 @@ def useful(
     array([1, 2])
     """
     keep = np.asarray(seen.any(axis=1))
-    if dominated:
-        for here in np.unique(mount):
-            poses = np.flatnonzero(keep & (mount == here))
-            views = seen[poses].astype(np.float32)
-            size = views.sum(axis=1)
-            within = (views @ views.T) == size[:, None]  # all that i sees, j sees
-            earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
-            beaten = within & ((size[None] > size[:, None]) | ((size[None] == size[:, None]) & earlier))
-            keep[poses[beaten.any(axis=1)]] = False
+    for here in np.unique(mount):
+        poses = np.flatnonzero(keep & (mount == here))
+        views = seen[poses].astype(np.float32)
+        size = views.sum(axis=1)
+        within = (views @ views.T) == size[:, None]  # all that i sees, j sees
+        earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
+        beaten = within & ((size[None] > size[:, None]) | ((size[None] == size[:, None]) & earlier))
+        keep[poses[beaten.any(axis=1)]] = False
     return np.flatnonzero(keep)
 
 
