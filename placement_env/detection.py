@@ -14,16 +14,16 @@ Two kinds of value are kept, of one frame each:
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
+from placement_env.code_digest import DETECTION, RENDERING, code_digest
 from placement_env.fidelity import Estimate
 from placement_env.memo import Arrays, Memo, key_of
 from placement_env.processes import spread
@@ -39,26 +39,20 @@ from toolkit.site import Site
 IOUS = (0.7, 0.8, 0.9)
 FALSE_ALARM, IGNORED = -1, -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
-COMPUTED_BY = (
-    *("toolkit/boxes.py", "toolkit/cluster.py", "toolkit/fusion.py", "toolkit/metrics.py", "toolkit/points.py"),
-    *("toolkit/render.py", "toolkit/sensors.py", "models/anchors.py", "models/detector.py", "models/folding.py"),
-    *("models/packed.py", "models/published.py", "models/sparse.py", "models/sparse_middle.py", "models/voxelnet.py"),
-    *("models/voxels.py", "placement_env/detection.py", "placement_env/renders.py"),
-)
-"""The files whose code an outcome depends on: when one of them changes, nothing that was kept is believed."""
 
 
 @runtime_checkable
 class Measured(Protocol):
-    """What candidates measure in frames at a site, such as `placement_env.renders.Renders`.
-
-    digest: says all that the measurements depend on but the sensors.
-    """
+    """What candidates measure in frames at a site, such as `placement_env.renders.Renders`."""
 
     site: Site
     sensors: tuple[Sensor, ...]
     frames: int
-    digest: str
+
+    @property
+    def digest(self) -> str:
+        """Of all that the measurements depend on but the sensors."""
+        ...
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """The points of candidate c in frame k inside the crop, with noise."""
@@ -213,7 +207,7 @@ class Detected:
     def _depends_on(self) -> str:
         """A digest of what all values depend on."""
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), hybrid_radius(self.renders.site)]
-        return key_of(*parts, code_version()).hex()
+        return key_of(*parts, code_digest(*RENDERING, *DETECTION)).hex()
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
@@ -306,12 +300,3 @@ def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
     if not len(chosen) or (isinstance(frames, int) and frames < 1):
         raise ValueError(f"there must be a frame to score, got {frames} of {available}")
     return [int(k) for k in chosen]
-
-
-@cache
-def code_version() -> str:
-    """A digest of the source files that an outcome is computed by."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for name in COMPUTED_BY:
-        digest.update(name.encode() + (root / name).read_bytes())
-    return digest.hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +12,7 @@ from placement_env.fidelity import Fidelity
 from toolkit.evaluation import Scheme
 from toolkit.fusion import hybrid_radius
 from toolkit.objects import Detector
+from toolkit.sensors import Sensor
 from toolkit.site import Site
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ class Preparation:
     seed: int
     cache: str | Path | None
     workers: int
+    ray: str | None
     detector: Detector | None
 
     @cached_property
@@ -54,7 +57,7 @@ class Preparation:
         """What each candidate sees."""
         from placement_env.visibility import see
 
-        return see(self.traffic, self.candidates, workers=self.workers, cache=self.cache)
+        return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.cache)
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
         """The same traffic for other candidates, of which it is known what they see."""
@@ -80,18 +83,26 @@ class Preparation:
         return Coverage(self.visibility, self.scheme)
 
     def _surrogate(self) -> Fidelity:
+        from placement_env.hit_model import shipped_model
         from placement_env.surrogate import Surrogate
 
-        return Surrogate(self.visibility, self.scheme, iou=self.iou, radius=hybrid_radius(self.site))
+        model = shipped_model(self.scheme, self.iou, network_for(self.site, self.candidates.sensors))
+        return Surrogate(self.visibility, self.scheme, model, radius=hybrid_radius(self.site))
 
     def _detected(self) -> Fidelity:
+        from models import load_detector
         from placement_env.detection import Detected
         from placement_env.renders import Renders
 
         folder = None if self.cache is None else Path(self.cache)
         renders = Renders(self.traffic, self.candidates, folder and folder / "renders")
-        detector = shipped_detector(self.site) if self.detector is None else self.detector
-        return Detected(renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite")
+        detector = self.detector
+        if detector is None:
+            detector = load_detector(network_for(self.site, self.candidates.sensors), area=self.site.area)
+        return Detected(
+            renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite",
+            workers=self.workers, ray=self.ray,
+        )  # fmt: skip
 
     def _table(self) -> Fidelity:
         from placement_env.tables import TableFidelity, digest_of, load_table
@@ -105,11 +116,9 @@ class Preparation:
         return TableFidelity(table, self.scheme, self.iou)
 
 
-def shipped_detector(site: Site) -> Detector:
-    """The network trained for the site, or else the general one, moved there. FileNotFoundError without either."""
-    from models import load_detector
+def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
+    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"."""
+    from models.detector import SHIPPED
 
-    try:
-        return load_detector(site.name, site=site.name)
-    except FileNotFoundError:
-        return load_detector("general", area=site.area)
+    own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
+    return site.name if own else "general"

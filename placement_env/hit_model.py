@@ -98,8 +98,9 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     partial.replace(path)
 
 
-def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "tjunction") -> HitModel:
-    """The model that comes with coview. Raises ValueError that lists what there is where there is none."""
+def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:
+    """The model of a shipped detector that comes with coview. Raises FileNotFoundError or ValueError, which lists what
+    there is, where there is none."""
     models = load_models(FOLDER / f"{detector}.json")
     for model in models:
         if model.scheme == scheme and math.isclose(model.iou, iou):

@@ -84,7 +84,8 @@ class Objective:
     site: a site or its name; frames: of traffic, drawn from `seed`; fidelity: how a set is scored, see `FIDELITIES`;
     candidates: None for the site's own sensors, "pool" for its pool, or the candidates themselves; detector: of
     fidelity "detector", None for the shipped network; iou: at which a detection counts; cache: folder where what was
-    rendered and detected is kept, None for nowhere; workers: processes that prepare it.
+    rendered and detected is kept, None for nowhere; workers, ray: processes, or address of a Ray
+    cluster, that render and detect.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -103,13 +104,14 @@ class Objective:
         seed: int = 0,
         cache: str | Path | None = None,
         workers: int = 1,
+        ray: str | None = None,
     ) -> None:
         from placement_env.fidelities import Preparation, site_candidates
 
         site = load_site(site) if isinstance(site, str) else site
         candidates = site_candidates(site, candidates)
         check_scheme(scheme)
-        preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, detector)
+        preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, ray, detector)
         visibility = None if fidelity == "table" else preparation.visibility
         self._hold(candidates, preparation.fidelity(fidelity), scheme, weights, site, visibility)
 

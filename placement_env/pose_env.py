@@ -276,7 +276,7 @@ def _prepared(
     iou: float = 0.7,
     seed: int = 0,
 ) -> Preparation:
-    return Preparation(site, site_candidates(site, candidates), frames, scheme, iou, seed, None, 1, detector)
+    return Preparation(site, site_candidates(site, candidates), frames, scheme, iou, seed, None, 1, None, detector)
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

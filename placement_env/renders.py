@@ -20,6 +20,7 @@ import numpy as np
 from models.packed import STEPS_PER_METRE, Rig
 from models.packing import change
 from placement_env.array_files import read_arrays, write_arrays
+from placement_env.code_digest import RENDERING, code_digest
 from placement_env.traffic_frames import Traffic
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.dataset import CoopDataset, noisy
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from placement_env.candidates import Candidates
     from toolkit.render import Renderer
 
-VERSION = 1  # of what is rendered and how it is kept: another one, and nothing kept is believed
 IN_MEMORY = 256  # candidates, of those that are kept in a folder
 
 
@@ -70,7 +70,7 @@ class Renders:
     @cached_property
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
-        return sha256(f"{VERSION} {self.traffic.digest()} {self._noise_seed}".encode()).hexdigest()
+        return sha256(f"{code_digest(*RENDERING)} {self.traffic.digest()} {self._noise_seed}".encode()).hexdigest()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k inside the crop, world frame."""
@@ -99,7 +99,7 @@ class Renders:
         if self._folder is None:
             return self._render(c)
         sensor = self.sensors[c]
-        told = (VERSION, self.traffic.digest(), repr(sensor.model), sensor.pose.tolist())
+        told = (code_digest(*RENDERING), self.traffic.digest(), repr(sensor.model), sensor.pose.tolist())
         path = self._folder / f"render-{sha256(json.dumps(told).encode()).hexdigest()[:32]}.npz"
         with suppress(FileNotFoundError, ValueError):
             return _unpacked(self._rig(c), read_arrays(path))
@@ -142,7 +142,7 @@ class Recorded:
         """SHA-256 over all that clouds depend on but the sensor."""
         from toolkit.sites.geojson import dumps
 
-        sha = sha256(f"{VERSION} {self._noise_seed} {dumps(self.site)}".encode())
+        sha = sha256(f"{code_digest(*RENDERING)} {self._noise_seed} {dumps(self.site)}".encode())
         with self.recording.path.open("rb") as file:
             while block := file.read(1 << 20):
                 sha.update(block)

@@ -22,6 +22,7 @@ import numpy as np
 
 from placement_env.array_files import read_arrays, write_arrays
 from placement_env.candidates import Candidates
+from placement_env.code_digest import RENDERING, code_digest
 from placement_env.processes import spread
 from placement_env.sightings import Seen, look_at
 from placement_env.traffic_frames import Traffic, scored
@@ -35,7 +36,6 @@ from toolkit.sensors import Sensor
 if TYPE_CHECKING:
     from toolkit.render import Renderer
 
-VERSION = 1  # of what is counted and how it is kept: another one, and nothing kept is believed
 BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
 
 Block = tuple[int, int]
@@ -190,7 +190,7 @@ class _Job:
 
     def _path(self, block: Block) -> Path:
         told = [(repr(sensor.model), sensor.pose.tolist()) for sensor in self.sensors[slice(*block)]]
-        key = sha256(json.dumps([VERSION, self.traffic.digest(), told]).encode()).hexdigest()
+        key = sha256(json.dumps([code_digest(*RENDERING), self.traffic.digest(), told]).encode()).hexdigest()
         return Path(self.cache or "") / f"seen-{key[:32]}.npz"
 
     def __getstate__(self) -> dict[str, Any]:

@@ -39,9 +39,7 @@ def main(frames: int) -> None:
             objective.forget()
             env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, objective=objective)
             by_processor, by_wall = pace(env, 4000 // count)
-            print(
-                f"{name:10} {frames} frames, {count:3} at once: {by_processor:8.0f} steps/s, {by_wall:8.0f} by wall"
-            )
+            print(f"{name:10} {frames} frames, {count:3} at once: {by_processor:8.0f} steps/s, {by_wall:8.0f} by wall")
 
 
 if __name__ == "__main__":

@@ -80,38 +80,16 @@ def leaderboard(visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.nd
         print(line)
 
 
-def seen_in(recording, frames: int):
-    """What the sensors of a recording see of its scored objects, noise-free."""
-    from placement_env.traffic_frames import scored
-    from placement_env.visibility import Visibility, nearest
-    from toolkit.boxes import count_points
-    from toolkit.fusion import hybrid_radius
-    from toolkit.points import beyond, frame_points
-
-    site, radius = recording.site, hybrid_radius(recording.site)
-    points, sent, far, boxes = [], [], [], []
-    for k in range(frames):
-        frame = recording[k]
-        boxes.append(frame.objects.boxes[scored(frame.objects, site)])
-        clouds = frame_points(frame, area=site)
-        points.append([count_points(cloud, boxes[-1]) for cloud in clouds])
-        sent.append([len(cloud) for cloud in clouds])
-        far.append([beyond(cloud, s, radius).sum() for s, cloud in zip(recording.sensors, clouds, strict=True)])
-    frame_of, boxes = np.repeat(np.arange(frames), [len(each) for each in boxes]), np.concatenate(boxes)
-    per_frame = (np.array(each, np.float32).T.copy() for each in (sent, far))
-    points = np.concatenate(points, axis=1).astype(np.float32)
-    return Visibility(points, nearest(recording.sensors, boxes), frame_of, boxes, *per_frame)
-
-
 def of_table(asked: argparse.Namespace) -> tuple:
     """Visibility, sets and AP of a table and its recording."""
     from placement_env.tables import TableFidelity, load_table
+    from placement_env.visibility import Visibility
     from toolkit.dataset import CoopDataset
 
     table = load_table(asked.table)
     sets = table.subsets[1:]
     with CoopDataset(asked.recording) as recording:
-        visibility = seen_in(recording, table.origin.frames)
+        visibility = Visibility.of(recording, table.origin.frames)
     return visibility, sets, TableFidelity(table, asked.scheme, asked.iou)(sets).ap
 
 
@@ -133,7 +111,7 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     sets = sets_of(candidates, 0, len(candidates), 2 * asked.sets, rng)
     sets = rng.permutation(sets[sets.any(axis=1)])[: asked.sets]
     frames = traffic(site, asked.frames, asked.seed)
-    detector = load_detector(asked.poses, site=site.name)
+    detector = load_detector("general", area=site.area)
     detected = Detected(Renders(frames, candidates), detector, asked.scheme, iou=asked.iou, memo=asked.memo)
     return see(frames, candidates), sets, detected(sets).ap
 

@@ -80,9 +80,9 @@ def main() -> None:
     source = (
         f"{asked.frames} frames of {asked.site} traffic, seed {asked.seed}, {len(sets)} sets, detector {asked.detector}"
     )
-    models = []
+    detector, models = load_detector(asked.detector, area=site.area), []
     for scheme in SCHEMES:
-        detected = Detected(renders, load_detector(asked.detector), scheme, memo=asked.memo)
+        detected = Detected(renders, detector, scheme, memo=asked.memo)
         for model in fit_detected(visibility, detected, sets, radius=hybrid_radius(site), source=source):
             ap = detected.estimates(sets)[model.iou].ap
             rho = spearmanr(Surrogate(visibility, scheme, model)(sets).ap, ap).statistic
