@@ -124,3 +124,23 @@ def test_bad_input_is_one_line_that_says_what_to_do(arguments, message, recordin
     assert code == coview.BAD_INPUT
     assert last.startswith("coview: ")
     assert message in last
+
+
+def test_search_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, capsys):
+    arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--cache", tmp_path, "--method", "exhaustive")
+    code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json", capsys=capsys)
+    found = json.loads(out)
+    assert code == 0
+    assert 1 <= len(found["sensors"]) <= 2
+    assert found["certificate"]["kind"] == "optimal"
+    assert found["verified"]["fidelity"] == "detector"
+    assert {path.suffix for path in tmp_path.rglob("*.*")} >= {".npz", ".sqlite"}
+
+
+def test_table_scores_every_set(recording, tmp_path, capsys):
+    out = tmp_path / "table.npz"
+    arguments = ("--out", out, "--frames", 1, "--detector", "cluster")
+    code, printed, _ = run("table", recording, *arguments, capsys=capsys)
+    assert code == 0
+    assert "early   6 sensors  0,1,2,3,4,5" in printed
+    assert out.exists()
