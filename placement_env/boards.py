@@ -150,8 +150,8 @@ class Boards:
             "marginal_gain": self.gain.copy(),
             "reward_terms": {
                 "ap": scores.ap.copy(),
-                "comm": -comm * scores.kbit_per_sensor,
-                "price": -price * scores.price,
+                "comm": 0 - comm * scores.kbit_per_sensor,
+                "price": 0 - price * scores.price,
             },
             "fidelity": self._fidelity.copy(),
             "cache_hit": self.repeated.copy(),

@@ -182,7 +182,7 @@ class Objective:
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
-        terms = {"ap": ap, "comm": -self.weights.comm * per_sensor, "price": -self.weights.price * price}
+        terms = {"ap": ap, "comm": 0 - self.weights.comm * per_sensor, "price": 0 - self.weights.price * price}
         members = tuple(np.flatnonzero(row).tolist())
         return Score(
             members, ap, recall, per_sensor, kbit, price, reward, terms, self.fidelity, bool(scores.cache_hit[0])
