@@ -1,8 +1,9 @@
 """A trained VoxelNet, computed where the points reach: the same maps in a fraction of the time, on CPU and CUDA.
 
 Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. Voxel features
-exist for occupied voxels only; 3D convolutions run on cells that points reach (`models.sparse_middle`); BatchNorm is
-folded, and so are the linear layers before the published head (`models.folding`).
+exist for occupied voxels only; 3D convolutions run on cells that points reach (`models.sparse_middle`), the light
+network's first convolution on occupied columns (`models.sparse_columns`); BatchNorm is folded, and so are the linear
+layers before the published head (`models.folding`).
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ import torch
 from torch import nn
 
 from models.folding import FoldedRegionProposal, folded_points
+from models.sparse_columns import SparseColumns
 from models.sparse_middle import SparseMiddle
-from models.voxelnet import MiddleLayers, Prediction, VoxelNet
+from models.voxelnet import HeightFold, Prediction, VoxelNet
 from models.voxels import Voxels
 
 
@@ -32,12 +34,14 @@ class SparseVoxelNet(nn.Module):
         self.config = network.config
         self.features = copy.deepcopy(network.features)
         self.features.layers = nn.ModuleList(folded_points(layer) for layer in network.features.layers)  # type: ignore[arg-type]
-        if isinstance(network.middle, MiddleLayers):
-            self.middle: nn.Module = SparseMiddle(network.middle)
-            order = self.middle.channel_order
+        self.middle: nn.Module
+        if isinstance(network.middle, HeightFold):
+            self.rpn = FoldedRegionProposal(network.rpn, network.head)
+            self.middle = SparseColumns(network.middle, self.rpn.blocks[0][0])
+            self.rpn.blocks[0][0] = nn.Identity()
         else:
-            self.middle, order = copy.deepcopy(network.middle), None
-        self.rpn = FoldedRegionProposal(network.rpn, network.head, order)
+            self.middle = SparseMiddle(network.middle)
+            self.rpn = FoldedRegionProposal(network.rpn, network.head, self.middle.channel_order)
         self.eval().requires_grad_(False)
 
     @torch.inference_mode()

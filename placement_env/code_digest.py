@@ -14,7 +14,7 @@ RENDERING = (
 DETECTION = (
     *("toolkit/cluster.py", "toolkit/fusion.py", "toolkit/metrics.py", "toolkit/objects.py", "models/anchors.py"),
     *("models/detector.py", "models/folding.py", "models/published.py", "models/sparse.py", "models/sparse_middle.py"),
-    *("models/voxelnet.py", "models/voxels.py", "placement_env/detection.py"),
+    *("models/sparse_columns.py", "models/voxelnet.py", "models/voxels.py", "placement_env/detection.py"),
 )
 
 

@@ -16,7 +16,7 @@ from models.config import VoxelNetConfig
 from models.packed import PackedFrames
 from models.packing import pack, recording
 from models.samples import SampleRecipe
-from models.train import CHECKPOINT, ANYWHERE, LOG, PRESETS, area_for, config_for, load_checkpoint, train
+from models.train import ANYWHERE, CHECKPOINT, LOG, PRESETS, area_for, config_for, load_checkpoint, train
 from models.validation import average_precision, validation
 from models.weights import load_weights
 
