@@ -1,0 +1,91 @@
+"""Every search for the same time: what it found, what the detector says of it, and regret where the optimum is known.
+
+    python tests/benchmarks/bench_search.py SITE [--candidates paper|pool] [--fidelity surrogate] [--budget 4]
+        [--seconds 60] [--frames 200] [--verify 50] [--seed 0] [--cache FOLDER] [--workers 2] [--methods ...]
+
+--verify: frames that the detector scores the found sets on, 0 for none. Regret is of the reward in the fidelity that
+was searched, against the best of all sets (up to 16 candidates).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+METHODS = ("exhaustive", "greedy", "greedy.lazy", "greedy.stochastic", "swap", "annealing", "cpsat", "nsga2", "ppo")
+MOST_EXHAUSTIVE = 16
+
+
+def run(method: str, objective, asked: argparse.Namespace):
+    if method == "ppo":
+        return policy(objective, asked)
+    module, _, function = method.partition(".")
+    search = getattr(import_module(f"placement_env.search.{module}"), function or "search")
+    return search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
+
+
+def policy(objective, asked: argparse.Namespace):
+    """MaskablePPO trained for the time, then the best of its episodes."""
+    from tempfile import TemporaryDirectory
+
+    from placement_env.search.learning import rollout, train_policy
+    from placement_env.select_env import SensorSelectEnv
+
+    def make() -> SensorSelectEnv:
+        return SensorSelectEnv(objective=objective, budget=asked.budget)
+
+    with TemporaryDirectory() as folder:
+        trained = train_policy(make, Path(folder), seconds=asked.seconds, seed=asked.seed)
+        return rollout(trained, make(), episodes=20)
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("site")
+    arguments.add_argument("--candidates", choices=("paper", "pool"), default="pool")
+    arguments.add_argument("--fidelity", choices=("coverage", "surrogate", "table"), default="surrogate")
+    arguments.add_argument("--seconds", type=float, default=60.0)
+    arguments.add_argument("--cache", type=Path)
+    arguments.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
+    for name, default in (("budget", 4), ("frames", 200), ("verify", 50), ("seed", 0), ("workers", 2)):
+        arguments.add_argument(f"--{name}", type=int, default=default)
+    asked = arguments.parse_args()
+
+    from placement_env.candidates import paper_candidates, pool
+    from placement_env.objective import Objective
+    from toolkit.site import load_site
+
+    site = load_site(asked.site)
+    candidates = pool(site) if asked.candidates == "pool" else paper_candidates(site)
+    common = {"candidates": candidates, "cache": asked.cache, "workers": asked.workers}
+    objective = Objective(site, asked.frames, fidelity=asked.fidelity, seed=asked.seed, **common)
+    if asked.verify:
+        judge = Objective(site, asked.verify, fidelity="detector", seed=asked.seed + 1, **common)
+    optimum = np.nan
+    if len(candidates) <= MOST_EXHAUSTIVE:
+        exhaustive = import_module("placement_env.search.exhaustive")
+        optimum = exhaustive.search(objective, asked.budget).best.reward
+    print(
+        f"{asked.site}, {len(candidates)} candidates, {asked.fidelity}, budget {asked.budget}, {asked.seconds:g} s each"
+    )
+    print(f"{'method':18s} {'reward':>8s} {'regret':>8s} {'detector AP':>12s} {'sets':>9s} {'s':>7s}  known")
+    for method in asked.methods:
+        if method == "exhaustive" and len(candidates) > MOST_EXHAUSTIVE:
+            continue
+        found = run(method, objective, asked)
+        ap = judge.score(found.best.subset).ap if asked.verify else np.nan
+        print(
+            f"{method:18s} {found.best.reward:8.4f} {optimum - found.best.reward:8.4f} {ap:12.4f} "
+            f"{found.evaluations:9d} {found.seconds:7.1f}  {found.certificate.kind}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
