@@ -217,11 +217,9 @@ class SensorPoseEnv(GameEnv):
 
     ## Action Space
     `Box(-1, 1, (3 · budget,), float32)`: for each sensor how far to move: height above the foot of its mount (1 is
-    0.5 m),
-    heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount; heights stay in the mount's
-    range,
-    tilts in −10°..60° below the horizon. Where the option `budget` is smaller, the entries of absent sensors do
-    nothing.
+    0.5 m), heading (15°, counter-clockwise) and tilt (5°, downwards). Sensors keep their mount; heights stay in the
+    mount's range, tilts in −10°..60° below the horizon. Where the option `budget` is smaller, the entries of absent
+    sensors do nothing.
 
     An illegal action, after which a link would have to carry more than it can, changes nothing: the reward is 0,
     `info["illegal"]` is True, and a move is used up. `action_masks()` says which entries move a sensor.

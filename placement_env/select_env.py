@@ -108,19 +108,15 @@ class SensorSelectEnv(GameEnv):
     factor some legal candidate has, one factor after another, so a combination of them may still be illegal.
 
     ## Observation Space
-    `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before the next: x, y,
-    z, cosine
-    and sine of heading, tilt, field of view, lidar or camera, price, kbit, what it sees alone, what it would add to
-    what
-    the chosen ones see, whether chosen, whether allowed (`placement_env.scenes.STATIC`,
-    `placement_env.boards.DYNAMIC`),
-    all relative to the area, so that a policy may go from site to site; then 13 of the whole
-    (`placement_env.boards.GLOBAL`): budget and turns left, AP, recall, kbit, price, share seen, weights, scheme.
+    `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before the next: x, y, z,
+    cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, what it sees alone, what it would add
+    to what the chosen ones see, whether chosen, whether allowed (`placement_env.scenes.STATIC`,
+    `placement_env.boards.DYNAMIC`), all relative to the area, so that a policy may go from site to site; then 13 of the
+    whole (`placement_env.boards.GLOBAL`): budget and turns left, AP, recall, kbit, price, share seen, weights, scheme.
 
     ## Rewards
-    What the placed sensor adds to the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The
-    rewards of an
-    episode add up to that of its set.
+    What the placed sensor adds to the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price. The rewards
+    of an episode add up to that of its set.
 
     ## Starting State
     No sensors. With several sites, one is drawn.
@@ -135,10 +131,9 @@ class SensorSelectEnv(GameEnv):
 
     ## Arguments
     site: a site, its name, or several of these, of which each episode draws one; budget: sensors to place; actions:
-    flat or
-    factored; slots: for candidates, None for what the largest of the sites needs; objective: in place of a site and all
-    that follows; scheme, and by name fidelity, frames, weights, candidates, detector, iou, seed, cache, workers: of
-    `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
+    flat or factored; slots: for candidates, None for what the largest of the sites needs; objective: in place of a site
+    and all that follows; scheme, and by name fidelity, frames, weights, candidates, detector, iou, seed, cache,
+    workers: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
 
     ## Version History
     v0: first version.

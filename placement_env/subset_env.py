@@ -56,11 +56,9 @@ class SensorSubsetEnv(GameEnv):
     `MultiBinary(slots)`: which candidates to build.
 
     A set that may not be built (more sensors than the budget, two on a mount, one that is out of order, a link that
-    cannot
-    carry what its sensor sends, a slot without a candidate) is an illegal action: nothing is built, the reward is 0,
-    `info["illegal"]` is True. `info["action_mask"]` says which candidates may be in a set by themselves;
-    `action_masks()`
-    gives for each slot whether it may be 0 and whether it may be 1.
+    cannot carry what its sensor sends, a slot without a candidate) is an illegal action: nothing is built, the reward
+    is 0, `info["illegal"]` is True. `info["action_mask"]` says which candidates may be in a set by themselves;
+    `action_masks()` gives for each slot whether it may be 0 and whether it may be 1.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`, as of `coview/SensorSelect-v0`.
