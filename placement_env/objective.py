@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from placement_env.fidelity import Fidelity
-from toolkit.arrays import Bool, Float64
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.evaluation import Scheme
 from toolkit.fusion import PAPER
 from toolkit.objects import Detector
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
+Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
@@ -176,7 +177,7 @@ class Objective:
             return np.ones(len(self.candidates), np.bool_)
         return np.asarray(self.sent <= self.candidates.capacity)
 
-    def score(self, subset: Iterable[int | str]) -> Score:
+    def score(self, subset: Members) -> Score:
         """Score of a set, given as indices or names of candidates, in any order. Raises ValueError for one that there
         is not."""
         row = self.row(subset)
@@ -203,14 +204,14 @@ class Objective:
         one_each = (self.candidates.per_mount(subsets) <= 1).all(axis=1)
         return np.asarray(one_each & ~(subsets & ~self.linked).any(axis=1))
 
-    def allowed(self, subset: Bool[np.ndarray, " C"] | Iterable[int | str]) -> Bool[np.ndarray, " C"]:
+    def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Which candidates may join a set and leave it feasible, those on mounts that are free."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         taken = np.zeros(len(self.candidates.mounts), np.bool_)
         taken[self.candidates.mount[row]] = True
         return np.asarray(~taken[self.candidates.mount] & self.linked)
 
-    def row(self, subset: Iterable[int | str]) -> Bool[np.ndarray, " C"]:
+    def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
         """A set, given as indices or names of candidates, as a row of booleans."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset:
