@@ -214,7 +214,7 @@ class Objective:
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
         """A set, given as indices or names of candidates, as a row of booleans."""
         row = np.zeros(len(self.candidates), np.bool_)
-        for member in subset:
+        for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[self._index(member)] = True
         return row
 
