@@ -12,7 +12,7 @@ from placement_env.search.learning import rollout, train_policy
 from placement_env.select_env import SensorSelectEnv
 
 
-def main(frames: int = 6, steps: int = 4096, budget: int = 3) -> None:
+def main(frames: int = 6, steps: int = 2048, budget: int = 3) -> None:
     """All environments share one objective and its memory. Called again with the same folder, training goes on."""
     objective = Objective("tjunction", frames, fidelity="surrogate")
 

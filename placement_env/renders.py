@@ -21,7 +21,7 @@ from models.packed import STEPS_PER_METRE, Rig
 from models.packing import change
 from placement_env.array_files import read_arrays, write_arrays
 from placement_env.code_digest import RENDERING, code_digest
-from placement_env.traffic_frames import Traffic
+from placement_env.traffic_frames import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
@@ -32,7 +32,6 @@ from toolkit.sensors import Sensor
 
 if TYPE_CHECKING:
     from placement_env.candidates import Candidates
-    from toolkit.render import Renderer
 
 IN_MEMORY = 256  # candidates, of those that are kept in a folder
 
@@ -108,7 +107,7 @@ class Renders:
         return packed
 
     def _render(self, c: int) -> _Packed:
-        renderer = self._renderer.looking([self.sensors[c]])
+        renderer = renderer_of(self.traffic).looking([self.sensors[c]])
         rig = Rig.seeing(renderer.sensors, self.site.area, self.site.height, renderer.background)
         changes = []
         for snapshot in self.traffic.snapshots:
@@ -121,12 +120,6 @@ class Renders:
     def _rig(self, c: int) -> Rig:
         area = tuple(self.site.area.tolist())
         return Rig((self.sensors[c],), area, self.site.height, (), ())
-
-    @cached_property
-    def _renderer(self) -> Renderer:
-        from toolkit.render import Renderer
-
-        return Renderer(self.site, self.traffic.bodies, ())
 
 
 class Recorded:

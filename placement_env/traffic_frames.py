@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from toolkit.objects import VEHICLE, Objects
 from toolkit.points import centred_in
 from toolkit.site import Site
 from toolkit.traffic import Snapshot, simulate
+
+if TYPE_CHECKING:
+    from toolkit.render import Renderer
 
 FRAMES = 200
 
@@ -57,6 +61,15 @@ def traffic(site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Bo
         raise ValueError(f"frames must be at least 1, got {frames}")
     bodies = catalogue() if bodies is None else bodies
     return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed)))
+
+
+@lru_cache(maxsize=2)
+def renderer_of(traffic: Traffic) -> Renderer:
+    """A renderer of the traffic's site and bodies, without sensors, built once: what stands still takes longer to put
+    together than to look at."""
+    from toolkit.render import Renderer
+
+    return Renderer(traffic.site, traffic.bodies, (), threads=1)
 
 
 def scored(objects: Objects, site: Site) -> Bool[np.ndarray, " n"]:

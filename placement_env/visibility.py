@@ -13,10 +13,8 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,16 +23,13 @@ from placement_env.candidates import Candidates
 from placement_env.code_digest import RENDERING, code_digest
 from placement_env.processes import spread
 from placement_env.sightings import Seen, look_at
-from placement_env.traffic_frames import Traffic, scored
+from placement_env.traffic_frames import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.dataset import CoopDataset
 from toolkit.fusion import hybrid_radius
 from toolkit.points import beyond, frame_points
 from toolkit.sensors import Sensor
-
-if TYPE_CHECKING:
-    from toolkit.render import Renderer
 
 BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
 
@@ -176,7 +171,7 @@ class _Job:
     def __call__(self, block: Block) -> Seen:
         found = self.kept(block)
         if found is None:
-            found = look_at(self.traffic, self._renderer, self.sensors[slice(*block)])
+            found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)])
             if self.cache is not None:
                 write_arrays(self._path(block), found._asdict())
         return found
@@ -192,12 +187,3 @@ class _Job:
         told = [(repr(sensor.model), sensor.pose.tolist()) for sensor in self.sensors[slice(*block)]]
         key = sha256(json.dumps([code_digest(*RENDERING), self.traffic.digest(), told]).encode()).hexdigest()
         return Path(self.cache or "") / f"seen-{key[:32]}.npz"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_renderer"}
-
-    @cached_property
-    def _renderer(self) -> Renderer:
-        from toolkit.render import Renderer
-
-        return Renderer(self.traffic.site, self.traffic.bodies, (), threads=1)
