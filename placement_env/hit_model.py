@@ -99,9 +99,12 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
 
 
 def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:
-    """The model of a shipped detector that comes with coview. Raises FileNotFoundError or ValueError, which lists what
-    there is, where there is none."""
-    models = load_models(FOLDER / f"{detector}.json")
+    """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
+
+    Raises ValueError, which lists what there is, where there is none for the scheme and IoU threshold.
+    """
+    own = FOLDER / f"{detector}.json"
+    models = load_models(own if own.is_file() else FOLDER / "general.json")
     for model in models:
         if model.scheme == scheme and math.isclose(model.iou, iou):
             return model

@@ -95,17 +95,12 @@ def ours_of_the_same_size() -> None:
 
 
 def light() -> None:
-    """The CPU default, points to boxes, and where its time goes."""
-    import torch
-
-    from models.config import VoxelNetConfig
-    from models.detector import VoxelNetDetector, candidates, suppressed
-    from models.voxelnet import VoxelNet
+    """The CPU default with its shipped weights, points to boxes, and where its time goes."""
+    from models.detector import candidates, load_detector, suppressed
     from models.voxels import voxelise
 
-    torch.manual_seed(0)
-    config = VoxelNetConfig.light((-40, -20, 40, 20))
-    detector, points = VoxelNetDetector(_selective(VoxelNet(config).eval())), fused_cloud()
+    detector, points = load_detector("tjunction"), fused_cloud()
+    config = detector.config
     voxels = voxelise(points, config)
     maps = detector.network(voxels)
     boxes = candidates(maps, detector.anchors, config, 0.1)[0]
