@@ -38,12 +38,13 @@ def together(site, poses: int, rng: np.random.Generator):
 
     own, more = paper_candidates(site), pool(site)
     more = more.select(np.sort(rng.choice(len(more), poses, replace=False)))
+    mount = np.concatenate([own.mount, len(own.mounts) + more.mount])
     return replace(
         own,
         sensors=(*own.sensors, *more.sensors),
         mounts=(*own.mounts, *more.mounts),
-        mount=np.concatenate([own.mount, len(own.mounts) + more.mount]),
-        factors=np.full((len(own) + len(more), 5), 0),
+        mount=mount,
+        factors=np.column_stack([mount, np.zeros((len(mount), 4), np.int64)]),
     )
 
 
