@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
 Scheme = Literal["early", "late", "hybrid"]
-SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 Method = Literal["exhaustive", "greedy", "lazy", "stochastic", "swap", "annealing", "cpsat", "nsga2"]
 METHODS: dict[Method, tuple[str, str]] = {
     **{name: (name, "search") for name in get_args(Method)}, "lazy": ("greedy", "lazy"),
@@ -638,7 +637,7 @@ def table(
             Renders.of(recording), _detector(detector, recording), out,
             frames=_count(recording, frames), commit=commit(), workers=workers, ray=ray, progress=report,
         )  # fmt: skip
-    best = {scheme: best_sets(made, scheme) for scheme in SCHEMES}
+    best = {scheme: best_sets(made, scheme) for scheme in get_args(Scheme)}
     lines = [
         f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
         for scheme, sizes in best.items()

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from models.folding import scale_and_shift
-from models.voxelnet import HeightFold, columns
+from models.voxelnet import HeightFold, columns, folded_columns
 from models.voxels import Voxels
 from toolkit.arrays import Float32, Int64
 
@@ -33,14 +33,9 @@ class SparseColumns(nn.Module):
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K h w"]:
         """The convolution's map, channels last in memory."""
         column, key = columns(voxels, self.shape)
-        return self._spread(self._folded(features, voxels.cells[:, 3], column, len(key)), key, voxels.items)
-
-    def _folded(self, features: Tensor, level: Tensor, column: Tensor, count: int) -> Float32[Tensor, "n K"]:
-        """Features of the columns: of their voxels' the sum, by level another map of each."""
-        by_level = torch.argsort(level, stable=True)
-        groups = torch.split(features[by_level], torch.bincount(level, minlength=len(self.levels)).tolist())
-        products = torch.cat([rows @ weight for rows, weight in zip(groups, self.levels, strict=True)])
-        return torch.relu_(self.shift.expand(count, -1).clone().index_add_(0, column[by_level], products))
+        start = self.shift.expand(len(key), -1)
+        x = torch.relu_(folded_columns(features, voxels.cells[:, 3], column, self.levels, start))
+        return self._spread(x, key, voxels.items)
 
     def _spread(self, x: Float32[Tensor, "n I"], key: Int64[Tensor, " n"], items: int) -> Float32[Tensor, "B K h w"]:
         """The convolution of columns at places `key` of the flat map."""
@@ -55,12 +50,10 @@ class SparseColumns(nn.Module):
                 columns_there, at, row, cell = x[some], place[some], ix[some] // 2, iy[some] // 2
                 for kx, dx in _taps(odd_x):
                     for ky, dy in _taps(odd_y):
-                        inside = (row + dx < rows) & (cell + dy < cells)
-                        product = columns_there @ self.taps[kx, ky]
+                        product, there = columns_there @ self.taps[kx, ky], at + dx * cells + dy
                         if dx or dy:
-                            product, there = product[inside], (at + dx * cells + dy)[inside]
-                        else:
-                            there = at
+                            inside = (row + dx < rows) & (cell + dy < cells)
+                            product, there = product[inside], there[inside]
                         out.index_add_(0, there, product)
         return F.relu_(out).view(items, rows, cells, -1).permute(0, 3, 1, 2)
 

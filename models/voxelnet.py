@@ -167,12 +167,24 @@ class HeightFold(nn.Module):
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """The map seen from above."""
         column, key = columns(voxels, self.shape)
-        level = voxels.cells[:, 3]
-        by_level = torch.argsort(level, stable=True)
-        groups = torch.split(features[by_level], torch.bincount(level, minlength=len(self.weight)).tolist())
-        products = torch.cat([rows @ weight for rows, weight in zip(groups, self.weight, strict=True)])
-        folded = products.new_zeros(len(key), self.width).index_add(0, column[by_level], products)
+        folded = folded_columns(
+            features, voxels.cells[:, 3], column, self.weight, features.new_zeros(len(key), self.width)
+        )
         return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
+
+
+def folded_columns(
+    features: Float[Tensor, "v C"],
+    level: Int64[Tensor, " v"],
+    column: Int64[Tensor, " v"],
+    weight: Float[Tensor, "D C K"],
+    start: Float[Tensor, "n K"],
+) -> Float[Tensor, "n K"]:
+    """`start` of each column and, added to it, the products of its voxels with the weights of their levels."""
+    by_level = torch.argsort(level, stable=True)
+    groups = torch.split(features[by_level], torch.bincount(level, minlength=len(weight)).tolist())
+    products = torch.cat([rows @ weights for rows, weights in zip(groups, weight, strict=True)])
+    return start.index_add(0, column[by_level], products)
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:

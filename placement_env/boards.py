@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.objective import SCHEMES, Objective, Scores
+from placement_env.objective import Objective, Scores
 from placement_env.scenes import STATIC, Scene, Start
 from toolkit.arrays import Bool, Float32, Int64, Shaped
+from toolkit.evaluation import SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
 GLOBAL = (

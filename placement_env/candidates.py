@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.geometry import BODY_SE3_CAMERA, pose
+from toolkit.geometry import BODY_SE3_CAMERA, look, pose
 from toolkit.sensors import DepthCamera, Sensor, SensorModel
 from toolkit.site import Mount, Site
 
@@ -150,9 +150,7 @@ def paper_candidates(site: Site) -> Candidates:
     for sensor in site.sensors:
         mounts.append(_mount_of(sensor, site, {mount.name for mount in mounts}))
     heights = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
-    forward = np.array([s.pose[:3, 2 if isinstance(s.model, DepthCamera) else 0] for s in site.sensors])
-    tilts = np.arctan2(-forward[:, 2], np.hypot(forward[:, 0], forward[:, 1]))
-    headings = np.arctan2(forward[:, 1], forward[:, 0])
+    headings, tilts = aims(site.sensors)
     up, around, down = (np.unique(np.round(v, 6), return_inverse=True) for v in (heights, headings, tilts))
     models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
     model = np.array([models.index(sensor.model) for sensor in site.sensors])
@@ -202,6 +200,21 @@ def pool(
         Sensor(name, axes.models[model], at) for name, model, at in zip(names, factors[:, 4], poses, strict=True)
     )
     return Candidates(sensors, factors[:, 0].copy(), chosen, factors, axes)
+
+
+def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Heading and tilt below the horizon (rad) of each sensor."""
+    axis = [2 if isinstance(sensor.model, DepthCamera) else 0 for sensor in sensors]
+    x, y, z = np.array([sensor.pose[:3, k] for sensor, k in zip(sensors, axis, strict=True)]).T
+    return np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+
+
+def aimed(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float) -> Sensor:
+    """The sensor elsewhere, without roll; angles as of `aims`."""
+    x, y, z = position.tolist()
+    camera = isinstance(sensor.model, DepthCamera)
+    there = look((x, y, z), heading, tilt) if camera else pose(x, y, z, yaw=heading, pitch=tilt)
+    return replace(sensor, pose=there)
 
 
 def _mount_of(sensor: Sensor, site: Site, taken: set[str]) -> Mount:

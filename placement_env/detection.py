@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, get_args, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from placement_env.memo import Arrays, Memo, key_of
 from placement_env.processes import spread
 from placement_env.traffic_frames import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
-from toolkit.evaluation import Scheme
+from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.fusion import Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
 from toolkit.metrics import average_precision, match, precision_recall
 from toolkit.objects import Detections, Detector, Objects
@@ -108,8 +108,8 @@ class Detected:
         workers: int = 1,
         ray: str | None = None,
     ) -> None:
-        if scheme not in get_args(Scheme):
-            raise ValueError(f"scheme must be one of {', '.join(get_args(Scheme))}, got {scheme!r}")
+        if scheme not in SCHEMES:
+            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
         if not 0 < iou <= 1:
             raise ValueError(f"iou must lie in (0, 1], got {iou}")
         self.renders, self.detector, self.scheme, self.iou = renders, detector, scheme, iou

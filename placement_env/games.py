@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import gymnasium as gym
@@ -11,7 +10,7 @@ from gymnasium.spaces import Box, Space
 
 from placement_env.boards import DYNAMIC, GLOBAL, Boards
 from placement_env.pictures import bird_view, summary
-from placement_env.scenes import STATIC, Scenes
+from placement_env.scenes import STATIC
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 RENDER_MODES = ["rgb_array", "ansi"]
@@ -98,11 +97,3 @@ def observation_space(slots: int) -> Box:
     """Of games that choose among candidates: features of each slot, feature after feature, then of the whole."""
     size = (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)
     return Box(-1.0, 1.0, (size,), np.float32)
-
-
-def scenes_of(
-    site: Any, budget: int, scheme: Any, slots: int | None, objective: Any, arguments: dict[str, Any]
-) -> Scenes:
-    """The scenes of one site or several."""
-    several = isinstance(site, Sequence) and not isinstance(site, str)
-    return Scenes(site if several else [site], budget, scheme, slots, objective, arguments)

@@ -19,15 +19,14 @@ import json
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float
-from toolkit.evaluation import Scheme
+from toolkit.evaluation import SCHEMES, Scheme
 
 FOLDER = Path(__file__).parent / "surrogates"
-SCHEMES = get_args(Scheme)
 RANGES = {
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,18 +10,16 @@ import numpy as np
 from gymnasium.spaces import Box, Space
 
 from placement_env.boards import Boards
-from placement_env.candidates import Axes, Candidates
+from placement_env.candidates import Axes, Candidates, aimed
 from placement_env.fidelities import Preparation, site_candidates
 from placement_env.games import GameEnv, observation_space
 from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_scheme
-from placement_env.scenes import Scene, checked, poses
+from placement_env.scenes import Scene, Sites, checked, poses
 from placement_env.visibility import Visibility, see
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.evaluation import Scheme
-from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.objects import Detector
-from toolkit.sensors import DepthCamera, Sensor
-from toolkit.site import Site, load_site
+from toolkit.site import Site
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
 TILTS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
@@ -61,7 +59,7 @@ class Rig:
         factors = np.stack([mount, count, count, count, model], axis=1)
         feet = _feet(self.candidates)
         sensors = tuple(
-            Sensor(s.name, s.model, _pose(s, float(foot + h), float(y), float(t)))
+            aimed(s, np.array([*s.position[:2], foot + h]), float(y), float(t))
             for s, foot, h, y, t in zip(self.candidates.sensors, feet, height, heading, tilt, strict=True)
         )
         return Candidates(sensors, mount, self.candidates.mounts, factors, Axes(height, heading, tilt, models))
@@ -83,11 +81,10 @@ class PoseScenes:
     ) -> None:
         if fidelity == "table":
             raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
-        several = isinstance(site, Sequence) and not isinstance(site, str)
-        self.sites = [load_site(each) if isinstance(each, str) else each for each in (site if several else [site])]
+        self.sites = Sites(site)
         self.budget, self.scheme, self.fidelity = budget, check_scheme(scheme), fidelity
         self.weights: Weights = arguments.get("weights", AP_ONLY)
-        self._arguments, self._drawn = dict(arguments), len(self.sites)
+        self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Preparation] = {}
 
     def start(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseStart:
@@ -111,13 +108,8 @@ class PoseScenes:
         return PoseStart(preparation, Rig.of(candidates.select(chosen)))
 
     def _preparation(self, options: Mapping[str, Any], rng: np.random.Generator) -> Preparation:
-        site, scheme = options.get("site"), check_scheme(options.get("scheme", self.scheme))
-        if site is None:
-            index = int(rng.integers(self._drawn)) if self._drawn > 1 else 0
-        else:
-            index = next((i for i, s in enumerate(self.sites) if s is site or s.name == site), len(self.sites))
-            if index == len(self.sites):
-                self.sites.append(load_site(site) if isinstance(site, str) else site)
+        scheme = check_scheme(options.get("scheme", self.scheme))
+        index = self.sites.index(options.get("site"), rng)
         if (index, scheme) not in self._made:
             self._made[index, scheme] = _prepared(self.sites[index], scheme, **self._arguments)
         return self._made[index, scheme]
@@ -206,7 +198,7 @@ def see_moved(
     fresh = see(preparation.traffic, candidates.select(moved))
     if visibility is None or len(moved) == len(still):
         return fresh
-    columns = {name: getattr(visibility, name).copy() for name in ("points", "nearest", "sent", "far")}
+    columns = {name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")}
     for name, column in columns.items():
         column[moved] = getattr(fresh, name)
     return replace(visibility, **columns)
@@ -279,10 +271,3 @@ def _prepared(
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:
     return np.array([candidates.mounts[index].position[2] for index in candidates.mount])
-
-
-def _pose(sensor: Sensor, z: float, heading: float, tilt: float) -> Float64[np.ndarray, "4 4"]:
-    """Above the same place, without roll."""
-    x, y, _ = sensor.position.tolist()
-    body = pose(x, y, z, yaw=heading, pitch=tilt)
-    return body @ BODY_SE3_CAMERA if isinstance(sensor.model, DepthCamera) else body

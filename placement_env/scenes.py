@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates import Candidates
+from placement_env.candidates import Candidates, aims
 from placement_env.coverage import LEAST
 from placement_env.fidelities import site_candidates
-from placement_env.objective import SCHEMES, Objective, check_scheme
+from placement_env.objective import Objective, check_scheme
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.evaluation import Scheme
+from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.sensors import DepthCamera
 from toolkit.site import Site, load_site
 
@@ -101,16 +101,42 @@ class Start:
     failed: Bool[np.ndarray, " slots"]
 
 
+class Sites:
+    """The sites that an environment is played at: one or several of these and their names, of which one is drawn for
+    each episode, and those that options name later."""
+
+    def __init__(self, site: Any) -> None:
+        several = isinstance(site, Sequence) and not isinstance(site, str)
+        self._known = [load_site(each) if isinstance(each, str) else each for each in (site if several else [site])]
+        self._drawn = len(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def __getitem__(self, index: int) -> Site:
+        return self._known[index]
+
+    def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
+        """Place of a site given by itself or name, of one drawn for None; a new one joins the others."""
+        if site is None:
+            return int(rng.integers(self._drawn)) if self._drawn > 1 else 0
+        for index, known in enumerate(self._known):
+            if known is site or known.name == site:
+                return index
+        self._known.append(load_site(site) if isinstance(site, str) else site)
+        return len(self._known) - 1
+
+
 class Scenes:
     """The scenes of an environment, made when first played at.
 
-    sites: one of them, by name, is drawn for each episode unless an option names one; objective: in place of sites;
+    site: as of `Sites`; objective: in place of sites;
     arguments: further ones of `Objective`. slots: None for what the largest of the sites needs.
     """
 
     def __init__(
         self,
-        sites: Sequence[Site | str],
+        site: Any,
         budget: int,
         scheme: Scheme,
         slots: int | None,
@@ -119,14 +145,14 @@ class Scenes:
     ) -> None:
         if budget < 1:
             raise ValueError(f"budget must be at least 1 sensor, got {budget}")
-        self.sites = [load_site(site) if isinstance(site, str) else site for site in sites]
-        if objective is None and not self.sites:
+        self.sites = Sites(site)
+        if objective is None and not len(self.sites):
             raise ValueError("an environment needs a site or an objective")
         self.budget, self.scheme, self.objective = budget, check_scheme(scheme), objective
-        self._arguments, self._drawn = dict(arguments), len(self.sites)
+        self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Scene] = {}
         self._candidates: dict[int, Candidates] = {}
-        whole = [objective.candidates] if objective else [self._candidates_of(i) for i in range(self._drawn)]
+        whole = [objective.candidates] if objective else [self._candidates_of(i) for i in range(len(self.sites))]
         self.slots = max(map(len, whole)) if slots is None else slots
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
 
@@ -143,21 +169,11 @@ class Scenes:
             if "site" in options or scheme != self.objective.scheme:
                 raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
             return self._made.setdefault((-1, scheme), Scene(self.objective, self.slots))
-        index = self._index(options.get("site"), rng)
+        index = self.sites.index(options.get("site"), rng)
         if (index, scheme) not in self._made:
             arguments = {**self._arguments, "candidates": self._candidates_of(index)}
             self._made[index, scheme] = Scene(Objective(self.sites[index], scheme=scheme, **arguments), self.slots)
         return self._made[index, scheme]
-
-    def _index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Place among the sites of one given by itself or name, of one drawn for None; a new one joins the others."""
-        if site is None:
-            return int(rng.integers(self._drawn)) if self._drawn > 1 else 0
-        for index, known in enumerate(self.sites):
-            if known is site or known.name == site:
-                return index
-        self.sites.append(load_site(site) if isinstance(site, str) else site)
-        return len(self.sites) - 1
 
     def _candidates_of(self, index: int) -> Candidates:
         if index not in self._candidates:
@@ -202,11 +218,8 @@ def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     """Of each candidate position (C, 3), heading, tilt, horizontal field of view (rad), and whether it is a lidar."""
     sensors = candidates.sensors
     lidar = np.array([not isinstance(sensor.model, DepthCamera) for sensor in sensors], np.bool_)
-    forward = np.array([sensor.pose[:3, 0 if is_lidar else 2] for sensor, is_lidar in zip(sensors, lidar, strict=True)])
     width = [s.model.fov if isinstance(s.model, DepthCamera) else s.model.azimuth_fov for s in sensors]
-    heading = np.arctan2(forward[:, 1], forward[:, 0])
-    tilt = np.arctan2(-forward[:, 2], np.hypot(forward[:, 0], forward[:, 1]))
-    return np.array([sensor.position for sensor in sensors]), heading, tilt, np.array(width), lidar
+    return np.array([sensor.position for sensor in sensors]), *aims(sensors), np.array(width), lidar
 
 
 def candidate_features(objective: Objective, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:

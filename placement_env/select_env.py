@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete, Space
 
 from placement_env.boards import Boards
-from placement_env.games import GameEnv, observation_space, scenes_of
+from placement_env.games import GameEnv, observation_space
 from placement_env.objective import Objective
 from placement_env.scenes import Scene, Scenes, Start
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
@@ -151,5 +151,5 @@ class SensorSelectEnv(GameEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        scenes = scenes_of(site, budget, scheme, slots, objective, arguments)
+        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
         super().__init__(SelectGame(1, scenes, actions), render_mode)

@@ -109,9 +109,7 @@ class _Scene:
 
     def _worth(self, points: np.ndarray, rays: np.ndarray, sensors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
-        xmin, ymin, xmax, ymax = self._site.area.tolist()
-        x, y, z = points.T
-        within = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z < self._site.height)
+        within, z = inside(points, self._site.area, self._site.height, -np.inf), points[:, 2]
         spread = np.maximum(np.abs(rays[:, 2]) * self._sigma.take(sensors), 1e-6)
         sent = within * _normal(np.clip(z / spread, -8, 8))
         offset = points[:, :2] - self._positions[:, :2].take(sensors, axis=0)

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import MultiBinary, Space
 
 from placement_env.boards import Boards
-from placement_env.games import GameEnv, observation_space, scenes_of
+from placement_env.games import GameEnv, observation_space
 from placement_env.objective import Objective
 from placement_env.scenes import Scenes, Start
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
@@ -93,5 +93,5 @@ class SensorSubsetEnv(GameEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        scenes = scenes_of(site, budget, scheme, slots, objective, arguments)
+        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
         super().__init__(SubsetGame(1, scenes), render_mode)

@@ -98,11 +98,11 @@ def evidence_rows(
 ) -> Float[np.ndarray, "C w"]:
     """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
     points: np.ndarray = visibility.points.astype(dtype)
-    points *= (np.maximum(visibility.nearest, 1).astype(dtype) / 20) ** model.reach
+    points *= (np.maximum(visibility.distance, 1).astype(dtype) / 20) ** model.reach
     powers = np.minimum(points, MOST_POINTS) ** model.norm
     if model.scheme != "hybrid":
         return powers
-    return np.concatenate([powers, np.where(visibility.nearest > radius, points, 0)], axis=1)
+    return np.concatenate([powers, np.where(visibility.distance > radius, points, 0)], axis=1)
 
 
 def joined(sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:

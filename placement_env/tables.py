@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,15 +18,14 @@ from placement_env.array_files import read_arrays, write_arrays
 from placement_env.detection import IOUS, Detected, Measured
 from placement_env.fidelity import Estimate
 from placement_env.memo import Memo, key_of
+from placement_env.values import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.evaluation import Scheme
+from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.objects import Detector
 from toolkit.sensors import Sensor
 from toolkit.site import Site
 
 SHIPPED = Path(__file__).parent / "exact"
-SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
-MOST_SENSORS = 16
 
 
 @dataclass(frozen=True)
@@ -115,17 +114,6 @@ def best_sets(table: Table, scheme: Scheme = "early", iou: float = 0.7, top: int
         best = rows[np.argsort(-ap[rows], kind="stable")][:top]
         found[size] = [Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best]
     return found
-
-
-def all_subsets(sensors: int) -> Bool[np.ndarray, "sets C"]:
-    """All sets of so many sensors, row number being bit mask.
-
-    >>> all_subsets(2).astype(int).tolist()
-    [[0, 0], [1, 0], [0, 1], [1, 1]]
-    """
-    if sensors > MOST_SENSORS:
-        raise ValueError(f"all sets of {sensors} sensors are too many to score, at most {MOST_SENSORS}: choose some")
-    return (np.arange(1 << sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
 def make_table(

@@ -86,7 +86,10 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     [[0, 0], [1, 0], [0, 1], [1, 1]]
     """
     if not 0 <= sensors <= MOST_SENSORS:
-        raise ValueError(f"all sets are listed for at most {MOST_SENSORS} sensors, got {sensors}: use sampled_worth?")
+        raise ValueError(
+            f"too many sets: they are listed for at most {MOST_SENSORS} sensors, got {sensors};"
+            " choose some, or use sampled_worth"
+        )
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 

@@ -14,9 +14,10 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from placement_env.games import RENDER_MODES, Game, picture, scenes_of
+from placement_env.games import RENDER_MODES, Game, picture
 from placement_env.objective import FidelityName, Objective
 from placement_env.pose_env import PoseGame, PoseScenes
+from placement_env.scenes import Scenes
 from placement_env.select_env import Actions, SelectGame
 from placement_env.subset_env import SubsetGame
 from toolkit.evaluation import Scheme
@@ -100,7 +101,7 @@ class SensorSelectVectorEnv(GameVectorEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        scenes = scenes_of(site, budget, scheme, slots, objective, arguments)
+        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
         super().__init__(SelectGame(num_envs, scenes, actions), render_mode)
 
 
@@ -119,7 +120,7 @@ class SensorSubsetVectorEnv(GameVectorEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        scenes = scenes_of(site, budget, scheme, slots, objective, arguments)
+        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
         super().__init__(SubsetGame(num_envs, scenes), render_mode)
 
 

@@ -26,7 +26,7 @@ from placement_env.sightings import Seen, look_at
 from placement_env.traffic_frames import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.boxes import count_points
-from toolkit.dataset import CoopDataset
+from toolkit.dataset import CoopDataset, noisy
 from toolkit.fusion import hybrid_radius
 from toolkit.points import beyond, frame_points
 from toolkit.sensors import Sensor
@@ -40,13 +40,13 @@ Block = tuple[int, int]
 class Visibility:
     """What C candidates see of the O scored objects (vehicles centred in the area) of F frames, frame after frame.
 
-    points: on each object inside the crop, noise-free; nearest: m from the sensor to the object's centre, whether or
-    not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the crop of each
-    frame; far: those of them farther off, horizontally, than the radius of hybrid fusion.
+    points: on each object inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal,
+    m, whether or not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the
+    crop of each frame; far: those of them farther off, horizontally, than the radius of hybrid fusion.
     """
 
     points: Float32[np.ndarray, "C O"]
-    nearest: Float32[np.ndarray, "C O"]
+    distance: Float32[np.ndarray, "C O"]
     frame: Int64[np.ndarray, " O"]
     boxes: Float64[np.ndarray, "O 7"]
     sent: Float32[np.ndarray, "C F"]
@@ -63,7 +63,7 @@ class Visibility:
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Visibility:
         """What some of the candidates see, in the order given."""
         chosen = np.asarray(indices, np.int64)
-        per_candidate = (self.points[chosen], self.nearest[chosen])
+        per_candidate = (self.points[chosen], self.distance[chosen])
         return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen])
 
     def save(self, path: str | Path) -> None:
@@ -84,16 +84,14 @@ class Visibility:
 
         What is sent is counted with the noise that `toolkit.evaluation` adds, None for none, as kbit are there.
         """
-        from placement_env.renders import Recorded
-
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
-        measured, radius = Recorded(recording, noise_seed), hybrid_radius(site)
+        radius = hybrid_radius(site)
         points, sent, far, boxes = [], [], [], []
         for k in range(count):
             frame = recording[k]
             boxes.append(frame.objects.boxes[scored(frame.objects, site)])
             points.append([count_points(cloud, boxes[-1]) for cloud in frame_points(frame, area=site)])
-            clouds = [measured.clouds(k, c) for c in range(len(recording.sensors))]
+            clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
             far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
         per_frame = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
@@ -143,9 +141,9 @@ def _scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np
 
 
 def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
-    """Distance (m) from each sensor to the centre of each box."""
-    positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 1, 3)
-    return np.linalg.norm(boxes[:, :3] - positions, axis=2).astype(np.float32)
+    """Horizontal distance (m) from each sensor to the centre of each box."""
+    positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
+    return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)
 
 
 def _blocks(sensors: Sequence[Sensor]) -> list[Block]:

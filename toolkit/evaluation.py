@@ -38,6 +38,7 @@ from toolkit.sensors import Sensor
 from toolkit.site import Site
 
 Scheme = Literal["early", "late", "hybrid"]
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 Result = TypeVar("Result")
 
 
@@ -78,7 +79,7 @@ def evaluate_dataset(
     dataset: Recording,
     detector: Detector,
     *,
-    schemes: Sequence[Scheme] = get_args(Scheme),
+    schemes: Sequence[Scheme] = SCHEMES,
     sensor_sets: Sequence[Sequence[int | str] | None] = (None,),
     iou_thresholds: Sequence[float] = (0.7, 0.8, 0.9),
     frames: int | None = None,
@@ -273,6 +274,6 @@ def _parallel(steps: Iterable[tuple[Result, float]]) -> tuple[list[Result], floa
 
 
 def _known(scheme: Scheme) -> Scheme:
-    if scheme not in get_args(Scheme):
-        raise ValueError(f"scheme must be one of {', '.join(get_args(Scheme))}, got {scheme!r}")
+    if scheme not in SCHEMES:
+        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
     return scheme

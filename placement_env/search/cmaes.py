@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from placement_env.candidates import Axes, Candidates
+from placement_env.candidates import Axes, Candidates, aimed, aims
 from placement_env.fidelity import Fidelity
 from placement_env.objective import Objective, Score, Weights
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
 from toolkit.arrays import Bool, Float64
 from toolkit.evaluation import Scheme
-from toolkit.geometry import look, pose
-from toolkit.sensors import DepthCamera, Sensor
+from toolkit.sensors import Sensor
 from toolkit.site import Mount
 
 if TYPE_CHECKING:
@@ -146,8 +145,8 @@ def hung(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candidates:
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:
     """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
-    x, y, z = sensor.pose[:3, 2 if isinstance(sensor.model, DepthCamera) else 0]
-    return float(sensor.position[2]), float(np.arctan2(y, x)), float(np.arctan2(-z, np.hypot(x, y)))
+    (heading,), (tilt,) = aims([sensor])
+    return float(sensor.position[2]), float(heading), float(tilt)
 
 
 class Coding:
@@ -182,7 +181,8 @@ class Coding:
             low, high = _range(self.start.mounts[mount])
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = angles(self.start.sensors[c])[1] + np.pi * turn
-            sensors.append(_aimed(self.start.sensors[c], position, heading, TILTS[0] + tilt * (TILTS[1] - TILTS[0])))
+            aim = float(heading), float(TILTS[0] + tilt * (TILTS[1] - TILTS[0]))
+            sensors.append(aimed(self.start.sensors[c], position, *aim))
         return tuple(sensors)
 
     def options(self) -> dict[str, Any]:
@@ -197,13 +197,6 @@ class Coding:
 
 def _range(mount: Mount) -> tuple[float, float]:
     return mount.min_height, mount.max_height
-
-
-def _aimed(sensor: Sensor, position: np.ndarray, heading: float, tilt: float) -> Sensor:
-    x, y, z = (float(p) for p in position)
-    if isinstance(sensor.model, DepthCamera):
-        return replace(sensor, pose=look((x, y, z), float(heading), float(tilt)))
-    return replace(sensor, pose=pose(x, y, z, yaw=float(heading), pitch=float(tilt)))
 
 
 def _quiet(rng: np.random.Generator) -> dict[str, Any]:

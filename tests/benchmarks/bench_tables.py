@@ -15,9 +15,10 @@ from models import load_detector
 from placement_env.detection import Detected
 from placement_env.memo import Memo
 from placement_env.renders import Renders
-from placement_env.tables import SCHEMES, all_subsets
+from placement_env.values import all_subsets
 from toolkit.arrays import Float32
 from toolkit.dataset import CoopDataset
+from toolkit.evaluation import SCHEMES
 from toolkit.objects import Detections
 
 

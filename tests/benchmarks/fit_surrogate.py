@@ -64,11 +64,12 @@ def main() -> None:
     from models.detector import load_detector
     from placement_env.detection import Detected
     from placement_env.hit_fit import fit_detected
-    from placement_env.hit_model import FOLDER, SCHEMES, save_models
+    from placement_env.hit_model import FOLDER, save_models
     from placement_env.renders import Renders
     from placement_env.surrogate import Surrogate
     from placement_env.traffic_frames import traffic
     from placement_env.visibility import see
+    from toolkit.evaluation import SCHEMES
     from toolkit.fusion import hybrid_radius
     from toolkit.site import load_site
 

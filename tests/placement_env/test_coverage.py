@@ -9,13 +9,13 @@ from placement_env.member_sums import MemberSums
 from placement_env.visibility import Visibility
 
 
-def visibility(points, sent=2.0, far=1.0, frames=2, nearest=30.0):
+def visibility(points, sent=2.0, far=1.0, frames=2, distance=30.0):
     points = np.asarray(points, np.float32)
     candidates, objects = points.shape
     frame = np.arange(objects) * frames // max(1, objects)
     boxes = np.tile([0.0, 0, 0.7, 4, 2, 1.5, 0], (objects, 1))
     per_frame = (np.full((candidates, frames), each, np.float32) for each in (sent, far))
-    return Visibility(points, np.full(points.shape, nearest, np.float32), frame, boxes, *per_frame)
+    return Visibility(points, np.full(points.shape, distance, np.float32), frame, boxes, *per_frame)
 
 
 SEEN = visibility([[30, 30, 0, 5], [0, 30, 19, 20], [0, 0, 0, 0]])

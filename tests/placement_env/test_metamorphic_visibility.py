@@ -121,7 +121,7 @@ def test_points_on_objects_are_among_the_points_sent(seen):
 
 
 def test_twins_see_the_same_and_who_looks_away_nothing(seen):
-    for figure in (seen.points, seen.sent, seen.far, seen.nearest):
+    for figure in (seen.points, seen.sent, seen.far, seen.distance):
         assert (figure[TWIN] == figure[TWIN - 1]).all()
     assert not seen.points[AWAY].any()
 
@@ -139,7 +139,7 @@ def test_each_sees_the_same_whoever_looks_beside_it(seen):
 def test_moving_and_turning_site_traffic_and_sensors_together_changes_nothing(move, seen):
     there = see(*scene(**move))
     assert there.frame.tolist() == seen.frame.tolist()
-    np.testing.assert_allclose(there.nearest, seen.nearest, atol=1e-3)
+    np.testing.assert_allclose(there.distance, seen.distance, atol=1e-3)
     np.testing.assert_allclose(there.points, seen.points, rtol=0.01, atol=3)  # rays that graze go either way
     for one, other in ((there.sent, seen.sent), (there.far, seen.far)):
         np.testing.assert_allclose(one, other, rtol=0.2)  # level ground lies on the crop's edge, z > 0: by rounding

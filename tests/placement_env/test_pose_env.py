@@ -60,7 +60,7 @@ def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> N
     start = game._starts[0]
     again = see(start.preparation.traffic, start.rig.placed())
     assert members == [0, 1]
-    for column in ("points", "nearest", "sent", "far"):
+    for column in ("points", "distance", "sent", "far"):
         assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))
 
 

@@ -29,8 +29,8 @@ def random_visibility(candidates=12, objects=300, frames=20, seed=0):
         [rng.uniform(-30, 30, (objects, 2)), np.tile([0.7, 4.4, 1.8, 1.5], (objects, 1)), rng.uniform(-3, 3, objects)]
     )
     sent, far = (rng.integers(100, 5000, (candidates, frames)).astype(np.float32) for _ in range(2))
-    nearest = rng.uniform(5, 60, shape).astype(np.float32)
-    return Visibility(points, nearest, np.sort(rng.integers(0, frames, objects)), boxes, sent, far)
+    distance = rng.uniform(5, 60, shape).astype(np.float32)
+    return Visibility(points, distance, np.sort(rng.integers(0, frames, objects)), boxes, sent, far)
 
 
 VISIBILITY = random_visibility()
@@ -75,7 +75,7 @@ def test_hits_and_ap_against_plain_python():
     chosen = np.flatnonzero(SETS[7])
     p = []
     for o in range(VISIBILITY.points.shape[1]):
-        n = [VISIBILITY.points[c, o] * (VISIBILITY.nearest[c, o] / 20) ** MODEL.reach for c in chosen]
+        n = [VISIBILITY.points[c, o] * (VISIBILITY.distance[c, o] / 20) ** MODEL.reach for c in chosen]
         total = sum(float(each) ** MODEL.norm for each in n)
         z = MODEL.intercept + MODEL.density * np.log1p(total) / MODEL.norm
         p.append(MODEL.ceiling / (1 + np.exp(-z)) if total else 0.0)
@@ -102,7 +102,7 @@ def test_expected_ap_is_that_of_many_draws():
 
 def test_late_fusion_goes_by_the_best_view_and_early_by_all():
     points = np.array([[40, 40], [40, 0]], np.float32)
-    seen = replace(random_visibility(2, 2), points=points, nearest=np.full((2, 2), 20, np.float32))
+    seen = replace(random_visibility(2, 2), points=points, distance=np.full((2, 2), 20, np.float32))
     one, both = np.array([[True, False]]), np.array([[True, True]])
     gain = {
         s: (Surrogate(seen, s, MODELS[s])(both).recall - Surrogate(seen, s, MODELS[s])(one).recall)[0] for s in SCHEMES

@@ -110,13 +110,13 @@ def test_saved_and_loaded(seen, tmp_path):
     seen.save(tmp_path / "seen.npz")
     assert equal(Visibility.load(tmp_path / "seen.npz"), seen)
     write_arrays(tmp_path / "other.npz", {"points": seen.points})
-    with pytest.raises(ValueError, match="must hold boxes, far"):
+    with pytest.raises(ValueError, match="must hold boxes, distance, far"):
         Visibility.load(tmp_path / "other.npz")
 
 
-def test_nearest_is_the_distance_to_the_centre(seen, small_candidates):
-    offset = seen.boxes[3, :3] - small_candidates.sensors[1].position
-    assert seen.nearest[1, 3] == pytest.approx(np.linalg.norm(offset), rel=1e-6)
+def test_distance_is_the_horizontal_one_to_the_centre(seen, small_candidates):
+    offset = seen.boxes[3, :2] - small_candidates.sensors[1].position[:2]
+    assert seen.distance[1, 3] == pytest.approx(np.linalg.norm(offset), rel=1e-6)
 
 
 def test_nobody_sees_nothing(small_traffic, small_candidates):
