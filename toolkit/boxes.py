@@ -29,6 +29,7 @@ Metric = Literal["bev", "3d"]
 
 FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 _PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
+_ROUNDS = 4  # of suppression by the best boxes around; they settle nearly all candidates of a detector
 
 # Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
 _FRONT = np.array([1.0, -1.0, -1.0, 1.0])
@@ -137,13 +138,20 @@ def nms(
         raise ValueError(f"iou_threshold must lie in 0..1, got {iou_threshold}")
 
     best_first = np.argsort(-scores, kind="stable")
-    boxes = boxes[best_first]
+    boxes, keep = boxes[best_first], np.ones(len(boxes), bool)
     i, j = _near(boxes, boxes)
     i, j = i[i < j], j[i < j]
+    for _ in range(_ROUNDS):  # who is the best of all around stays, and what clashes with it goes, all over the place
+        beaten = np.zeros(len(boxes), bool)
+        beaten[j] = True
+        by_best = ~beaten[i]
+        rivals = j[by_best]
+        keep[rivals[_iou_pairs(boxes[i[by_best]], boxes[rivals], metric) > iou_threshold]] = False
+        open_yet = ~by_best & keep[i] & keep[j]
+        i, j = i[open_yet], j[open_yet]
     clash = _iou_pairs(boxes[i], boxes[j], metric) > iou_threshold
     i, j = i[clash], j[clash]
     ends = np.searchsorted(i, np.arange(len(boxes) + 1))  # _near gives i in ascending order
-    keep = np.ones(len(boxes), bool)
     for row in np.unique(i):
         if keep[row]:
             keep[j[ends[row] : ends[row + 1]]] = False
