@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,13 +21,17 @@ if TYPE_CHECKING:
     from placement_env.visibility import Visibility
 
 
-def site_candidates(site: Site, candidates: Candidates | Literal["pool"] | None) -> Candidates:
-    """The candidates themselves, the site's pool, or for None its own sensors."""
+def site_candidates(
+    site: Site, candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None
+) -> Candidates:
+    """The candidates themselves, the site's pool, what a function makes of the site, or for None its own sensors."""
     from placement_env.candidates import paper_candidates, pool
 
     if candidates is None:
         return paper_candidates(site)
-    return pool(site) if isinstance(candidates, str) else candidates
+    if isinstance(candidates, str):
+        return pool(site)
+    return candidates(site) if callable(candidates) else candidates
 
 
 @dataclass(frozen=True, eq=False)

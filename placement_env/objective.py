@@ -8,17 +8,17 @@ its mount carries.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from placement_env.fidelity import Fidelity
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.evaluation import Scheme
+from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.fusion import PAPER
 from toolkit.objects import Detector
 from toolkit.site import Site, load_site
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from placement_env.visibility import Visibility
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
-SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
@@ -83,10 +82,10 @@ class Objective:
     """Scores sets of candidate sensors at a site.
 
     site: a site or its name; frames: of traffic, drawn from `seed`; fidelity: how a set is scored, see `FIDELITIES`;
-    candidates: None for the site's own sensors, "pool" for its pool, or the candidates themselves; detector: of
-    fidelity "detector", None for the shipped network; iou: at which a detection counts; cache: folder where what was
-    rendered and detected is kept, None for nowhere; workers, ray: processes, or address of a Ray
-    cluster, that render and detect.
+    candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
+    makes them of a site; detector: of fidelity "detector", None for the shipped network; iou: at which a detection
+    counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or
+    address of a Ray cluster, that render and detect.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -99,7 +98,7 @@ class Objective:
         fidelity: FidelityName = "surrogate",
         weights: Weights = AP_ONLY,
         *,
-        candidates: Candidates | Literal["pool"] | None = None,
+        candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None = None,
         detector: Detector | None = None,
         iou: float = 0.7,
         seed: int = 0,

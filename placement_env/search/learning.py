@@ -20,6 +20,7 @@ from placement_env.games import GameEnv
 from placement_env.objective import Score
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
+from placement_env.select_env import SensorSelectEnv
 from toolkit.sensors import Sensor
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ CHECKPOINT = "policy.pt"
 @dataclass(frozen=True)
 class Learning:
     """How a policy is trained. envs: played side by side; rollout: steps of each between updates; width: of the two
-    hidden layers; the others are PPO's (Schulman et al. 2017). Episodes are short, so nothing is discounted."""
+    hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
+    al. 2017). Episodes are short, so nothing is discounted."""
 
     envs: int = 8
     rollout: int = 128
@@ -40,7 +42,7 @@ class Learning:
     learning_rate: float = 3e-4
     entropy: float = 0.01
     discount: float = 1.0
-    width: int = 128
+    width: int = 64
 
 
 PLAIN = Learning()
@@ -183,7 +185,7 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
     envs = DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (learning.envs - 1)])
     algorithm = MaskablePPO if _masked(first) else PPO
     return algorithm(
-        "MlpPolicy",
+        _network(first),
         envs,
         n_steps=learning.rollout,
         batch_size=learning.batch,
@@ -195,6 +197,14 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
         seed=seed,
         device="cpu",
     )
+
+
+def _network(env: gym.Env[Any, Any]) -> Any:
+    """Candidates that are chosen one after another are all judged alike; other environments get a plain network."""
+    from placement_env.search.policy_network import CandidatePolicy
+
+    one_by_one = isinstance(env.unwrapped, SensorSelectEnv) and isinstance(env.action_space, gym.spaces.Discrete)
+    return CandidatePolicy if one_by_one else "MlpPolicy"
 
 
 def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[str, Any]:
