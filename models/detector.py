@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from models.config import VoxelNetConfig
 from models.sparse import SparseVoxelNet
 from models.voxelnet import Prediction, VoxelNet
 from models.voxels import collate, voxelise
-from models.weights import digest_of, load_weights
+from models.weights import digest_of, digest_with, load_weights
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import iou_bev, nms
 from toolkit.objects import Detections, label_index
@@ -50,7 +48,7 @@ class VoxelNetDetector:
         self.config = network.config
         self.device = torch.device(device)
         self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
-        self._weights = digest_of({name: tensor.detach().cpu() for name, tensor in network.state_dict().items()})
+        self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self.anchors = anchors(self.config).to(self.device)
 
@@ -62,8 +60,7 @@ class VoxelNetDetector:
     @property
     def digest(self) -> str:
         """SHA-256 of what its detections depend on: weights, configuration and thresholds."""
-        settings = [self._weights, self.config.to_dict(), self.score_threshold, self.nms_threshold]
-        return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+        return digest_with(self._weights, self.config.to_dict(), self.score_threshold, self.nms_threshold)
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""

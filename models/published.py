@@ -22,7 +22,7 @@ from models.detector import MOST_CANDIDATES, candidates, suppressed
 from models.sparse import SparseVoxelNet
 from models.voxelnet import Prediction, VoxelNet
 from models.voxels import voxelise
-from models.weights import check_tensors
+from models.weights import check_tensors, digest_of, digest_with
 from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import nms
 from toolkit.objects import Detections
@@ -75,8 +75,15 @@ class PublishedDetector:
         self.site, self.decoding, self.config = site, decoding, network.config
         self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
         self.device = torch.device(device)
+        self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self.anchors = anchors(self.config).to(self.device)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what its detections depend on: weights, configuration, site, decoding and thresholds."""
+        settings = self.site, self.decoding, self.score_threshold, self.nms_threshold
+        return digest_with(self._weights, self.config.to_dict(), *settings)
 
     def head(
         self, points: Float[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"

@@ -111,5 +111,11 @@ def digest_of(tensors: dict[str, Tensor]) -> str:
     digest = hashlib.sha256()
     for name in sorted(tensors):
         digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
-        digest.update(tensors[name].contiguous().view(-1).view(torch.uint8).numpy().tobytes())
+        flat = tensors[name].detach().cpu().contiguous().view(-1)
+        digest.update(flat.view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()
+
+
+def digest_with(weights: str, *settings: Any) -> str:
+    """SHA-256 of a digest of weights and what else a detector's answers depend on, as JSON writes it."""
+    return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()

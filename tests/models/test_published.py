@@ -330,3 +330,15 @@ def test_unknown_sites_frames_decodings_and_files(network, tmp_path):
         load_published(tmp_path / "none.pth", "crossing")
     with pytest.raises((ValueError, TypeError)):
         published.to_network(np.zeros((2, 4), np.float32), "tjunction", "carla")
+
+
+def test_digest_changes_with_weights_decoding_and_thresholds():
+    network = VoxelNet(VoxelNetConfig.published("tjunction"))
+
+    def digest(**settings):
+        return published.PublishedDetector(network, "tjunction", **settings).digest
+
+    assert digest() == digest()
+    same = [digest(), digest(decoding="published"), digest(score_threshold=0.2), digest(nms_threshold=0.2)]
+    torch.nn.init.ones_(network.head.classes.bias)
+    assert len({*same, digest()}) == 5
