@@ -6,7 +6,7 @@ import json as to_json
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -19,7 +19,8 @@ from tyro.conf import Positional, subcommand
 if TYPE_CHECKING:
     from models.packing import Recording
     from placement_env.candidates import Candidates
-    from placement_env.objective import Score
+    from placement_env.objective import Objective, Score
+    from placement_env.search.found import Found
     from toolkit.dataset import CoopDataset
     from toolkit.objects import Detector
     from toolkit.random_recordings import RandomRecording
@@ -28,10 +29,10 @@ if TYPE_CHECKING:
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
 Scheme = Literal["early", "late", "hybrid"]
-Method = Literal["exhaustive", "greedy", "lazy", "stochastic", "swap", "annealing", "cpsat", "nsga2"]
+Method = Literal["exhaustive", "greedy", "lazy", "stochastic", "swap", "annealing", "cpsat", "nsga2", "cmaes", "ppo"]
 METHODS: dict[Method, tuple[str, str]] = {
     **{name: (name, "search") for name in get_args(Method)}, "lazy": ("greedy", "lazy"),
-    "stochastic": ("greedy", "stochastic"),
+    "stochastic": ("greedy", "stochastic"), "ppo": ("learning", "search"),
 }  # fmt: skip
 
 
@@ -466,7 +467,6 @@ def train(
         workers: Processes that prepare examples.
         json: Print the summary as JSON.
     """
-    from dataclasses import replace
 
     import torch
 
@@ -548,7 +548,8 @@ def search(
 
     Args:
         site: tjunction, roundabout, or a site file.
-        method: How to search; cpsat proves how much more could be covered, exhaustive needs 16 candidates or fewer.
+        method: How to search; cpsat proves how much more could be covered, exhaustive needs 16 candidates or fewer,
+            cmaes turns and lifts the sensors that greedy found, ppo learns a policy first.
         budget: Most sensors.
         scheme: How their measurements are fused.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
@@ -569,7 +570,6 @@ def search(
     from importlib import import_module
 
     from placement_env.objective import Objective, Weights
-    from placement_env.verification import verified
     from toolkit.site import load_site
 
     place = load_site(site)
@@ -581,20 +581,46 @@ def search(
     module, function = METHODS[method]
     run = getattr(import_module(f"placement_env.search.{module}"), function)
     found = run(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
-    names = [objective.names[c] for c in found.best.subset]
+    names = _chosen(objective, found)
     summary = {**asdict(found.best), "sensors": names, "certificate": asdict(found.certificate),
                "evaluations": found.evaluations, "seconds": found.seconds}  # fmt: skip
     lines = [str(found), found.certificate.note, *(f"  {name}" for name in names), _figures(found.best)]
     lines += [f"front: {_figures(score)} {score.subset}" for score in found.front]
     if verify is not None and names:
         dear = Objective(place, frames, scheme, verify, Weights(comm, price), **settings)
-        ranking = verified(objective, dear, np.array(found.best.subset))
-        best = dear.score(np.flatnonzero(ranking.sets[0]))
-        chosen = [dear.names[c] for c in best.subset]
-        summary["verified"] = {**asdict(best), "sensors": chosen}
-        lines += [f"best by the {verify} of {len(ranking.sets)} sets:", *(f"  {n}" for n in chosen), _figures(best)]
+        best, told = _verified(objective, dear, found)
+        summary["verified"] = {**asdict(best), "sensors": [dear.names[c] for c in best.subset]}
+        lines += [told, *(f"  {dear.names[c]}" for c in best.subset), _figures(best)]
     _print(summary, "\n".join(line for line in lines if line), json)
     return OK
+
+
+def _chosen(objective: Objective, found: Found) -> list[str]:
+    """Names of the sensors found, with where they were moved to, if they were."""
+    from placement_env.candidates import aims
+
+    names = [objective.names[c] for c in found.best.subset]
+    if not found.sensors:
+        return names
+    degrees = np.rad2deg(np.stack(aims(found.sensors), axis=1))
+    where = [(*sensor.position, *aim) for sensor, aim in zip(found.sensors, degrees, strict=True)]
+    told = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, heading {:.1f} tilt {:.1f} degrees"
+    return [told.format(name, *numbers) for name, numbers in zip(names, where, strict=True)]
+
+
+def _verified(cheap: Objective, dear: Objective, found: Found) -> tuple[Score, str]:
+    """The best set by a dear objective of what a search on a cheap one found and its neighbours, and how it was chosen.
+    Sensors that were moved have no neighbours."""
+    if found.sensors and dear.preparation is not None:
+        from placement_env.search.cmaes import placing
+
+        (moved,) = placing(dear.preparation, dear.fidelity, dear.weights)([found.sensors])
+        assert moved is not None
+        return replace(moved, subset=found.best.subset), f"by the {dear.fidelity}, moved:"
+    from placement_env.verification import verified
+
+    ranking = verified(cheap, dear, np.array(found.best.subset))
+    return dear.score(np.flatnonzero(ranking.sets[0])), f"best by the {dear.fidelity} of {len(ranking.sets)} sets:"
 
 
 def table(

@@ -25,6 +25,7 @@ from toolkit.site import Site, load_site
 
 if TYPE_CHECKING:
     from placement_env.candidates import Candidates
+    from placement_env.fidelities import Preparation
     from placement_env.visibility import Visibility
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
@@ -113,7 +114,8 @@ class Objective:
         check_scheme(scheme)
         preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, ray, detector)
         visibility = None if fidelity == "table" else preparation.visibility
-        self._hold(candidates, preparation.fidelity(fidelity), scheme, weights, site, visibility)
+        scored_by = preparation.fidelity(fidelity)
+        self._hold(candidates, scored_by, scheme, weights, site, visibility, preparation)
 
     @classmethod
     def of(
@@ -139,9 +141,10 @@ class Objective:
         weights: Weights,
         site: Site | None,
         visibility: Visibility | None,
+        preparation: Preparation | None = None,
     ) -> None:
         self.candidates, self.scored_by, self.scheme, self.weights = candidates, fidelity, scheme, weights
-        self.site, self.visibility = site, visibility
+        self.site, self.visibility, self.preparation = site, visibility, preparation
         self._known: dict[bytes, tuple[float, float, float]] = {}
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Continuous poses: height, heading and tilt of each sensor of a set, by CMA-ES (Hansen and Ostermeier 2001, `cma`).
 
+`search` begins at greedy's set; `improve` at any, scored by any function.
+
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
 without bounds), tilt between `TILTS` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts (0 to
 1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so every
@@ -16,18 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from placement_env.candidates import Axes, Candidates, aimed, aims
-from placement_env.fidelity import Fidelity
 from placement_env.objective import Objective, Score, Weights
+from placement_env.search import greedy
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
 from toolkit.arrays import Bool, Float64
-from toolkit.evaluation import Scheme
 from toolkit.sensors import Sensor
 from toolkit.site import Mount
 
 if TYPE_CHECKING:
-    from placement_env.traffic_frames import Traffic
-    from placement_env.visibility import Visibility
+    from placement_env.fidelities import Preparation
 
 TILTS = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # scored where no limit is given
@@ -39,6 +39,32 @@ FREE = Weights()
 
 
 def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    roam: bool = False,
+) -> Found:
+    """Greedy's set, then every sensor of it turned, tilted and lifted to where it serves best.
+
+    `Found.sensors` are the poses and `Found.best` is their score; its subset names the candidates they were moved from.
+    The limits hold for the moved sets, seconds for both; roam: see `improve`. Raises ValueError for an objective made
+    from parts, which cannot tell what a moved sensor sees.
+    """
+    if objective.preparation is None:
+        raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site, ...)")
+    first = greedy.search(objective, budget, seconds=seconds)
+    left = None if seconds is None else max(0.0, seconds - first.seconds)
+    start = objective.candidates.select(first.best.subset)
+    place = placing(objective.preparation, objective.fidelity, objective.weights)
+    found = improve(place, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
+    best = replace(found.best, subset=first.best.subset)
+    return replace(found, best=best, seconds=first.seconds + found.seconds)
+
+
+def improve(
     place: Place,
     start: Candidates,
     *,
@@ -96,26 +122,21 @@ def search(
     )
 
 
-def placing(
-    traffic: Traffic,
-    mounts: tuple[Mount, ...],
-    fidelity: Callable[[Visibility], Fidelity],
-    scheme: Scheme = "early",
-    weights: Weights = FREE,
-    *,
-    workers: int = 1,
-) -> Place:
-    """Scores sets of sensors by rendering all of them at once; fidelity: such as `lambda seen: Surrogate(seen)`.
+def placing(preparation: Preparation, fidelity: str, weights: Weights = FREE) -> Place:
+    """Scores sets of sensors by rendering all of them at once, in the traffic of an objective's preparation.
 
     A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
     """
     from placement_env.visibility import see
 
+    mounts = preparation.candidates.mounts
+
     def place(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
         candidates = hung(sensors, mounts)
-        visibility = see(traffic, candidates, workers=workers)
-        objective = Objective.of(candidates, fidelity(visibility), scheme, weights, visibility=visibility)
+        seen = see(preparation.traffic, candidates, workers=preparation.workers, ray=preparation.ray)
+        scored_by = preparation.at(candidates, seen).fidelity(fidelity)
+        objective = Objective.of(candidates, scored_by, preparation.scheme, weights, visibility=seen)
         ends = np.cumsum([0, *map(len, sets)])
         rows = np.arange(len(sensors))
         subsets = (rows >= ends[:-1, None]) & (rows < ends[1:, None])

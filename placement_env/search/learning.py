@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 
 from placement_env.games import GameEnv
-from placement_env.objective import Score
+from placement_env.objective import Objective, Score
 from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
 from placement_env.select_env import SensorSelectEnv
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 CHECKPOINT = "policy.pt"
+STEPS = 50_000  # that `search` trains for where no limit is given
+EPISODES = 20  # it then plays
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,33 @@ class Learning:
 
 
 PLAIN = Learning()
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    learning: Learning = PLAIN,
+) -> Found:
+    """MaskablePPO trained at this objective alone, then the best set of `EPISODES` of its episodes.
+
+    Every step counts as an evaluation; without a limit `STEPS` are trained.
+    """
+    steps = STEPS if seconds is None and evaluations is None else evaluations
+
+    def make_env() -> SensorSelectEnv:
+        return SensorSelectEnv(objective=objective, budget=budget)
+
+    began = time.monotonic()
+    with TemporaryDirectory() as folder:
+        policy = train_policy(make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning)
+    found = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
+    return replace(
+        found, evaluations=policy.num_timesteps + found.evaluations, seconds=time.monotonic() - began, sensors=()
+    )
 
 
 def train_policy(

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.search import cmaes
+from placement_env.objective import Objective
+from placement_env.search import cmaes, greedy
 
 pytest.importorskip("cma")
 
@@ -29,7 +30,7 @@ def start(make):
 
 def test_finds_the_poses_that_score_most(make, start):
     calls = []
-    found = cmaes.search(scorer(make, (6.0, 0.4, 0.3), calls), start, seed=1, evaluations=600)
+    found = cmaes.improve(scorer(make, (6.0, 0.4, 0.3), calls), start, seed=1, evaluations=600)
     assert found.best.reward > 0.9
     assert found.evaluations == sum(calls) <= 600
     assert (np.diff(found.history.reward) >= 0).all()
@@ -40,14 +41,14 @@ def test_finds_the_poses_that_score_most(make, start):
 
 def test_never_worse_than_the_start(make, start):
     place = scorer(make, cmaes.angles(start.sensors[0]))
-    assert cmaes.search(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
+    assert cmaes.improve(place, start, evaluations=10).best.reward >= place([start.sensors])[0].reward
 
 
 def test_same_seed_same_answer_and_numpy_untouched(make, start):
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random()  # noqa: NPY002
     np.random.seed(3)  # noqa: NPY002
-    first, again = (cmaes.search(scorer(make, (6.0, 0.4, 0.3)), start, seed=2, evaluations=60) for _ in range(2))
+    first, again = (cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), start, seed=2, evaluations=60) for _ in range(2))
     assert first.best.reward == again.best.reward
     assert first.sensors == again.sensors
     assert np.random.random() == expected  # noqa: NPY002
@@ -73,16 +74,31 @@ def test_what_may_not_be_built_is_never_the_answer(make, start):
             for s, sensors in zip(place(sets), sets, strict=True)
         ]
 
-    found = cmaes.search(low_ones, start, evaluations=100)
+    found = cmaes.improve(low_ones, start, evaluations=100)
     assert all(sensor.position[2] < 5.5 for sensor in found.sensors)
 
 
 def test_sensors_need_mounts_of_their_own(make):
     with pytest.raises(ValueError, match="mounts of their own"):
-        cmaes.search(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
+        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
 
 
 def test_hung_names_and_mounts(make, start):
     candidates = cmaes.hung([*start.sensors, *start.sensors], start.mounts)
     assert candidates.mount.tolist() == [*start.mount, *start.mount]
     assert len({sensor.name for sensor in candidates.sensors}) == 4
+
+
+def test_poses_come_from_greedys_set_and_are_no_worse():
+    objective = Objective("tjunction", 2, fidelity="coverage")
+    found = cmaes.search(objective, 2, evaluations=8)
+    first = greedy.search(objective, 2)
+    assert found.best.subset == first.best.subset
+    assert found.best.reward >= first.best.reward
+    assert len(found.sensors) == 2
+    assert found.evaluations == 8
+
+
+def test_an_objective_from_parts_knows_no_moved_sensors(make):
+    with pytest.raises(ValueError, match="made from a site"):
+        cmaes.search(make(4, 1), 2)

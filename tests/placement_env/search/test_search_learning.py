@@ -110,3 +110,11 @@ def test_our_environment_is_learnt_and_its_sensors_told(make, tmp_path):
     assert found.best.reward == objective.score(found.best.subset).reward
     assert [sensor.name for sensor in found.sensors] == [objective.names[c] for c in found.best.subset]
     assert objective.feasible(objective.row(found.best.subset)[None])[0]
+
+
+def test_search_trains_and_plays(make):
+    objective = make(5, 2)
+    found = learning.search(objective, 2, evaluations=64, learning=SMALL)
+    assert found.best.reward == objective.score(found.best.subset).reward > 0
+    assert found.evaluations > 64
+    assert not found.sensors
