@@ -13,6 +13,7 @@ import argparse
 import sys
 from importlib import import_module
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -67,16 +68,16 @@ def main() -> None:
     site = load_site(asked.site)
     candidates = pool(site) if asked.candidates == "pool" else paper_candidates(site)
     common = {"candidates": candidates, "cache": asked.cache, "workers": asked.workers}
+    start = perf_counter()
     objective = Objective(site, asked.frames, fidelity=asked.fidelity, seed=asked.seed, **common)
+    print(f"{len(candidates)} candidates over {asked.frames} frames prepared in {perf_counter() - start:.0f} s")
     if asked.verify:
         judge = Objective(site, asked.verify, fidelity="detector", seed=asked.seed + 1, **common)
     optimum = np.nan
     if len(candidates) <= MOST_EXHAUSTIVE:
         exhaustive = import_module("placement_env.search.exhaustive")
         optimum = exhaustive.search(objective, asked.budget).best.reward
-    print(
-        f"{asked.site}, {len(candidates)} candidates, {asked.fidelity}, budget {asked.budget}, {asked.seconds:g} s each"
-    )
+    print(f"{asked.site}, {asked.fidelity}, budget {asked.budget}, {asked.seconds:g} s each", flush=True)
     print(f"{'method':18s} {'reward':>8s} {'regret':>8s} {'detector AP':>12s} {'sets':>9s} {'s':>7s}  known")
     for method in asked.methods:
         if method == "exhaustive" and len(candidates) > MOST_EXHAUSTIVE:
@@ -85,7 +86,7 @@ def main() -> None:
         ap = detected_ap(found, objective, judge) if asked.verify else np.nan
         print(
             f"{method:18s} {found.best.reward:8.4f} {optimum - found.best.reward:8.4f} {ap:12.4f} "
-            f"{found.evaluations:9d} {found.seconds:7.1f}  {found.certificate.kind}",
+            f"{found.evaluations:9d} {found.seconds:7.1f}  {found.certificate.kind}, {found.certificate.measure}",
             flush=True,
         )
 
