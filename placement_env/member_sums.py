@@ -40,21 +40,14 @@ class MemberSums:
 
     def blocks(self, subsets: Bool[np.ndarray, "n C"]) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
         """The sums of as many sets at a time as fit the processor's cache, and which sets these are."""
-        check_subsets(subsets, len(self.rows))
-        return ((block, self(subsets[block])) for block in self.steps(len(subsets)))
-
-    def steps(self, n: int) -> Iterator[slice]:
-        """Slices of n sets, each of as many as fit the processor's cache."""
+        candidates = len(self.rows)
+        if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
+            raise ValueError(
+                f"sets must be rows of {candidates} booleans, one for each candidate, got {subsets.dtype} {subsets.shape}"
+            )
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
-        return (slice(first, first + step) for first in range(0, n, step))
-
-
-def check_subsets(subsets: Shaped[np.ndarray, "..."], candidates: int) -> None:
-    """ValueError where these are not sets: rows of one boolean for each candidate."""
-    if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
-        raise ValueError(
-            f"sets must be rows of {candidates} booleans, one for each candidate, got {subsets.dtype} {subsets.shape}"
-        )
+        parts = (slice(first, first + step) for first in range(0, len(subsets), step))
+        return ((part, self(subsets[part])) for part in parts)
 
 
 def _members(subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n k"]:

@@ -14,9 +14,9 @@ import numpy as np
 from placement_env.coverage import LEAST, bits_sent
 from placement_env.fidelity import Estimate
 from placement_env.hit_model import HitModel, shipped_model
-from placement_env.member_sums import MemberSums, check_subsets
+from placement_env.member_sums import MemberSums
 from placement_env.visibility import Visibility
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.evaluation import Scheme
 
 MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
@@ -53,19 +53,6 @@ class Surrogate:
         for block, sums in self._sums.blocks(subsets):
             ap[block], recall[block] = self._expected(sums)
         return Estimate(ap, recall, subsets @ self._bits / (1000 * self._frames))
-
-    def extended(self, subset: Bool[np.ndarray, " C"], candidates: Int64[np.ndarray, " n"]) -> Estimate:
-        """What each set would score that has one of the candidates more than `subset`: quicker than asking for the
-        sets, as greedy search does."""
-        check_subsets(subset[None], len(self._sums.rows))
-        base, rows = self._sums(subset[None]), self._sums.rows
-        ap, recall = np.zeros(len(candidates)), np.zeros(len(candidates))
-        for block in self._sums.steps(len(candidates)):
-            more = rows[candidates[block]] * ~subset[candidates[block], None]
-            more += base
-            ap[block], recall[block] = self._expected(more)
-        bits = subset @ self._bits + np.where(subset[candidates], 0, self._bits[candidates])
-        return Estimate(ap, recall, bits / (1000 * self._frames))
 
     def _expected(
         self, sums: Float32[np.ndarray, "n w"]

@@ -61,15 +61,6 @@ def test_every_one_is_a_monotone_fidelity_that_ignores_what_is_beside_a_set(fide
     assert (more.recall >= estimate.recall - 1e-6).all()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_extended_is_the_score_of_the_larger_sets(scheme):
-    surrogate, subset = Surrogate(VISIBILITY, scheme, MODELS[scheme]), SETS[3]
-    candidates = np.arange(12)
-    direct = surrogate(subset | (candidates[:, None] == candidates))
-    for quick, slow in zip(surrogate.extended(subset, candidates), direct, strict=True):
-        np.testing.assert_allclose(quick, slow, rtol=1e-5)
-
-
 def test_hits_and_ap_against_plain_python():
     surrogate = Surrogate(VISIBILITY, "early", MODEL)
     chosen = np.flatnonzero(SETS[7])
