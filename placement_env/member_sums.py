@@ -43,7 +43,8 @@ class MemberSums:
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             raise ValueError(
-                f"sets must be rows of {candidates} booleans, one for each candidate, got {subsets.dtype} {subsets.shape}"
+                f"sets must be rows of {candidates} booleans, one for each candidate, "
+                f"got {subsets.dtype} {subsets.shape}"
             )
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
         parts = (slice(first, first + step) for first in range(0, len(subsets), step))
