@@ -40,12 +40,12 @@ class Learning:
 
     envs: int = 8
     rollout: int = 128
-    batch: int = 256
+    batch: int = 64
     epochs: int = 4
     learning_rate: float = 3e-4
     entropy: float = 0.01
     discount: float = 1.0
-    width: int = 64
+    width: int = 32
 
 
 PLAIN = Learning()

@@ -28,12 +28,11 @@ class CandidateNetwork(nn.Module):
     def __init__(self, slots: int, width: int) -> None:
         super().__init__()
         self.latent_dim_pi, self.latent_dim_vf = slots + 1, width  # as Stable-Baselines3 asks for
-        self.of_each, self.of_whole = nn.Linear(FEATURES, width), nn.Linear(len(GLOBAL), width, bias=False)
-        self.inner, self.pooled = nn.Linear(width, width), nn.Linear(2 * width, width, bias=False)
-        self.place, self.stop, self.value = nn.Linear(width, 1), nn.Linear(width, 1), nn.Linear(width, width)
-        for last in (self.place, self.stop):  # at first all actions are equally likely
-            nn.init.zeros_(last.weight)
-            nn.init.zeros_(last.bias)
+        self.of_each, self.of_whole = nn.Conv1d(FEATURES, width, 1), nn.Linear(len(GLOBAL), width, bias=False)
+        self.inner, self.pooled = nn.Conv1d(width, width, 1), nn.Linear(2 * width, width, bias=False)
+        self.place, self.stop, self.value = nn.Conv1d(width, 1, 1), nn.Linear(width, 1), nn.Linear(width, width)
+        for parameter in (*self.place.parameters(), *self.stop.parameters()):
+            nn.init.zeros_(parameter)  # at first all actions are equally likely
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Logits (n, slots + 1) and features of the value (n, width) of observations (n, size)."""
@@ -50,12 +49,12 @@ class CandidateNetwork(nn.Module):
 
     def _first(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         of_slots, of_whole = observations[:, : -len(GLOBAL)], observations[:, -len(GLOBAL) :]
-        of_slots = of_slots.view(len(observations), FEATURES, -1).transpose(1, 2)
-        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
-        return each, self.pooled(torch.cat([each.mean(1), each.amax(1)], 1))
+        of_slots = of_slots.reshape(len(observations), FEATURES, -1)
+        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[..., None])
+        return each, self.pooled(torch.cat([each.mean(2), each.amax(2)], 1))
 
     def _logits(self, each: Tensor, pooled: Tensor) -> Tensor:
-        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
+        place = self.place(torch.relu(self.inner(each) + pooled[..., None]))[:, 0]
         return torch.cat([place, self.stop(torch.relu(pooled))], 1)
 
 

@@ -87,7 +87,7 @@ def main() -> None:
         again.game.scenes = env.game.scenes  # what is prepared serves all
         return again
 
-    learning = Learning(learning_rate=1e-3, batch=512)
+    learning = Learning(learning_rate=1e-3, batch=256, width=64)
     with TemporaryDirectory() as folder:
         policy = train_policy(
             make, asked.out or Path(folder), seconds=60 * asked.minutes, seed=asked.seed, learning=learning,
