@@ -6,7 +6,7 @@ import json as to_json
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -467,6 +467,7 @@ def train(
         workers: Processes that prepare examples.
         json: Print the summary as JSON.
     """
+    from dataclasses import replace
 
     import torch
 
@@ -611,14 +612,10 @@ def _chosen(objective: Objective, found: Found) -> list[str]:
 def _verified(cheap: Objective, dear: Objective, found: Found) -> tuple[Score, str]:
     """The best set by a dear objective of what a search on a cheap one found and its neighbours, and how it was chosen.
     Sensors that were moved have no neighbours."""
-    if found.sensors and dear.preparation is not None:
-        from placement_env.search.cmaes import placing
+    from placement_env.verification import rescored, verified
 
-        (moved,) = placing(dear.preparation, dear.fidelity, dear.weights)([found.sensors])
-        assert moved is not None
-        return replace(moved, subset=found.best.subset), f"by the {dear.fidelity}, moved:"
-    from placement_env.verification import verified
-
+    if found.sensors:
+        return rescored(dear, found), f"by the {dear.fidelity}, moved:"
     ranking = verified(cheap, dear, np.array(found.best.subset))
     return dear.score(np.flatnonzero(ranking.sets[0])), f"best by the {dear.fidelity} of {len(ranking.sets)} sets:"
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from placement_env.objective import Objective
+from placement_env.objective import Objective, Score
 from placement_env.racing import Verified, verify
+from placement_env.search.found import Found
 from toolkit.arrays import Bool, Int64
 
 
@@ -20,6 +23,23 @@ def verified(cheap: Objective, dear: Objective, subset: Int64[np.ndarray, " k"],
     sets = neighbours(subset, len(cheap.candidates))
     sets = sets[cheap.feasible(sets)] if cheap.feasible(sets[:1])[0] else sets[:1]
     return verify(lambda s: cheap.scores(s).reward, lambda s: dear.scores(s).reward, sets, best=best)
+
+
+def rescored(dear: Objective, found: Found) -> Score:
+    """What was found, by another objective of the same candidates; moved sensors (`Found.sensors`) where they stand.
+
+    Raises ValueError where they were moved and the objective was made from parts, or they may not be built there.
+    """
+    if not found.sensors:
+        return dear.score(found.best.subset)
+    from placement_env.search.cmaes import placing
+
+    if dear.preparation is None:
+        raise ValueError("moved sensors need an objective made from a site: Objective(site, ...)")
+    (score,) = placing(dear.preparation, dear.fidelity, dear.weights)([found.sensors])
+    if score is None:
+        raise ValueError("the moved sensors may not be built: one sends more than its link carries here")
+    return replace(score, subset=found.best.subset)
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:

@@ -40,15 +40,6 @@ def run(method: str, objective, asked: argparse.Namespace):
     return search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
 
 
-def detected_ap(found, objective, judge) -> float:
-    """AP of the set that was found, of moved sensors where they stand."""
-    if not found.sensors:
-        return judge.score(found.best.subset).ap
-    from placement_env.search.cmaes import placing
-
-    return placing(judge.preparation, "detector")([found.sensors])[0].ap
-
-
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("site")
@@ -63,6 +54,7 @@ def main() -> None:
 
     from placement_env.candidates import paper_candidates, pool
     from placement_env.objective import Objective
+    from placement_env.verification import rescored
     from toolkit.site import load_site
 
     site = load_site(asked.site)
@@ -83,7 +75,7 @@ def main() -> None:
         if method == "exhaustive" and len(candidates) > MOST_EXHAUSTIVE:
             continue
         found = run(method, objective, asked)
-        ap = detected_ap(found, objective, judge) if asked.verify else np.nan
+        ap = rescored(judge, found).ap if asked.verify else np.nan
         print(
             f"{method:18s} {found.best.reward:8.4f} {optimum - found.best.reward:8.4f} {ap:12.4f} "
             f"{found.evaluations:9d} {found.seconds:7.1f}  {found.certificate.kind}, {found.certificate.measure}",

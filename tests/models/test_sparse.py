@@ -143,3 +143,12 @@ def test_cuda_gives_the_same(name):
     expected = sparse(voxels)
     there = sparse.cuda()(voxels.to("cuda"))
     assert_same([None if each is None else each.cpu() for each in there], expected)
+
+
+def test_the_light_network_trains_in_half_precision():
+    network = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8)))
+    points = torch.rand(500, 3) * 8
+    with torch.autocast("cpu", torch.bfloat16):
+        prediction = network(voxelise(points, network.config))
+    prediction.residuals.float().sum().backward()
+    assert all(torch.isfinite(p.grad).all() for p in network.middle.parameters())
