@@ -86,7 +86,7 @@ class Boards:
 
     def score(self, rows: Int64[np.ndarray, " m"]) -> None:
         """Score what is chosen on these boards."""
-        for scene, some in self.by_scene(rows):
+        for scene, some in self.by_scene(rows) if len(rows) else []:
             width = len(scene.objective.candidates)
             for figure, found in zip(self.scores, scene.objective.scores(self.chosen[some, :width]), strict=True):
                 figure[some] = found
@@ -96,26 +96,26 @@ class Boards:
         """After which an episode is cut off."""
         return TURNS * self.budget if self._most_turns is None else np.full(self.n, self._most_turns)
 
-    def by_scene(self, rows: Int64[np.ndarray, " m"]) -> list[tuple[Scene, Int64[np.ndarray, " k"]]]:
-        """The boards apart by scene."""
+    def by_scene(self, rows: Int64[np.ndarray, " m"] | None = None) -> list[tuple[Scene, Any]]:
+        """The boards, or some of them, apart by scene: each scene and an index of its boards."""
         if len(self.scenes) == 1:
-            return [(self.scenes[0], rows)] if len(rows) else []
+            return [(self.scenes[0], slice(None) if rows is None else rows)]
+        rows = np.arange(self.n) if rows is None else rows
         return [(self.scenes[index], rows[self.scene[rows] == index]) for index in np.unique(self.scene[rows])]
 
     def allowed(self) -> Bool[np.ndarray, "n slots"]:
         """Which candidates may join: in order, within their link's capacity, on a free mount, while budget is left."""
         allowed = ~self.failed
-        for scene, rows in self.by_scene(np.arange(self.n)):
-            taken = np.zeros((len(rows), int(scene.mount.max()) + 1), np.bool_)
-            board, slot = np.nonzero(self.chosen[rows])
-            taken[board, scene.mount[slot]] = True
-            allowed[rows] &= ~taken[:, scene.mount] & scene.usable
-        return np.asarray(allowed & (self.chosen.sum(axis=1) < self.budget)[:, None])
+        for scene, rows in self.by_scene():
+            allowed[rows] &= ~scene.taken(self.chosen[rows])
+            allowed[rows] &= scene.usable
+        allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
+        return allowed
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
         """Which of these sets may be built: in order, feasible, no larger than the budget."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
-        for scene, rows in self.by_scene(np.arange(self.n)):
+        for scene, rows in self.by_scene():
             width = len(scene.objective.candidates)
             fits[rows] &= scene.objective.feasible(chosen[rows, :width]) & ~chosen[rows, width:].any(axis=1)
         return fits
@@ -127,12 +127,11 @@ class Boards:
         whole = np.empty((n, (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, -1, slots)
         covered = np.zeros(n)
-        for scene, rows in self.by_scene(np.arange(n)):
+        for scene, rows in self.by_scene():
             together, added = sights(scene.seen, self.chosen[rows])
             places = np.float32(max(1, scene.places))
             covered[rows] = together / places
-            features[rows, : len(STATIC)] = scene.static
-            features[rows, len(STATIC)] = added / places
+            features[rows, : len(STATIC)], features[rows, len(STATIC)] = scene.static, added / places
         features[:, -2], features[:, -1] = self.chosen, allowed
         whole[:, -len(GLOBAL) :] = self._global(covered)
         return whole
@@ -182,8 +181,6 @@ def sights(
     together = np.zeros((len(chosen), len(seen)), np.uint64)
     board, slot = np.nonzero(chosen)
     np.bitwise_or.at(together, board, seen.T[slot])
-    unseen = ~together
-    added = np.zeros(chosen.shape, np.int16)
-    for word, row in enumerate(seen):
-        added += np.bitwise_count(row & unseen[:, word, None])
+    unseen = seen & ~together[:, :, None]
+    added = np.add.reduce(np.bitwise_count(unseen), axis=1, dtype=np.int16)
     return np.bitwise_count(together).sum(axis=1, dtype=np.int64), added

@@ -81,7 +81,7 @@ class Candidates:
     @cached_property
     def prices(self) -> Float64[np.ndarray, " C"]:
         """Price of the mount of each candidate."""
-        return np.array([mount.price for mount in self.mounts], np.float64)[self.mount]
+        return self._mount_prices[self.mount]
 
     @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
@@ -101,7 +101,7 @@ class Candidates:
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """Price of the mounts of each set; a mount that carries two sensors is paid once."""
-        return (self.per_mount(subsets) > 0) @ np.array([mount.price for mount in self.mounts], np.float64)
+        return (self.per_mount(subsets) > 0) @ self._mount_prices
 
     def at(self, mount: Any, height: Any, heading: Any, tilt: Any, model: Any) -> Any:
         """The candidate with these factors, -1 where there is none; of arrays of indices, an array."""
@@ -131,6 +131,10 @@ class Candidates:
         for sensor in self.sensors:
             sha.update(sensor.pose.tobytes())
         return sha.hexdigest()
+
+    @cached_property
+    def _mount_prices(self) -> Float64[np.ndarray, " M"]:
+        return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
     def _by_factors(self) -> tuple[np.ndarray, np.ndarray]:

@@ -86,11 +86,13 @@ def picture(game: Game, row: int, mode: str) -> Any:
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:
     """The info of the first of n games, with Python's own numbers."""
-    return {key: alone(value) if isinstance(value, dict) else _item(value[0]) for key, value in info.items()}
+    return {key: _alone(value) for key, value in info.items()}
 
 
-def _item(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _alone(value: Any) -> Any:
+    if isinstance(value, dict):
+        return alone(value)
+    return value.item(0) if value.ndim == 1 else value[0]
 
 
 def observation_space(slots: int) -> Box:

@@ -146,13 +146,18 @@ class Objective:
         self.candidates, self.scored_by, self.scheme, self.weights = candidates, fidelity, scheme, weights
         self.site, self.visibility, self.preparation = site, visibility, preparation
         self._known: dict[bytes, tuple[float, float, float]] = {}
+        self.forget()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_known": {}}
+        return {**self.__dict__, "_known": self._of_none()}
 
     def forget(self) -> None:
         """Empty the memory of sets that were scored."""
-        self._known.clear()
+        self._known = self._of_none()
+
+    def _of_none(self) -> dict[bytes, tuple[float, float, float]]:
+        """ap, recall, kbit of the empty set, under its bits."""
+        return {bytes(-(-len(self.candidates) // 8)): (0.0, 0.0, 0.0)}
 
     @property
     def fidelity(self) -> str:
@@ -232,9 +237,7 @@ class Objective:
     def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         """ap, recall, kbit of each set, and which of them were known before."""
         if len(self._known) > MOST_REMEMBERED:
-            self._known.clear()
-        empty = np.packbits(np.zeros(len(self.candidates), np.bool_)).tobytes()
-        self._known[empty] = (0.0, 0.0, 0.0)
+            self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
         fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}

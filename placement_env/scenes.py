@@ -48,6 +48,17 @@ class Scene:
         return padded(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
 
     @cached_property
+    def _mounts(self) -> int:
+        return int(self.mount.max()) + 1
+
+    def taken(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, "n slots"]:
+        """Which candidates hang on a mount of which a candidate is chosen."""
+        taken = np.zeros((len(chosen), self._mounts), np.bool_)
+        board, slot = chosen.nonzero()
+        taken[board, self.mount[slot]] = True
+        return taken.take(self.mount, axis=1)
+
+    @cached_property
     def usable(self) -> Bool[np.ndarray, " slots"]:
         """Which slots hold a candidate whose link carries what it sends."""
         return padded(self.objective.linked, self.slots)

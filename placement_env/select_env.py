@@ -63,7 +63,7 @@ class SelectGame:
         if self.actions == "flat":
             return np.concatenate([self._allowed, np.ones((self.boards.n, 1), np.bool_)], axis=1)
         masks = np.zeros((self.boards.n, sum(self.factors)), np.bool_)
-        for scene, rows in self.boards.by_scene(np.arange(self.boards.n)):
+        for scene, rows in self.boards.by_scene():
             masks[rows] = self._allowed[rows].astype(np.float32) @ self._factors_of(scene) > 0
         first = np.cumsum([0, *self.factors[:-1]])
         masks[:, first[1] - 1] = True
@@ -80,7 +80,7 @@ class SelectGame:
             return np.where(stops, -1, slot), stops
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
-        for scene, rows in self.boards.by_scene(np.arange(self.boards.n)):
+        for scene, rows in self.boards.by_scene():
             slot[rows] = scene.objective.candidates.at(*factors[rows].T)
         stops = factors[:, 0] == self.factors[0] - 1
         return np.where(stops, -1, slot), stops

@@ -207,16 +207,15 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO
-        from stable_baselines3.common.monitor import Monitor
-        from stable_baselines3.common.vec_env import DummyVecEnv
     except ImportError as error:
         raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
+    from placement_env.search.episodes import episodes
+
     first = make_env()
-    envs = DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (learning.envs - 1)])
     algorithm = MaskablePPO if _masked(first) else PPO
     return algorithm(
         _network(first),
-        envs,
+        episodes(first, make_env, learning.envs),
         n_steps=learning.rollout,
         batch_size=learning.batch,
         n_epochs=learning.epochs,

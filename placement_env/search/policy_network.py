@@ -6,6 +6,7 @@ would have to learn it for each slot again. It has some thousand weights whateve
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
@@ -28,34 +29,46 @@ class CandidateNetwork(nn.Module):
     def __init__(self, slots: int, width: int) -> None:
         super().__init__()
         self.latent_dim_pi, self.latent_dim_vf = slots + 1, width  # as Stable-Baselines3 asks for
-        self.of_each, self.of_whole = nn.Conv1d(FEATURES, width, 1), nn.Linear(len(GLOBAL), width, bias=False)
-        self.inner, self.pooled = nn.Conv1d(width, width, 1), nn.Linear(2 * width, width, bias=False)
-        self.place, self.stop, self.value = nn.Conv1d(width, 1, 1), nn.Linear(width, 1), nn.Linear(width, width)
+        self.of_each, self.of_whole = nn.Linear(FEATURES, width), nn.Linear(len(GLOBAL), width, bias=False)
+        self.inner, self.pooled = nn.Linear(width, width), nn.Linear(2 * width, width, bias=False)
+        self.place, self.stop, self.value = nn.Linear(width, 1), nn.Linear(width, 1), nn.Linear(width, width)
         for parameter in (*self.place.parameters(), *self.stop.parameters()):
             nn.init.zeros_(parameter)  # at first all actions are equally likely
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Logits (n, slots + 1) and features of the value (n, width) of observations (n, size)."""
-        each, pooled = self._first(observations)
-        return self._logits(each, pooled), torch.relu(self.value(pooled))
+        different, which = distinct(observations)
+        each, pooled = self._first(different)
+        return self._logits(each, pooled)[which], torch.relu(self.value(pooled))[which]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
         """The logits alone."""
-        return self._logits(*self._first(observations))
+        different, which = distinct(observations)
+        return self._logits(*self._first(different))[which]
 
     def forward_critic(self, observations: Tensor) -> Tensor:
         """The features of the value alone."""
-        return torch.relu(self.value(self._first(observations)[1]))
+        different, which = distinct(observations)
+        return torch.relu(self.value(self._first(different)[1]))[which]
 
     def _first(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         of_slots, of_whole = observations[:, : -len(GLOBAL)], observations[:, -len(GLOBAL) :]
-        of_slots = of_slots.reshape(len(observations), FEATURES, -1)
-        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[..., None])
-        return each, self.pooled(torch.cat([each.mean(2), each.amax(2)], 1))
+        of_slots = of_slots.reshape(len(observations), FEATURES, -1).transpose(1, 2)
+        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
+        return each, self.pooled(torch.cat([each.mean(1), each.max(1).values], 1))
 
     def _logits(self, each: Tensor, pooled: Tensor) -> Tensor:
-        place = self.place(torch.relu(self.inner(each) + pooled[..., None]))[:, 0]
+        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
         return torch.cat([place, self.stop(torch.relu(pooled))], 1)
+
+
+def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
+    """The different ones among rows (n, k), in the order they come, and which of them each row is: all episodes of one
+    junction begin with the same observation, and those of a trained policy go on with the same."""
+    number: dict[bytes, int] = {}
+    which = [number.setdefault(row.tobytes(), len(number)) for row in rows.numpy()]
+    _, first = np.unique(which, return_index=True)
+    return rows[first], torch.tensor(which)
 
 
 class CandidatePolicy(MaskableActorCriticPolicy):
