@@ -63,10 +63,16 @@ class Preparation:
 
         return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.cache)
 
+    @cached_property
+    def network(self) -> str:
+        """Which shipped network, or surrogate of it, scores the candidates."""
+        return network_for(self.site, self.candidates.sensors)
+
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
-        """The same traffic for other candidates, of which it is known what they see."""
+        """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
+        were moved compare with those of where they were."""
         there = replace(self, candidates=candidates)
-        vars(there).update(traffic=self.traffic, visibility=visibility)
+        vars(there).update(traffic=self.traffic, network=self.network, visibility=visibility)
         return there
 
     def fidelity(self, name: str) -> Fidelity:
@@ -90,7 +96,7 @@ class Preparation:
         from placement_env.hit_model import shipped_model
         from placement_env.surrogate import Surrogate
 
-        model = shipped_model(self.scheme, self.iou, network_for(self.site, self.candidates.sensors))
+        model = shipped_model(self.scheme, self.iou, self.network)
         return Surrogate(self.visibility, self.scheme, model, radius=hybrid_radius(self.site))
 
     def _detected(self) -> Fidelity:
@@ -102,7 +108,7 @@ class Preparation:
         renders = Renders(self.traffic, self.candidates, folder and folder / "renders")
         detector = self.detector
         if detector is None:
-            detector = load_detector(network_for(self.site, self.candidates.sensors), area=self.site.area)
+            detector = load_detector(self.network, area=self.site.area)
         return Detected(
             renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite",
             workers=self.workers, ray=self.ray,

@@ -50,12 +50,15 @@ def search(
     """Greedy's set, then every sensor of it turned, tilted and lifted to where it serves best.
 
     `Found.sensors` are the poses and `Found.best` is their score; its subset names the candidates they were moved from.
-    The limits hold for the moved sets, seconds for both; roam: see `improve`. Raises ValueError for an objective made
-    from parts, which cannot tell what a moved sensor sees.
+    The limits hold for the moved sets, seconds for both; roam: see `improve`. Where greedy search finds that no sensor
+    pays, that is the answer. Raises ValueError for an objective made from parts, which cannot tell what a moved sensor
+    sees.
     """
     if objective.preparation is None:
         raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site, ...)")
     first = greedy.search(objective, budget, seconds=seconds)
+    if not first.best.subset:
+        return first
     left = None if seconds is None else max(0.0, seconds - first.seconds)
     start = objective.candidates.select(first.best.subset)
     place = placing(objective.preparation, objective.fidelity, objective.weights)

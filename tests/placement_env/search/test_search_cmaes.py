@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.objective import Objective
+from placement_env.objective import Objective, Weights
 from placement_env.search import cmaes, greedy
 
 pytest.importorskip("cma")
@@ -89,14 +89,27 @@ def test_hung_names_and_mounts(make, start):
     assert len({sensor.name for sensor in candidates.sensors}) == 4
 
 
-def test_poses_come_from_greedys_set_and_are_no_worse():
-    objective = Objective("tjunction", 2, fidelity="coverage")
+@pytest.mark.parametrize("fidelity", ["coverage", "surrogate"])
+def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
+    objective = Objective("tjunction", 2, fidelity=fidelity)
     found = cmaes.search(objective, 2, evaluations=8)
     first = greedy.search(objective, 2)
     assert found.best.subset == first.best.subset
     assert found.best.reward >= first.best.reward
     assert len(found.sensors) == 2
     assert found.evaluations == 8
+
+
+def test_sensors_that_stand_where_they_stood_score_the_same():
+    objective = Objective("tjunction", 2, fidelity="surrogate")
+    place = cmaes.placing(objective.preparation, "surrogate")
+    (moved,) = place([tuple(objective.candidates.sensors[:2])])
+    assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
+
+
+def test_where_no_sensor_pays_there_is_none_to_move():
+    found = cmaes.search(Objective("tjunction", 2, fidelity="coverage", weights=Weights(price=5.0)), 2, evaluations=8)
+    assert found.best.subset == () == found.sensors
 
 
 def test_an_objective_from_parts_knows_no_moved_sensors(make):
