@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import gymnasium as gym
@@ -62,8 +63,8 @@ class GameEnv(gym.Env[np.ndarray, Any]):
         return observations[0], alone(info)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take an action."""
-        reward, terminated, truncated = self.game.play(np.ones(1, np.bool_), np.asarray(action)[None])
+        """Take an action. Raises ValueError for what is none."""
+        reward, terminated, truncated = self.game.play(np.ones(1, np.bool_), as_actions(self.game, action))
         observations, info = self.game.look()
         return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), alone(info)
 
@@ -76,6 +77,16 @@ class GameEnv(gym.Env[np.ndarray, Any]):
         if self.render_mode is None:
             return None
         return picture(self.game, 0, self.render_mode)
+
+
+def as_actions(game: Game, actions: Any) -> Shaped[np.ndarray, "n ..."]:
+    """An action for each of n games, or ValueError where there are fewer or more figures, or one is not finite."""
+    array, shape = np.asarray(actions), (game.boards.n, *(game.action_space.shape or ()))
+    if array.size != math.prod(shape) or array.dtype.kind not in "biuf":
+        raise ValueError(f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ValueError(f"actions must be finite, got {array.tolist()}")
+    return array.reshape(shape)
 
 
 def picture(game: Game, row: int, mode: str) -> Any:

@@ -8,7 +8,7 @@ its mount carries.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.fidelity import Fidelity
+from placement_env.fidelity import ByFrames, Fidelity
+from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.fusion import PAPER
@@ -200,11 +201,39 @@ class Objective:
         """Scores of sets, given as rows of booleans. A set that was asked before, here or earlier, is not scored again;
         the empty set scores 0. Sets are scored whether feasible or not."""
         figures, cache_hit = self._figures(subsets)
-        ap, recall, kbit = figures.T
+        return self._weighted(subsets, *figures.T, cache_hit=cache_hit)
+
+    def race(
+        self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
+    ) -> Race:
+        """The `keep` sets of the greatest reward, most others being dropped after few frames: see
+        `placement_env.racing.race`, which tells the other arguments too.
+
+        Raises ValueError for a fidelity that cannot score some frames alone; that of the detector can.
+        """
+        scored_by = self.scored_by
+        if not isinstance(scored_by, ByFrames):
+            raise ValueError(f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()")
+
+        def rewards(sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
+            return self._weighted(sets, *scored_by.partial(sets, frames.tolist())).reward
+
+        return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
+
+    def _weighted(
+        self,
+        subsets: Bool[np.ndarray, "n C"],
+        ap: Float64[np.ndarray, " n"],
+        recall: Float64[np.ndarray, " n"],
+        kbit: Float64[np.ndarray, " n"],
+        *,
+        cache_hit: Bool[np.ndarray, " n"] | None = None,
+    ) -> Scores:
         per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
         price = self.candidates.price(subsets)
         reward = ap - self.weights.comm * per_sensor - self.weights.price * price
-        return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
+        known = np.zeros(len(subsets), np.bool_) if cache_hit is None else cache_hit
+        return Scores(ap, recall, per_sensor, kbit, price, reward, known)
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
         """Which sets may be built: at most one sensor on a mount, and each within the capacity of its mount's link."""
@@ -222,17 +251,8 @@ class Objective:
         """A set, given as indices or names of candidates, as a row of booleans."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
-            row[self._index(member)] = True
+            row[index_of(member, self.names)] = True
         return row
-
-    def _index(self, member: int | str) -> int:
-        if isinstance(member, str) and member in self.names:
-            return self.names.index(member)
-        if not isinstance(member, str) and 0 <= member < len(self.candidates):
-            return int(member)
-        raise ValueError(
-            f"candidates are 0 to {len(self.candidates) - 1}, or their names such as {self.names[0]!r}; got {member!r}"
-        )
 
     def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         """ap, recall, kbit of each set, and which of them were known before."""
@@ -248,6 +268,15 @@ class Objective:
             figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
+
+
+def index_of(member: Any, names: Sequence[str]) -> int:
+    """Which candidate an index or name means, or ValueError where it means none; a truth value is no index."""
+    if isinstance(member, str) and member in names:
+        return names.index(member)
+    if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
+        return int(member)
+    raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")
 
 
 def check_scheme(scheme: Scheme) -> Scheme:

@@ -19,7 +19,7 @@ INCHES, DPI = 6.4, 100
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
     """Lanes, solids and the detection area from above, vehicles coloured by the points on them (logarithmic, grey
-    without any), the chosen sensors with their fields of view. RGB, uint8."""
+    without any), the chosen sensors with their fields of view. RGB, uint8; a square of the same size for every site."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
@@ -28,8 +28,9 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     position, heading, _, width, _ = poses(objective.candidates)
     area = area_of(objective)
     feet = np.concatenate([[area[:2], area[2:]], position[:, :2]])
-    low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
-    figure = Figure((INCHES, INCHES * float((high - low)[1] / (high - low)[0])), DPI)
+    middle, reach = (feet.min(axis=0) + feet.max(axis=0)) / 2, float(np.ptp(feet, axis=0).max()) / 2 + MARGIN
+    low, high = middle - reach, middle + reach
+    figure = Figure((INCHES, INCHES), DPI)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")

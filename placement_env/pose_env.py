@@ -13,8 +13,8 @@ from placement_env.boards import Boards
 from placement_env.candidates import Axes, Candidates, aimed
 from placement_env.fidelities import Preparation, site_candidates
 from placement_env.games import GameEnv, observation_space
-from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_scheme
-from placement_env.scenes import Scene, Sites, checked, poses
+from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_scheme, index_of
+from placement_env.scenes import Scene, Sites, check_budget, checked, poses
 from placement_env.visibility import Visibility, see
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.evaluation import Scheme
@@ -82,7 +82,7 @@ class PoseScenes:
         if fidelity == "table":
             raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
         self.sites = Sites(site)
-        self.budget, self.scheme, self.fidelity = budget, check_scheme(scheme), fidelity
+        self.budget, self.scheme, self.fidelity = check_budget(budget), check_scheme(scheme), fidelity
         self.weights: Weights = arguments.get("weights", AP_ONLY)
         self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Preparation] = {}
@@ -96,7 +96,7 @@ class PoseScenes:
         preparation = self._preparation(options, rng)
         candidates = preparation.candidates
         names = [sensor.name for sensor in candidates.sensors]
-        failed = {names.index(f) if isinstance(f, str) and f in names else f for f in options.get("failed", ())}
+        failed = {index_of(member, names) for member in options.get("failed", ())}
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:

@@ -6,7 +6,7 @@ candidate sees is taken at up to `PLACES` places: vehicles of the traffic where 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -118,8 +118,11 @@ class Sites:
 
     def __init__(self, site: Any) -> None:
         several = isinstance(site, Sequence) and not isinstance(site, str)
-        self._known = [load_site(each) if isinstance(each, str) else each for each in (site if several else [site])]
+        self._given: list[Any] = list(site) if several else [site]
+        self._known = [_loaded(each) for each in self._given]
         self._drawn = len(self._known)
+        if not self._drawn:
+            raise ValueError("an environment needs a site, got none")
 
     def __len__(self) -> int:
         return len(self._known)
@@ -131,11 +134,20 @@ class Sites:
         """Place of a site given by itself or name, of one drawn for None; a new one joins the others."""
         if site is None:
             return int(rng.integers(self._drawn)) if self._drawn > 1 else 0
-        for index, known in enumerate(self._known):
-            if known is site or known.name == site:
+        for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
+            if known is site or (isinstance(site, str) and site in (given, known.name)):
                 return index
-        self._known.append(load_site(site) if isinstance(site, str) else site)
+        self._known.append(_loaded(site))
+        self._given.append(site)
         return len(self._known) - 1
+
+
+def _loaded(site: Any) -> Site:
+    if isinstance(site, Site):
+        return site
+    if not isinstance(site, str):
+        raise ValueError(f"a site is a Site, or the name or file of one, got {site!r}")
+    return load_site(site)
 
 
 class Scenes:
@@ -154,12 +166,8 @@ class Scenes:
         objective: Objective | None,
         arguments: Mapping[str, Any],
     ) -> None:
-        if budget < 1:
-            raise ValueError(f"budget must be at least 1 sensor, got {budget}")
         self.sites = Sites(site)
-        if objective is None and not len(self.sites):
-            raise ValueError("an environment needs a site or an objective")
-        self.budget, self.scheme, self.objective = budget, check_scheme(scheme), objective
+        self.budget, self.scheme, self.objective = check_budget(budget), check_scheme(scheme), objective
         self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Scene] = {}
         self._candidates: dict[int, Candidates] = {}
@@ -194,13 +202,22 @@ class Scenes:
 
 
 def checked(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Options of `reset`, or ValueError for one that there is not, or a budget without sensors."""
+    """Options of `reset`, or ValueError for one that there is not or that is of no use."""
     options = options or {}
     if unknown := set(options) - set(OPTIONS):
         raise ValueError(f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}")
-    if options.get("budget", 1) < 1:
-        raise ValueError(f"budget must be at least 1 sensor, got {options['budget']}")
+    check_budget(options.get("budget", 1))
+    failed = options.get("failed", ())
+    if isinstance(failed, str) or not isinstance(failed, Iterable):
+        raise ValueError(f"failed must be a list of candidates, by index or name, got {failed!r}")
     return options
+
+
+def check_budget(budget: Any) -> int:
+    """The budget, or ValueError where it is no whole number from 1 up."""
+    if not isinstance(budget, int | np.integer) or isinstance(budget, bool) or budget < 1:
+        raise ValueError(f"budget must be at least 1 sensor, a whole number, got {budget!r}")
+    return int(budget)
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:

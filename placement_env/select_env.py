@@ -34,6 +34,12 @@ class SelectGame:
 
     def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
         """New episodes on some rows, with nothing chosen."""
+        for shape in {start.scene.objective.candidates.shape for start in starts if self.actions == "factored"}:
+            if any(size > known for size, known in zip(shape, self.scenes.shape, strict=True)):
+                raise ValueError(
+                    f"factored actions are for {self.scenes.shape} mounts, heights, headings, tilts and models, this "
+                    f"site has {shape}: make the environment with all its sites"
+                )
         self.boards.begin(rows, starts)
         self._allowed = self.boards.allowed()
 

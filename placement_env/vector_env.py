@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from placement_env.games import RENDER_MODES, Game, picture
+from placement_env.games import RENDER_MODES, Game, as_actions, picture
 from placement_env.objective import FidelityName, Objective
 from placement_env.pose_env import PoseGame, PoseScenes, SensorPoseEnv
 from placement_env.scenes import Scenes
@@ -62,7 +62,7 @@ class GameVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take an action in every episode; where one has ended, it starts anew and its action is not looked at."""
         playing = ~self._ended
-        rewards, terminated, truncated = self.game.play(playing, np.asarray(actions))
+        rewards, terminated, truncated = self.game.play(playing, as_actions(self.game, actions))
         rewards = rewards.copy()
         if self._ended.any():
             self._begin(np.flatnonzero(self._ended), {})

@@ -47,6 +47,12 @@ def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float
     return Objective.of(some, Counting(len(some)), scheme, weights)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("wrong", [[True, False], ["nobody"], [6], [-1]])
+def test_members_are_indices_or_names(wrong: list[int | str]) -> None:
+    with pytest.raises(ValueError, match="candidates are 0 to 5"):
+        objective().score(wrong)
+
+
 def test_reward_is_the_sum_of_its_terms() -> None:
     score = objective(Weights(comm=0.001, price=0.01)).score([1, 4])
     assert score.kbit == 500.0

@@ -89,10 +89,27 @@ def test_a_vector_does_what_scalars_do() -> None:
         assert np.array_equal(one[4]["subset"], other[4]["subset"])
 
 
+def test_all_pictures_are_of_one_size() -> None:
+    env = gym.make(NAME, render_mode="rgb_array", site=["tjunction", "roundabout"], **FEW)
+    sizes = set()
+    for seed in range(4):
+        env.reset(seed=seed)
+        sizes.add(env.render().shape)  # type: ignore[union-attr]
+    assert len(sizes) == 1
+
+
 def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
     with pytest.raises(ValueError, match="a table knows no poses"):
         gym.make(NAME, fidelity="table")
     with pytest.raises(ValueError, match=r"budget must lie in 1\.\.2"):
         env.reset(options={"budget": 3})
+    with pytest.raises(ValueError, match="budget must be at least 1"):
+        gym.make(NAME, budget=0)
+    for nobody in ("nobody", 99, 1.5):
+        with pytest.raises(ValueError, match="candidates are 0 to 5"):
+            env.reset(options={"failed": [nobody]})
+    env.reset()
+    with pytest.raises(ValueError, match="finite"):
+        env.step(np.full(6, np.nan, np.float32))
     with pytest.raises(ValueError, match="too few for a budget"):
         env.reset(options={"failed": ["d0", "d1", "d2", "d3", 4]})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -17,7 +19,7 @@ from placement_env.coverage import Coverage
 from placement_env.objective import Objective, Weights
 from placement_env.registration import register
 from placement_env.visibility import Visibility
-from toolkit.site import Mount, Site
+from toolkit.site import Mount, Site, load_site
 
 register()
 SITE = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
@@ -132,7 +134,11 @@ def test_options() -> None:
     for bad, message in (
         ({"colour": 1}, "options are"),
         ({"budget": 0}, "at least 1"),
+        ({"budget": 2.5}, "whole number"),
+        ({"budget": None}, "whole number"),
         ({"failed": [9]}, "candidates"),
+        ({"failed": "m0"}, "must be a list"),
+        ({"failed": 3}, "must be a list"),
         ({"scheme": "late"}, "made from an objective"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -146,6 +152,34 @@ def test_what_it_would_add_is_what_it_adds() -> None:
         marginal = observation[: 14 * 6].reshape(14, 6)[11, action]
         observation, reward, *_ = env.step(action)
         assert reward == pytest.approx(float(marginal), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", CHOOSING)
+@pytest.mark.parametrize("wrong", [np.zeros(9), np.full(6, np.nan), np.zeros(0), "x", None])
+def test_what_is_no_action_is_an_error_and_does_no_harm(name: str, wrong: Any) -> None:
+    env = gym.make(name, objective=objective(), disable_env_checker=True)
+    before, _ = env.reset()
+    with pytest.raises(ValueError, match="actions must be"):
+        env.step(wrong)
+    assert np.array_equal(env.reset()[0], before)
+
+
+def test_factored_actions_are_of_the_sites_that_the_environment_was_made_with() -> None:
+    env = gym.make(CHOOSING[0], actions="factored", slots=8, frames=1, fidelity="coverage", scheme="late")
+    with pytest.raises(ValueError, match="make the environment with all"):
+        env.reset(options={"site": "roundabout"})
+
+
+def test_a_site_file_is_read_once(tmp_path: Path) -> None:
+    path = tmp_path / "mine.json"
+    replace(load_site("tjunction"), name="mine").save(path)
+    env = gym.make(CHOOSING[0], frames=1, fidelity="coverage")
+    for _ in range(3):
+        env.reset(options={"site": str(path)})
+    assert len(env.unwrapped.game.scenes.sites) == 2  # type: ignore[attr-defined]
+    for wrong in ([], 3):
+        with pytest.raises(ValueError, match="site"):
+            gym.make(CHOOSING[0], site=wrong)
 
 
 @pytest.mark.parametrize("name", CHOOSING)
