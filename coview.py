@@ -29,10 +29,12 @@ if TYPE_CHECKING:
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
 Scheme = Literal["early", "late", "hybrid"]
-Method = Literal["exhaustive", "greedy", "lazy", "stochastic", "swap", "annealing", "cpsat", "nsga2", "cmaes", "ppo"]
+Method = Literal[
+    "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "nsga2", "cmaes", "ppo"
+]  # fmt: skip
 METHODS: dict[Method, tuple[str, str]] = {
     **{name: (name, "search") for name in get_args(Method)}, "lazy": ("greedy", "lazy"),
-    "stochastic": ("greedy", "stochastic"), "ppo": ("learning", "search"),
+    "stochastic": ("greedy", "stochastic"), "raced": ("greedy", "raced"), "ppo": ("learning", "search"),
 }  # fmt: skip
 
 
@@ -550,7 +552,8 @@ def search(
     Args:
         site: tjunction, roundabout, or a site file.
         method: How to search; cpsat proves how much more could be covered, exhaustive needs 16 candidates or fewer,
-            cmaes turns and lifts the sensors that greedy found, ppo learns a policy first.
+            raced drops weak candidates after few frames and needs fidelity detector, cmaes turns and lifts the sensors
+            that greedy found, ppo learns a policy first.
         budget: Most sensors.
         scheme: How their measurements are fused.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.

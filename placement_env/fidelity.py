@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -28,3 +29,15 @@ class Fidelity(Protocol):
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set; the empty set has AP 0 and sends nothing."""
+
+
+@runtime_checkable
+class ByFrames(Fidelity, Protocol):
+    """A fidelity that also scores sets on some of its frames alone, so that weak ones may be dropped early."""
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+
+    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
+        """Figures of each set over these frames; what was scored on a frame before is not scored there again."""

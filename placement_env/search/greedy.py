@@ -1,8 +1,8 @@
-"""Greedy search: one sensor after another, each the one that adds most; plain, lazy and stochastic.
+"""Greedy search: one sensor after another, each the one that adds most; plain, lazy, stochastic and raced.
 
 With a monotone submodular objective (coverage, no cost weights) the answer has a guaranteed share of the optimum, see
 `placement_env.search.submodular`; AP is not submodular. `submodular` None asks whether the fidelity is coverage by one
-view; say True of a fidelity of your own that you know to be monotone submodular. All three go on to `budget` sensors
+view; say True of a fidelity of your own that you know to be monotone submodular. They go on to `budget` sensors
 even where one loses, since two may gain what one does not, and answer with the best set on the way.
 """
 
@@ -134,6 +134,34 @@ def stochastic(
     alone = theory.guarantee(objective) > 0.5
     ratio = max(0.0, 1 - 1 / math.e - epsilon) if alone else 0.0
     return progress.found("stochastic greedy", _certificate(progress, chosen, submodular, ratio, 0.0))
+
+
+def raced(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+) -> Found:
+    """Greedy whose candidates race for each place (`Objective.race`): the weak ones are dropped after few frames.
+
+    For the fidelity of the detector, where a frame takes long. Evaluations are counted in whole sets, of all frames; the
+    limits are looked at between two races. Raises ValueError for a fidelity that cannot score some frames alone.
+    """
+    progress = Progress(objective, budget, seconds, evaluations)
+    chosen: list[int] = []
+    while len(chosen) < budget and not progress.spent:
+        options = np.flatnonzero(objective.allowed(chosen))
+        if not len(options):
+            break
+        sets = joined(chosen, options, progress.size)
+        ran = objective.race(sets, seed=seed)
+        winner = int(ran.winners[0])
+        progress.limits.count += max(0, len(sets) * ran.spent // ran.full - 1)
+        progress.rewards(sets[winner][None])
+        chosen.append(int(options[winner]))
+    return progress.found("raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss"))
 
 
 def _certificate(
