@@ -146,8 +146,8 @@ def raced(
 ) -> Found:
     """Greedy whose candidates race for each place (`Objective.race`): the weak ones are dropped after few frames.
 
-    For the fidelity of the detector, where a frame takes long. Evaluations are counted in whole sets, of all frames; the
-    limits are looked at between two races. Raises ValueError for a fidelity that cannot score some frames alone.
+    For the fidelity of the detector, where a frame takes long. Evaluations are counted in sets on all frames, rounded up
+    in each race; the limits are looked at between two races. Raises ValueError for a fidelity that cannot score some frames alone.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
@@ -158,7 +158,7 @@ def raced(
         sets = joined(chosen, options, progress.size)
         ran = objective.race(sets, seed=seed)
         winner = int(ran.winners[0])
-        progress.limits.count += max(0, len(sets) * ran.spent // ran.full - 1)
+        progress.limits.count += math.ceil(len(sets) * ran.spent / ran.full) - 1
         progress.rewards(sets[winner][None])
         chosen.append(int(options[winner]))
     return progress.found("raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss"))
