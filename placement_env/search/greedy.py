@@ -146,8 +146,9 @@ def raced(
 ) -> Found:
     """Greedy whose candidates race for each place (`Objective.race`): the weak ones are dropped after few frames.
 
-    For the fidelity of the detector, where a frame takes long. Evaluations are counted in sets on all frames, rounded up
-    in each race; the limits are looked at between two races. Raises ValueError for a fidelity that cannot score some frames alone.
+    For the fidelity of the detector, where a frame takes long. Evaluations are counted in sets on all frames, rounded
+    up in each race; the limits are looked at between two races. Raises ValueError for a fidelity that cannot score some
+    frames alone.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
