@@ -540,7 +540,7 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    cache: Path | None = None,
+    cache: Path | None = Path("out/cache"),
     workers: int = 1,
     ray: str | None = None,
     json: bool = False,
@@ -566,7 +566,7 @@ def search(
         seed: Of traffic and search.
         seconds: Stop after so many.
         evaluations: Stop after so many sets.
-        cache: Folder where what was rendered and detected is kept for the next search.
+        cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
         ray: Address of a Ray cluster that does it instead; local for this machine.
         json: Print as JSON.

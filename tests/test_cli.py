@@ -137,14 +137,16 @@ def test_search_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path,
     assert {path.suffix for path in tmp_path.rglob("*.*")} >= {".npz", ".sqlite"}
 
 
-def test_moved_sensors_are_told_and_verified_where_they_stand(capsys):
+def test_moved_sensors_are_told_and_verified_where_they_stand(tmp_path, monkeypatch, capsys):
     pytest.importorskip("cma")
+    monkeypatch.chdir(tmp_path)
     arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--method", "cmaes", "--evaluations", 4)
     code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json", capsys=capsys)
     found = json.loads(out)
     assert code == 0
     assert all("moved to x" in sensor for sensor in found["sensors"])
     assert found["verified"]["fidelity"] == "detector"
+    assert (tmp_path / "out" / "cache" / "detected.sqlite").exists()
 
 
 def test_table_scores_every_set(recording, tmp_path, capsys):
