@@ -30,6 +30,8 @@ def site_candidates(
     if candidates is None:
         return paper_candidates(site)
     if isinstance(candidates, str):
+        if candidates != "pool":
+            raise ValueError(f"candidates must be 'pool', None for the site's own, or Candidates, got {candidates!r}")
         return pool(site)
     return candidates(site) if callable(candidates) else candidates
 

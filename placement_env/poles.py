@@ -158,8 +158,9 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
 
     top = number(8.0, "max_height", "height")
     heights = number(min(3.0, top), "min_height"), top
+    price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
     try:
-        return Mount(name, foot, *heights, number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity"))
+        return Mount(name, foot, *heights, price, capacity)
     except ValueError as error:
         raise ValueError(f"{where} (pole {name!r}): {error}") from None
 
@@ -197,7 +198,9 @@ def _keep_out(collection: Json, site: Site, where: str) -> tuple[shapely.Geometr
     areas = []
     for i, feature in _features(collection, where):
         properties = feature["properties"]
-        if properties.get("keep_out") is True or properties.get("kind") == "keep_out":
+        if not isinstance(marked := properties.get("keep_out", False), bool):
+            raise ValueError(f"{where}: features[{i}].properties.keep_out must be true or false, got {marked!r:.60}")
+        if marked or properties.get("kind") == "keep_out":
             areas.append(_area(feature["geometry"], collection, site, f"{where}: features[{i}].geometry"))
     return tuple(areas)
 

@@ -28,7 +28,7 @@ def search(
     size = len(objective.candidates)
     if size > LARGEST:
         raise ValueError(f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some")
-    progress = Progress(objective, budget or size, seconds, evaluations)
+    progress = Progress(objective, size if budget is None else budget, seconds, evaluations)
     subsets = every_set(size, progress.budget)
     subsets = subsets[objective.feasible(subsets)]
     figures = progress.figures(subsets)

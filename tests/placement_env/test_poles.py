@@ -145,6 +145,12 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([point([0.0, 10.0]), polygon(BOW, keep_out=True)], r"features\[1\].geometry is no simple polygon"),
         ([point([0.0, 10.0]), polygon([[0.0]], keep_out=True)], "no closed rings"),
         ([point([0.0, 10.0], keep_out=True)], "must be Polygon or MultiPolygon, got Point"),
+        (
+            [point([0.0, 10.0]), polygon(BOX, keep_out="true")],
+            r"features\[1\].properties.keep_out must be true",
+        ),
+        ([point([0.0, 10.0]), polygon(BOX, keep_out=1)], "keep_out must be true or false, got 1"),
+        ([point([0.0, 10.0], price=float("nan"))], r"^\S*: features\[0\].properties.price must be a finite number"),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(site, tmp_path, features, message):
