@@ -17,7 +17,7 @@ from toolkit.evaluation import Scheme
 if TYPE_CHECKING:
     from placement_env.detection import Detected
 
-FITTED = ("intercept", "density", "norm", "reach")  # and the ceiling, as a logit
+FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and the ceiling, as a logit
 NORM = {"early": 0.8, "late": 4.0, "hybrid": 4.0}  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 
@@ -41,17 +41,17 @@ def fit(
     _check(visibility, subsets, hits, ap)
     minimize, minimize_scalar = _scipy()
 
-    def model_of(numbers: Float64[np.ndarray, " 5"], false_alarms: float = 0.0) -> HitModel:
+    def model_of(numbers: Float64[np.ndarray, " 6"], false_alarms: float = 0.0) -> HitModel:
         named = dict(zip(FITTED, map(float, numbers[:-1]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-1])))
         return HitModel(scheme=scheme, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, **named)
 
-    def unlikelihood(numbers: Float64[np.ndarray, " 5"]) -> float:
+    def unlikelihood(numbers: Float64[np.ndarray, " 6"]) -> float:
         p = np.clip(_probability(visibility, subsets, model_of(numbers), radius), 1e-9, 1 - 1e-9)
         return -float(np.where(hits, np.log(p), np.log1p(-p)).mean())
 
     bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT]
-    starts = [(-2.0 - 3.0 * reach, 1.6, NORM[scheme], reach, 3.0) for reach in (0.0, 1.0)]
+    starts = [(-2.0 - 3.0 * reach, 1.6, NORM[scheme], reach, 0.5, 3.0) for reach in (0.0, 1.0)]
     ends = [minimize(unlikelihood, start, method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(ends, key=lambda end: float(end.fun)).x
     ranked = -np.sort(-_probability(visibility, subsets, model_of(best), radius), axis=1)

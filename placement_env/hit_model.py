@@ -1,14 +1,16 @@
 """`HitModel`: how likely a detector finds an object with given points on it, in a few numbers kept as JSON.
 
-Of an object with N_i points from sensor i of a set, d_i metres away, a hit has the probability
+Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
 
     p = ceiling · sigmoid(intercept + density · e)        0 without any point
-    e = log(1 + Σ n_i ^ norm) / norm                      n_i = N_i · (d_i / 20 m) ^ reach
+    e = log(1 + Σ n_i ^ norm) / norm                      n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
 
-A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. With norm 1 all
-points count together, with less, points from many sensors count more than as many from one, which is the gain of
-spatial diversity: early fusion, where a set detects by the density that it gathers. The greater the norm, the more the
-best sensor alone decides: late fusion. Hybrid fusion has one sensor more, which holds the far points of all.
+A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. At 45° to the
+axes of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that
+has seen few vehicles turn finds those less surely. With norm 1 all points count together, with less, points from many
+sensors count more than as many from one, which is the gain of spatial diversity: early fusion, where a set detects by
+the density that it gathers. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
+has one sensor more, which holds the far points of all.
 The numbers are fitted to a detector's own hits and misses (`placement_env.hit_fit`), which is the paper's analysis of
 density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
 """
@@ -34,6 +36,7 @@ RANGES = {
     "ceiling": (0.0, 1.0),
     "norm": (0.2, 6.0),
     "reach": (-1.0, 3.0),
+    "oblique": (0.0, 5.0),
     "false_alarms": (0.0, 5.0),
 }
 
@@ -53,6 +56,7 @@ class HitModel:
     false_alarms: float
     source: str
     reach: float = 0.0
+    oblique: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():

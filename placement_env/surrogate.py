@@ -86,6 +86,7 @@ def evidence_rows(
     """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
     points: np.ndarray = visibility.points.astype(dtype)
     points *= (np.maximum(visibility.distance, 1).astype(dtype) / 20) ** model.reach
+    points *= np.exp(-model.oblique * np.abs(np.sin(2 * visibility.boxes[:, 6]))).astype(dtype)
     powers = np.minimum(points, MOST_POINTS) ** model.norm
     if model.scheme != "hybrid":
         return powers

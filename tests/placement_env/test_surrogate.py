@@ -12,7 +12,7 @@ from placement_env.surrogate import Surrogate, expected_ap
 from placement_env.visibility import Visibility
 from toolkit.metrics import average_precision, precision_recall
 
-MODEL = HitModel("early", 0.7, -4.0, 1.8, 0.98, 0.7, 0.3, "made up", 0.3)
+MODEL = HitModel("early", 0.7, -4.0, 1.8, 0.98, 0.7, 0.3, "made up", 0.3, 0.6)
 MODELS = {
     "early": MODEL,
     "late": replace(MODEL, scheme="late", norm=6.0),
@@ -66,7 +66,8 @@ def test_hits_and_ap_against_plain_python():
     chosen = np.flatnonzero(SETS[7])
     p = []
     for o in range(VISIBILITY.points.shape[1]):
-        n = [VISIBILITY.points[c, o] * (VISIBILITY.distance[c, o] / 20) ** MODEL.reach for c in chosen]
+        turned = np.exp(-MODEL.oblique * abs(np.sin(2 * VISIBILITY.boxes[o, 6])))
+        n = [VISIBILITY.points[c, o] * (VISIBILITY.distance[c, o] / 20) ** MODEL.reach * turned for c in chosen]
         total = sum(float(each) ** MODEL.norm for each in n)
         z = MODEL.intercept + MODEL.density * np.log1p(total) / MODEL.norm
         p.append(MODEL.ceiling / (1 + np.exp(-z)) if total else 0.0)
@@ -101,6 +102,18 @@ def test_late_fusion_goes_by_the_best_view_and_early_by_all():
     assert gain["early"] > 3 * gain["late"] > 0
 
 
+def test_a_vehicle_at_an_angle_to_the_axes_needs_more_points():
+    points, boxes = np.full((1, 4), 30, np.float32), np.tile([0, 0, 0.7, 4.4, 1.8, 1.5, 0.0], (4, 1))
+    boxes[:, 6] = np.deg2rad([0, 90, 180, 45])
+    seen = replace(random_visibility(1, 4), points=points, distance=np.full((1, 4), 20, np.float32), boxes=boxes)
+    along, turned = (
+        Surrogate(replace(seen, boxes=boxes[[row] * 4]), "early", MODEL)(np.array([[True]])).recall[0] for row in (0, 3)
+    )
+    mixed = Surrogate(seen, "early", MODEL)(np.array([[True]])).recall[0]
+    assert along > turned + 0.05
+    assert mixed == pytest.approx((3 * along + turned) / 4, abs=1e-6)
+
+
 def test_fit_finds_the_model_that_made_the_hits():
     sets = SETS[:30]
     seen = random_visibility(12, 250, seed=5)
@@ -113,6 +126,7 @@ def test_fit_finds_the_model_that_made_the_hits():
     np.testing.assert_allclose(estimate.ap, truth.ap, atol=0.03)
     assert found.norm == pytest.approx(MODEL.norm, abs=0.4)
     assert found.density == pytest.approx(MODEL.density, rel=0.3)
+    assert found.oblique == pytest.approx(MODEL.oblique, abs=0.3)
 
 
 def test_fit_refuses_other_frames_and_certainty():
