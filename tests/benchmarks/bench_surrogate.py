@@ -63,7 +63,7 @@ def leaderboard(visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.nd
         "coverage, 20 points twice": Coverage(visibility, scheme, views=2),
         "point count": lambda subsets: (subsets @ np.log1p(visibility.points).sum(axis=1),),
         "perception entropy (Ma 2021)": PerceptionEntropy(visibility, scheme),
-        "information gain (Hu 2022)": InformationGain(visibility, scheme),
+        "information gain, turned (Hu)": InformationGain(visibility, scheme),
         "number of sensors": lambda subsets: (subsets.sum(axis=1).astype(float),),
     }
     print(
