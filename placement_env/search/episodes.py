@@ -10,14 +10,18 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from placement_env.vector_env import GameVectorEnv, side_by_side
+from placement_env.games import Game, GameEnv
+from placement_env.pose_env import PoseGame, SensorPoseEnv
+from placement_env.select_env import SelectGame, SensorSelectEnv
+from placement_env.subset_env import SensorSubsetEnv, SubsetGame
+from placement_env.vector_env import GameVectorEnv
 
 
 def episodes(first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int) -> VecEnv:
     """n episodes of an environment and others like it, stepped together; those of ours share its scenes."""
-    together = side_by_side(first, n)
-    if together is not None:
-        return Episodes(together)
+    ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
+    if ours and isinstance(first, GameEnv):
+        return Episodes(GameVectorEnv(side_by_side(first.game, n), None))
     return DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (n - 1)])
 
 
@@ -82,3 +86,13 @@ class Episodes(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
         """No episode is."""
         return [False for _ in self._get_indices(indices)]
+
+
+def side_by_side(game: Game, n: int) -> Game:
+    """n episodes of a game with its scenes."""
+    if isinstance(game, SelectGame):
+        return SelectGame(n, game.scenes, game.actions)
+    if isinstance(game, SubsetGame):
+        return SubsetGame(n, game.scenes)
+    assert isinstance(game, PoseGame)
+    return PoseGame(n, game.scenes, int(game.boards.most_turns[0]))

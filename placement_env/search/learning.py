@@ -1,6 +1,6 @@
 """Policies that place sensors: MaskablePPO (sb3-contrib) where actions have masks, PPO (Stable-Baselines3) elsewhere.
 
-Training goes in rounds of one PPO update. Each starts from reset environments and generators seeded by the run's seed
+Training goes in rounds of some PPO updates. Each starts from reset environments and generators seeded by the run's seed
 and the number of the round, so weights, optimiser and the count of steps are the whole state: a training that was
 killed and called again ends with the weights of one that was not. Checkpoints hold tensors and numbers only.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 CHECKPOINT = "policy.pt"
 STEPS = 50_000  # that `search` trains for where no limit is given
 EPISODES = 20  # it then plays
+UPDATES = 4  # of a round
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,14 @@ class Learning:
     hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
     al. 2017). Episodes are short, so nothing is discounted."""
 
-    envs: int = 8
-    rollout: int = 128
-    batch: int = 64
+    envs: int = 16
+    rollout: int = 16
+    batch: int = 128
     epochs: int = 4
-    learning_rate: float = 3e-4
+    learning_rate: float = 3e-3
     entropy: float = 0.01
     discount: float = 1.0
-    width: int = 32
+    width: int = 16
 
 
 PLAIN = Learning()
@@ -60,22 +61,36 @@ def search(
     evaluations: int | None = None,
     learning: Learning = PLAIN,
 ) -> Found:
-    """MaskablePPO trained at this objective alone, then the best set of `EPISODES` of its episodes.
+    """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
+    that it came by in training.
 
     Every step counts as an evaluation; without a limit `STEPS` are trained.
     """
     steps = STEPS if seconds is None and evaluations is None else evaluations
+    limits, best, chosen = Limits(seconds, None), -np.inf, np.zeros(len(objective.candidates), np.bool_)
 
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)
 
-    began = time.monotonic()
+    def watch(infos: list[dict[str, Any]]) -> None:
+        nonlocal best, chosen
+        limits.count += len(infos)
+        for info in infos:
+            if "episode" in info and info["episode"]["r"] > best:
+                best, chosen = info["episode"]["r"], info["subset"]
+                limits.improved(best)
+
     with TemporaryDirectory() as folder:
-        policy = train_policy(make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning)
-    found = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
-    return replace(
-        found, evaluations=policy.num_timesteps + found.evaluations, seconds=time.monotonic() - began, sensors=()
-    )
+        policy = train_policy(
+            make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning, watch=watch
+        )
+    played = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
+    limits.count += played.evaluations
+    trained = objective.score(np.flatnonzero(chosen))
+    found = played.best if played.best.reward > trained.reward else trained
+    note = f"the trained policy comes to {played.best.reward:.4f} by itself"
+    certificate = Certificate("none", found.reward, note=note)
+    return Found("policy", found, limits.history(found.reward), certificate, limits.count, limits.passed)
 
 
 def train_policy(
@@ -88,13 +103,15 @@ def train_policy(
     learning: Learning = PLAIN,
     every_s: float = 60.0,
     progress: Callable[[int, float], None] | None = None,
+    watch: Callable[[list[dict[str, Any]]], None] | None = None,
 ) -> OnPolicyAlgorithm:
     """Train until `steps` environment steps are done in all, or `seconds` have passed in this call.
 
     `out/policy.pt` is kept; called again with the folder it goes on where that was. Whole rounds are played, so there
     may be some more steps.
 
-    progress: told the steps done and the mean return of the last 100 episodes, NaN before there is one.
+    progress: told the steps done and the mean return of the last 100 episodes, NaN before there is one; watch: told the
+    infos of each step, see `placement_env.search.episodes`.
     Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
     libraries.
     """
@@ -108,12 +125,12 @@ def train_policy(
     if (out / CHECKPOINT).exists():
         _restore(model, out / CHECKPOINT, identity)
     began = saved = time.monotonic()
-    per_round = learning.envs * learning.rollout
+    per_round = UPDATES * learning.envs * learning.rollout
     while model.num_timesteps < (np.inf if steps is None else steps):
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
         _begin_round(model, seed, model.num_timesteps // per_round)
-        model.learn(per_round, reset_num_timesteps=False)
+        model.learn(per_round, callback=_told(watch), reset_num_timesteps=False)
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
@@ -122,6 +139,17 @@ def train_policy(
             saved = time.monotonic()
     save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
     return model
+
+
+def _told(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
+    """As a callback of Stable-Baselines3, whose training goes on while it returns True."""
+
+    def told(local: dict[str, Any], _: Any) -> bool:
+        assert watch is not None
+        watch(local["infos"])
+        return True
+
+    return None if watch is None else told
 
 
 def load_policy(
@@ -207,13 +235,14 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
     except ImportError as error:
         raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
     from placement_env.search.episodes import episodes
 
     first = make_env()
     algorithm = MaskablePPO if _masked(first) else PPO
-    return algorithm(
+    model = algorithm(
         _network(first),
         episodes(first, make_env, learning.envs),
         n_steps=learning.rollout,
@@ -226,6 +255,8 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
         seed=seed,
         device="cpu",
     )
+    model.set_logger(Logger(None, []))  # or every round leaves a folder behind
+    return model
 
 
 def _network(env: gym.Env[Any, Any]) -> Any:

@@ -6,7 +6,7 @@ import torch
 
 from placement_env.boards import GLOBAL
 from placement_env.search import learning
-from placement_env.search.policy_network import FEATURES, CandidateNetwork
+from placement_env.search.policy_network import FEATURES, CandidateNetwork, distinct
 from placement_env.select_env import SensorSelectEnv
 
 SLOTS = 5
@@ -41,6 +41,16 @@ def test_actor_and_critic_alone_are_the_two_together(network):
     actor, critic = network(observations)
     torch.testing.assert_close(network.forward_actor(observations), actor)
     torch.testing.assert_close(network.forward_critic(observations), critic)
+
+
+def test_equal_observations_are_judged_once_and_alike(network):
+    few = torch.randn(3, FEATURES * SLOTS + len(GLOBAL))
+    order = torch.tensor([2, 0, 2, 2, 1, 0])
+    rows, which = distinct(few[order])
+    assert torch.equal(rows, few[[2, 0, 1]])
+    assert torch.equal(rows[which], few[order])
+    for several, alone in zip(network(few[order]), network(few), strict=True):
+        torch.testing.assert_close(several, alone[order])
 
 
 def test_all_actions_are_as_likely_at_first():

@@ -14,7 +14,7 @@ VALUE = np.array([0.1, 0.2, 0.6, 0.3])
 
 
 class PickEnv(gym.Env):
-    """Pick two of four candidates, told apart by their value; nothing twice."""
+    """Pick two of four candidates, told apart by their value; nothing twice, within four turns."""
 
     observation_space = gym.spaces.Box(0.0, 1.0, (4,), np.float32)
 
@@ -24,7 +24,7 @@ class PickEnv(gym.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.chosen = np.zeros(4, bool)
+        self.chosen, self.turns = np.zeros(4, bool), 0
         return self.chosen.astype(np.float32), {}
 
     def action_masks(self):
@@ -32,12 +32,13 @@ class PickEnv(gym.Env):
 
     def step(self, action):
         before = VALUE[self.chosen].sum()
+        self.turns += 1
         self.chosen[int(action if self.masked else np.argmax(action))] = True
         ap = float(VALUE[self.chosen].sum())
         terms = {"ap": ap, "comm": 0.0, "price": 0.0}
         figures = {"ap": ap, "recall": ap, "kbit": 1.0, "kbit_per_sensor": 1.0, "price": 1.0}
         info = {**figures, "reward_terms": terms, "subset": self.chosen.copy(), "fidelity": "toy", "cache_hit": False}
-        return self.chosen.astype(np.float32), ap - before, bool(self.chosen.sum() >= 2), False, info
+        return self.chosen.astype(np.float32), ap - before, bool(self.chosen.sum() >= 2), self.turns == 4, info
 
 
 def weights(model):
@@ -47,19 +48,19 @@ def weights(model):
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     out = tmp_path_factory.mktemp("whole")
-    return learning.train_policy(PickEnv, out, steps=192, learning=SMALL), out
+    return learning.train_policy(PickEnv, out, steps=768, learning=SMALL), out
 
 
 def test_masked_environments_get_maskable_ppo(trained):
     model, _ = trained
     assert type(model).__name__ == "MaskablePPO"
-    assert model.num_timesteps == 192
+    assert model.num_timesteps == 768
 
 
 def test_stopped_and_gone_on_is_the_same_as_whole(trained, tmp_path):
     model, _ = trained
-    learning.train_policy(PickEnv, tmp_path, steps=64, learning=SMALL)
-    again = learning.train_policy(PickEnv, tmp_path, steps=192, learning=SMALL)
+    learning.train_policy(PickEnv, tmp_path, steps=256, learning=SMALL)
+    again = learning.train_policy(PickEnv, tmp_path, steps=768, learning=SMALL)
     assert torch.equal(weights(model), weights(again))
 
 

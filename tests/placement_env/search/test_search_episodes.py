@@ -1,0 +1,69 @@
+"""Our environments under Stable-Baselines3 do what it makes of the scalar ones."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("sb3_contrib")
+from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from placement_env.search.episodes import Episodes, episodes
+from placement_env.select_env import SensorSelectEnv
+from placement_env.subset_env import SensorSubsetEnv
+
+N = 3
+
+
+@pytest.mark.parametrize("actions", ["flat", "factored", "subset"])
+def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
+    objective = make(5, 2)
+
+    def make_env():
+        if actions == "subset":
+            return SensorSubsetEnv(objective=objective, budget=2)
+        return SensorSelectEnv(objective=objective, budget=2, actions=actions)
+
+    native, scalar = episodes(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    assert isinstance(native, Episodes)
+    assert is_masking_supported(native)
+    native.seed(3)
+    scalar.seed(3)
+    np.testing.assert_array_equal(native.reset(), scalar.reset())
+    scalar.action_space.seed(4)
+    cut = 0
+    for turn in range(40):
+        np.testing.assert_array_equal(get_action_masks(native), get_action_masks(scalar))
+        action = np.array([scalar.action_space.sample() for _ in range(N)])
+        action[:] *= turn >= 4  # the same candidate again and again uses up the turns
+        observations, rewards, ended, infos = native.step(action)
+        same_observations, same_rewards, same_ended, same_infos = scalar.step(action)
+        np.testing.assert_array_equal(observations, same_observations)
+        np.testing.assert_allclose(rewards, same_rewards, atol=1e-6)  # which Stable-Baselines3 keeps in float32
+        np.testing.assert_array_equal(ended, same_ended)
+        for info, same in zip(infos, same_infos, strict=True):
+            assert ("episode" in info) == ("episode" in same)
+            if "episode" in info:
+                assert info["episode"]["r"] == pytest.approx(same["episode"]["r"], abs=1e-5)
+                assert info["episode"]["l"] == same["episode"]["l"]
+                assert info["TimeLimit.truncated"] == same["TimeLimit.truncated"]
+                np.testing.assert_array_equal(info["subset"], same["subset"])
+                np.testing.assert_array_equal(info["terminal_observation"], same["terminal_observation"])
+                cut += info["TimeLimit.truncated"]
+    assert cut == (0 if actions == "subset" else N)
+
+
+def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
+    class Halved(SensorSelectEnv):
+        def step(self, action):
+            observation, reward, *rest = super().step(action)
+            return observation, reward / 2, *rest
+
+    objective = make(5, 2)
+    for of in (
+        lambda: Halved(objective=objective, budget=2),
+        lambda: gym.wrappers.TimeLimit(SensorSelectEnv(objective=objective, budget=2), 3),
+        lambda: gym.make("CartPole-v1"),
+    ):
+        assert isinstance(episodes(of(), of, 2), DummyVecEnv)
