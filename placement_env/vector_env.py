@@ -16,10 +16,10 @@ from gymnasium.vector.utils import batch_space
 
 from placement_env.games import RENDER_MODES, Game, as_actions, picture
 from placement_env.objective import FidelityName, Objective
-from placement_env.pose_env import PoseGame, PoseScenes, SensorPoseEnv
+from placement_env.pose_env import PoseGame, PoseScenes
 from placement_env.scenes import Scenes
-from placement_env.select_env import Actions, SelectGame, SensorSelectEnv
-from placement_env.subset_env import SensorSubsetEnv, SubsetGame
+from placement_env.select_env import Actions, SelectGame
+from placement_env.subset_env import SubsetGame
 from toolkit.evaluation import Scheme
 
 
@@ -140,19 +140,6 @@ class SensorPoseVectorEnv(GameVectorEnv):
         **arguments: Any,
     ) -> None:
         super().__init__(PoseGame(num_envs, PoseScenes(site, budget, scheme, fidelity, arguments), moves), render_mode)
-
-
-def side_by_side(env: Any, n: int) -> GameVectorEnv | None:
-    """n episodes of one of our environments, which share its scenes; None for any other, also for one of ours that is
-    wrapped or inherited from."""
-    if type(env) not in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv):
-        return None
-    one = env.game
-    if isinstance(one, SelectGame):
-        return GameVectorEnv(SelectGame(n, one.scenes, one.actions), None)
-    if isinstance(one, SubsetGame):
-        return GameVectorEnv(SubsetGame(n, one.scenes), None)
-    return GameVectorEnv(PoseGame(n, one.scenes, int(one.boards.most_turns[0])), None)
 
 
 def _batched(info: dict[str, Any], rows: np.ndarray) -> dict[str, Any]:
