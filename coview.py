@@ -717,7 +717,16 @@ def _explained(error: OSError) -> str:
 
 
 def _print(result: Any, text: str, as_json: bool) -> None:
-    print(to_json.dumps(result) if as_json else text)
+    print(to_json.dumps(_finite(result), allow_nan=False) if as_json else text)
+
+
+def _finite(value: Any) -> Any:
+    """null for the numbers that JSON has not: an infinite bound, the AP of nothing to find."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _advance(bar: Any) -> Callable[[int], None]:

@@ -142,8 +142,9 @@ def test_moved_sensors_are_told_and_verified_where_they_stand(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--method", "cmaes", "--evaluations", 4)
     code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json", capsys=capsys)
-    found = json.loads(out)
+    found = json.loads(out, parse_constant=pytest.fail)
     assert code == 0
+    assert found["certificate"]["bound"] is None
     assert all("moved to x" in sensor for sensor in found["sensors"])
     assert found["verified"]["fidelity"] == "detector"
     assert (tmp_path / "out" / "cache" / "detected.sqlite").exists()

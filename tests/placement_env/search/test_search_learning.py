@@ -113,6 +113,12 @@ def test_our_environment_is_learnt_and_its_sensors_told(make, tmp_path):
     assert objective.feasible(objective.row(found.best.subset)[None])[0]
 
 
+def test_limits_must_leave_room(make):
+    for limit in ({"evaluations": 0}, {"evaluations": -1}, {"seconds": 0.0}):
+        with pytest.raises(ValueError, match="must be above 0"):
+            learning.search(make(3, 1), 2, **limit)
+
+
 def test_search_trains_and_plays(make):
     objective = make(5, 2)
     found = learning.search(objective, 2, evaluations=64, learning=SMALL)
