@@ -265,6 +265,8 @@ class Objective:
             estimate = self.scored_by(subsets[list(fresh.values())])
             if not np.isfinite(estimate.ap).all():
                 raise ValueError("there is no vehicle to find in these frames: take more of them, or another seed")
+            if not np.isfinite(estimate.kbit).all():
+                raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit

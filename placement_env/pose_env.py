@@ -140,7 +140,7 @@ class PoseGame:
     def play(
         self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Move the sensors of each row that plays; a move that overloads a link is undone."""
+        """Move the sensors of each row that plays; a move that overloads a link, or more than it was, is undone."""
         boards, steps = self.boards, np.asarray(actions, np.float64).reshape(self.boards.n, -1, 3)
         before, rigs = boards.scores.reward.copy(), dict[int, Rig]()
         for row in np.flatnonzero(playing).tolist():
@@ -151,7 +151,8 @@ class PoseGame:
         boards.turns[playing] += 1
         boards.illegal, boards.repeated = np.zeros(boards.n, np.bool_), playing.copy()
         for row, objective in self._objectives(rigs):
-            if not objective.linked.all():
+            overloaded = ~objective.linked
+            if overloaded.any() and (overloaded & (objective.sent > boards.scenes[row].objective.sent)).any():
                 boards.illegal[row] = True
                 continue
             self._starts[row] = replace(self._starts[row], rig=rigs[row])
@@ -213,8 +214,8 @@ class SensorPoseEnv(GameEnv):
     mount's range, tilts in −10°..60° below the horizon. Where the option `budget` is smaller, the entries of absent
     sensors do nothing.
 
-    An illegal action, after which a link would have to carry more than it can, changes nothing: the reward is 0,
-    `info["illegal"]` is True, and a move is used up. `action_masks()` says which entries move a sensor.
+    An illegal action, after which a link would have to carry more than it can and than before, changes nothing: the
+    reward is 0, `info["illegal"]` is True, and a move is used up. `action_masks()` says which entries move a sensor.
 
     ## Observation Space
     `Box(-1, 1, (14 · budget + 13,), float32)`, as of `coview/SensorSelect-v0`, a slot for each sensor.

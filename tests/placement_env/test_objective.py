@@ -125,6 +125,17 @@ def test_what_does_not_fit() -> None:
         objective(scheme="middle")
 
 
+@pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle to find"), ("kbit", "kbit must be finite")])
+def test_figures_must_be_finite(part: str, message: str) -> None:
+    class Lost(Counting):
+        def __call__(self, subsets: np.ndarray, /) -> Estimate:
+            return super().__call__(subsets)._replace(**{part: np.full(len(subsets), np.nan)})
+
+    some = candidates()
+    with pytest.raises(ValueError, match=message):
+        Objective.of(some, Lost(len(some))).score([0])
+
+
 def test_it_takes_hand_made_candidates() -> None:
     some = candidates()
     axes = Axes(np.array([5.0]), np.array([0.0]), np.array([0.3]), (DepthCamera(),))

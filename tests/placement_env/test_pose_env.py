@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -96,6 +97,20 @@ def test_all_pictures_are_of_one_size() -> None:
         env.reset(seed=seed)
         sizes.add(env.render().shape)  # type: ignore[union-attr]
     assert len(sizes) == 1
+
+
+def test_a_link_that_is_overloaded_may_be_relieved() -> None:
+    site = load_site("tjunction")
+    tight = replace(site, mounts=tuple(replace(mount, capacity=1.0) for mount in site.mounts))
+    env = gym.make(NAME, site=tight, moves=12, frames=2, fidelity="coverage", budget=1)
+    _, info = env.reset(seed=0)
+    env.action_space.seed(0)
+    illegal = []
+    for _ in range(12):
+        before, (*_, info) = info["kbit"], env.step(env.action_space.sample())
+        illegal.append(info["illegal"])
+        assert info["kbit"] <= before
+    assert len(set(illegal)) == 2
 
 
 def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
