@@ -82,15 +82,10 @@ def main() -> None:
         if steps % 20480 == 0:
             print(f"{steps:8d} steps, mean return {mean:.4f}", flush=True)
 
-    def make() -> SensorSelectEnv:
-        again = SensorSelectEnv(seen, slots=asked.poses, **common)
-        again.game.scenes = env.game.scenes  # what is prepared serves all
-        return again
-
-    learning = Learning(learning_rate=1e-3, batch=256, width=64)
+    learning = Learning(learning_rate=1e-3, batch=256, width=64, turned=True)
     with TemporaryDirectory() as folder:
         policy = train_policy(
-            make, asked.out or Path(folder), seconds=60 * asked.minutes, seed=asked.seed, learning=learning,
+            lambda: env, asked.out or Path(folder), seconds=60 * asked.minutes, seed=asked.seed, learning=learning,
             progress=told,
         )  # fmt: skip
     tried = SensorSelectEnv(unseen, slots=asked.poses, **common)

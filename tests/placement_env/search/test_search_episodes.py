@@ -9,7 +9,8 @@ from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_suppo
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from placement_env.search.episodes import Episodes, episodes
+from placement_env.boards import GLOBAL
+from placement_env.search.episodes import HEADING, Episodes, X, episodes
 from placement_env.select_env import SensorSelectEnv
 from placement_env.subset_env import SensorSubsetEnv
 
@@ -52,6 +53,27 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
                 np.testing.assert_array_equal(info["terminal_observation"], same["terminal_observation"])
                 cut += info["TimeLimit.truncated"]
     assert cut == (0 if actions == "subset" else N)
+
+
+def test_a_turned_junction_keeps_its_distances_and_headings(make):
+    objective = make(5, 3)
+    env = SensorSelectEnv(objective=objective, budget=2)
+    plain, turned = episodes(env, lambda: env, 64), episodes(env, lambda: env, 64, turned=True)
+    turned.seed(3)
+    before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
+    seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
+
+    def along(features):  # the heading of each candidate along its position
+        return (features[:, X : X + 2] * features[:, HEADING : HEADING + 2]).sum(axis=1)
+
+    np.testing.assert_allclose(along(seen), along(before), atol=1e-6)
+    moved = [X, X + 1, HEADING, HEADING + 1]
+    np.testing.assert_array_equal(np.delete(seen, moved, axis=1), np.delete(before, moved, axis=1))
+    assert len(np.unique(seen[:, moved].round(3), axis=0)) == 8
+    turned.seed(3)
+    np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
+    with pytest.raises(ValueError, match="only junctions of our own"):
+        episodes(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from placement_env.search import learning
+from placement_env.search import exhaustive, learning
 from placement_env.select_env import SensorSelectEnv
 
 pytest.importorskip("sb3_contrib")
@@ -119,9 +119,12 @@ def test_limits_must_leave_room(make):
             learning.search(make(3, 1), 2, **limit)
 
 
-def test_search_trains_and_plays(make):
+def test_search_keeps_the_best_set_that_training_came_by(make):
     objective = make(5, 2)
     found = learning.search(objective, 2, evaluations=64, learning=SMALL)
-    assert found.best.reward == objective.score(found.best.subset).reward > 0
+    assert found.best.reward == exhaustive.search(objective, 2).best.reward  # random play meets all 40 pairs
+    assert found.best.reward == objective.score(found.best.subset).reward == found.history.reward[-1]
+    assert (np.diff(found.history.reward) >= 0).all()
     assert found.evaluations > 64
+    assert "by itself" in found.certificate.note
     assert not found.sensors
