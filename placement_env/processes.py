@@ -23,6 +23,7 @@ from typing import Any
 
 RETRIES = 3  # how often work that was lost is done again
 AHEAD = 2  # inputs handed out per process
+IDLE_S = 20.0  # that processes wait for more of the same job
 AHEAD_ON_RAY = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
@@ -116,19 +117,66 @@ def _results(
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> Iterator[Callable[[Any], Future[Any]]]:
-    """Processes that end when the block does, or this process, however that happens."""
-    context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
-    reader, writer = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(workers, context, _start_worker, (pickled, reader))
+    """Processes that end with this one, and at once where the block raises or is left early. The last ones are kept for
+    `IDLE_S` seconds: a search asks for the same job time and again, and a process takes seconds to begin."""
+    with _lock:
+        pool = _kept.pop((pickled, workers), None)
+    if pool is None:
+        _end_kept()
+        pool = _Pool(pickled, workers)
     try:
-        yield lambda x: pool.submit(_work, x)
+        yield pool.submit
     except BaseException:
-        writer.close()  # ends the workers in the midst of their work
+        pool.end(at_once=True)
         raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-        reader.close()
-        writer.close()
+    _end_kept()
+    with _lock:
+        _kept[pickled, workers] = pool
+    pool.end_when_idle()
+
+
+class _Pool:
+    """Worker processes that have a job."""
+
+    def __init__(self, pickled: bytes, workers: int) -> None:
+        context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
+        self._reader, self._writer = context.Pipe(duplex=False)
+        self._executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader))
+        self._idle: threading.Timer | None = None
+
+    def submit(self, x: Any) -> Future[Any]:
+        """Have the job done on an input."""
+        if self._idle:
+            self._idle.cancel()
+        return self._executor.submit(_work, x)
+
+    def end_when_idle(self) -> None:
+        """End the processes unless there is work for them again soon."""
+        self._idle = threading.Timer(IDLE_S, _end_kept)
+        self._idle.daemon = True
+        self._idle.start()
+
+    def end(self, at_once: bool = False) -> None:
+        """End the processes, in the midst of their work if need be."""
+        if self._idle:
+            self._idle.cancel()
+        if at_once:
+            self._writer.close()
+        self._executor.shutdown(cancel_futures=True)
+        self._reader.close()
+        self._writer.close()
+
+
+_kept: dict[tuple[bytes, int], _Pool] = {}  # one at most
+_lock = threading.Lock()
+
+
+def _end_kept() -> None:
+    with _lock:
+        pools = list(_kept.values())
+        _kept.clear()
+    for pool in pools:
+        pool.end()
 
 
 _job: Callable[[Any], Any]
@@ -160,10 +208,7 @@ def _died(times: int, x: str) -> str:
 
 def _on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
     """Ray's scheduler gives tasks to nodes, and gives them again when a worker or a node is lost."""
-    ray = _ray()
-    is_ours = not ray.is_initialized()
-    if is_ours:
-        _connect(ray, address)
+    ray = _connected(address)
     pending: deque[Any] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
@@ -177,8 +222,6 @@ def _on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> I
     finally:
         for reference in pending:
             ray.cancel(reference, force=True)
-        if is_ours:
-            ray.shutdown()
 
 
 def _got(ray: Any, reference: Any) -> Any:
@@ -202,6 +245,21 @@ def _work_on_ray(shared: list[Any], x: Any) -> Any:
         _jobs.clear()
         _jobs[key] = _ray().get(shared[0])
     return _jobs[key](x)
+
+
+_address: str | None = None  # of the cluster that we are connected to
+
+
+def _connected(address: str) -> Any:
+    """Ray, connected until this process ends or asks for another cluster; a connection of the caller's own stays."""
+    global _address
+    ray = _ray()
+    if ray.is_initialized() and _address not in (None, address):
+        ray.shutdown()
+    if not ray.is_initialized():
+        _connect(ray, address)
+        _address = address
+    return ray
 
 
 def _connect(ray: Any, address: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from placement_env import processes
 from placement_env.processes import RETRIES, spread
 
 
@@ -82,6 +83,34 @@ def test_work_of_a_process_that_is_killed_is_done_again(tmp_path):
     assert (tmp_path / "killed").exists()
 
 
+def worker(_: int) -> int:
+    return os.getpid()
+
+
+def test_the_same_job_finds_its_processes_waiting(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "IDLE_S", 1.5)
+    first = set(spread(worker, range(8), workers=2))
+    again = set(spread(worker, range(8), workers=2))
+    assert again <= first or first <= again
+    assert len(first | again) <= 2
+    assert list(spread(square, [2], workers=2)) == [4]
+    for process in first | again:
+        assert ends(process)
+    last = set(spread(worker, range(8), workers=2))
+    assert all(ends(process) for process in last)  # when nothing came for a while
+    waiting = set(spread(worker, range(8), workers=2))
+    os.kill(waiting.pop(), signal.SIGKILL)
+    assert len(list(spread(worker, range(8), workers=2))) == 8
+
+
+def ends(process: int) -> bool:
+    for _ in range(150):
+        if not is_running(process):
+            return True
+        time.sleep(0.1)
+    return False
+
+
 def test_work_that_kills_every_process_is_given_up():
     with pytest.raises(RuntimeError, match=f"died {RETRIES + 1} times in a row, at or near input 1") as error:
         list(spread(dies, [1], workers=2))
@@ -114,12 +143,7 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     told = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(root)}
     )
-    worker = int(told.stdout)
-    for _ in range(100):
-        if not is_running(worker):
-            return
-        time.sleep(0.1)
-    pytest.fail("the worker outlived its parent")
+    assert ends(int(told.stdout)), "the worker outlived its parent"
 
 
 def is_running(process: int) -> bool:
