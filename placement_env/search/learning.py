@@ -72,7 +72,7 @@ def search(
     Every step counts as an evaluation; without a limit `STEPS` are trained.
     """
     steps = STEPS if seconds is None and evaluations is None else evaluations
-    limits, best, chosen = Limits(seconds, evaluations), -np.inf, np.zeros(len(objective.candidates), np.bool_)
+    limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
 
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from placement_env.objective import Weights
 from placement_env.search import exhaustive, learning
 from placement_env.select_env import SensorSelectEnv
 
@@ -128,3 +129,9 @@ def test_search_keeps_the_best_set_that_training_came_by(make):
     assert found.evaluations > 64
     assert "by itself" in found.certificate.note
     assert not found.sensors
+
+
+def test_where_no_sensor_pays_search_builds_none(make):
+    found = learning.search(make(4, 1, weights=Weights(price=5.0)), 2, evaluations=32, learning=SMALL)
+    assert found.best.subset == ()
+    assert found.best.reward == 0.0
