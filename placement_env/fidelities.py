@@ -87,7 +87,7 @@ class Preparation:
             return self._detected()
         if name == "table":
             return self._table()
-        raise ValueError(f"fidelity must be coverage, surrogate, detector or table, got {name!r}")
+        raise ValueError(f"fidelity must be one of coverage, surrogate, detector, table, got {name!r}")
 
     def _coverage(self) -> Fidelity:
         from placement_env.coverage import Coverage

@@ -113,6 +113,7 @@ class Objective:
         site = load_site(site) if isinstance(site, str) else site
         candidates = site_candidates(site, candidates)
         check_scheme(scheme)
+        check_fidelity(fidelity)
         preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, ray, detector)
         visibility = None if fidelity == "table" else preparation.visibility
         scored_by = preparation.fidelity(fidelity)
@@ -286,3 +287,10 @@ def check_scheme(scheme: Scheme) -> Scheme:
     if scheme not in SCHEMES:
         raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
     return scheme
+
+
+def check_fidelity(fidelity: FidelityName) -> FidelityName:
+    """The fidelity, or ValueError where there is none of that name."""
+    if fidelity not in FIDELITIES:
+        raise ValueError(f"fidelity must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
+    return fidelity

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from placement_env.boards import Boards
 from placement_env.candidates import Axes, Candidates, aimed
 from placement_env.fidelities import Preparation, site_candidates
 from placement_env.games import GameEnv, observation_space
-from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_scheme, index_of
+from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_fidelity, check_scheme, index_of
 from placement_env.scenes import Scene, Sites, check_budget, checked, poses
 from placement_env.visibility import Visibility, see
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
@@ -83,6 +84,8 @@ class PoseScenes:
             raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
         self.sites = Sites(site)
         self.budget, self.scheme, self.fidelity = check_budget(budget), check_scheme(scheme), fidelity
+        check_fidelity(fidelity)
+        signature(_prepared).bind_partial(**arguments)
         self.weights: Weights = arguments.get("weights", AP_ONLY)
         self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Preparation] = {}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from placement_env.candidates import Candidates, aims
 from placement_env.coverage import LEAST
 from placement_env.fidelities import site_candidates
-from placement_env.objective import Objective, check_scheme
+from placement_env.objective import Objective, check_fidelity, check_scheme
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.evaluation import SCHEMES, Scheme
 from toolkit.sensors import DepthCamera
@@ -154,7 +155,8 @@ class Scenes:
     """The scenes of an environment, made when first played at.
 
     site: as of `Sites`; objective: in place of sites;
-    arguments: further ones of `Objective`. slots: None for what the largest of the sites needs.
+    arguments: further ones of `Objective`. slots: None for what the largest of the sites needs. Raises TypeError for an
+    argument that there is not.
     """
 
     def __init__(
@@ -168,6 +170,8 @@ class Scenes:
     ) -> None:
         self.sites = Sites(site)
         self.budget, self.scheme, self.objective = check_budget(budget), check_scheme(scheme), objective
+        signature(Objective).bind_partial(**arguments)
+        check_fidelity(arguments.get("fidelity", "surrogate"))
         self._arguments = dict(arguments)
         self._made: dict[tuple[int, Scheme], Scene] = {}
         self._candidates: dict[int, Candidates] = {}
