@@ -6,7 +6,7 @@ import json as to_json
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -469,8 +469,6 @@ def train(
         workers: Processes that prepare examples.
         json: Print the summary as JSON.
     """
-    from dataclasses import replace
-
     import torch
 
     from models.detector import moved, weights_file

@@ -147,8 +147,7 @@ class Objective:
     ) -> None:
         self.candidates, self.scored_by, self.scheme, self.weights = candidates, fidelity, scheme, weights
         self.site, self.visibility, self.preparation = site, visibility, preparation
-        self._known: dict[bytes, tuple[float, float, float]] = {}
-        self.forget()
+        self._known = self._of_none()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": self._of_none()}
@@ -202,7 +201,9 @@ class Objective:
         """Scores of sets, given as rows of booleans. A set that was asked before, here or earlier, is not scored again;
         the empty set scores 0. Sets are scored whether feasible or not."""
         figures, cache_hit = self._figures(subsets)
-        return self._weighted(subsets, *figures.T, cache_hit=cache_hit)
+        ap, recall, kbit = figures.T
+        per_sensor, price, reward = self._weighed(subsets, ap, kbit)
+        return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
 
     def race(
         self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
@@ -217,24 +218,18 @@ class Objective:
             raise ValueError(f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()")
 
         def rewards(sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
-            return self._weighted(sets, *scored_by.partial(sets, frames.tolist())).reward
+            estimate = scored_by.partial(sets, frames.tolist())
+            return self._weighed(sets, estimate.ap, estimate.kbit)[2]
 
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
 
-    def _weighted(
-        self,
-        subsets: Bool[np.ndarray, "n C"],
-        ap: Float64[np.ndarray, " n"],
-        recall: Float64[np.ndarray, " n"],
-        kbit: Float64[np.ndarray, " n"],
-        *,
-        cache_hit: Bool[np.ndarray, " n"] | None = None,
-    ) -> Scores:
+    def _weighed(
+        self, subsets: Bool[np.ndarray, "n C"], ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
+    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+        """kbit per sensor, price and reward of each set."""
         per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
         price = self.candidates.price(subsets)
-        reward = ap - self.weights.comm * per_sensor - self.weights.price * price
-        known = np.zeros(len(subsets), np.bool_) if cache_hit is None else cache_hit
-        return Scores(ap, recall, per_sensor, kbit, price, reward, known)
+        return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
         """Which sets may be built: at most one sensor on a mount, and each within the capacity of its mount's link."""

@@ -83,8 +83,7 @@ class PoseScenes:
         if fidelity == "table":
             raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
         self.sites = Sites(site)
-        self.budget, self.scheme, self.fidelity = check_budget(budget), check_scheme(scheme), fidelity
-        check_fidelity(fidelity)
+        self.budget, self.scheme, self.fidelity = check_budget(budget), check_scheme(scheme), check_fidelity(fidelity)
         signature(_prepared).bind_partial(**arguments)
         self.weights: Weights = arguments.get("weights", AP_ONLY)
         self._arguments = dict(arguments)
