@@ -18,13 +18,13 @@ from tyro.conf import Positional, subcommand
 
 if TYPE_CHECKING:
     from models.packing import Recording
-    from placement_env.candidates import Candidates
+    from placement_env.candidates.candidates import Candidates
     from placement_env.objective import Objective, Score
-    from placement_env.search.found import Found
-    from toolkit.dataset import CoopDataset
+    from placement_env.search.result import Found
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.datasets.random_recordings import RandomRecording
     from toolkit.objects import Detector
-    from toolkit.random_recordings import RandomRecording
-    from toolkit.site import Site
+    from toolkit.sites.site import Site
 
 OK, FOUND, BAD_INPUT, MISSING, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -33,8 +33,9 @@ Method = Literal[
     "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "nsga2", "cmaes", "ppo"
 ]  # fmt: skip
 METHODS: dict[Method, tuple[str, str]] = {
-    **{name: (name, "search") for name in get_args(Method)}, "lazy": ("greedy", "lazy"),
-    "stochastic": ("greedy", "stochastic"), "raced": ("greedy", "raced"), "ppo": ("learning", "search"),
+    **{name: (f"search.{name}", "search") for name in get_args(Method)}, "lazy": ("search.greedy", "lazy"),
+    "stochastic": ("search.greedy", "stochastic"), "raced": ("search.greedy", "raced"),
+    "ppo": ("rl.training", "search"),
 }  # fmt: skip
 
 
@@ -68,9 +69,9 @@ def simulate(
         overwrite: Replace a file that holds another recording.
         json: Print the summary as JSON.
     """
-    from toolkit.bodies import catalogue
-    from toolkit.simulation import simulate_dataset
-    from toolkit.site import load_site
+    from toolkit.bodies.fleet import catalogue
+    from toolkit.datasets.simulation import simulate_dataset
+    from toolkit.sites.files import load_site
 
     place, started = load_site(site), perf_counter()
     with tqdm(total=frames, unit="frame", disable=json or None) as bar:
@@ -123,7 +124,7 @@ def evaluate(
         out: Folder for table.json and the PR curves.
         json: Print the rows as JSON.
     """
-    from toolkit.evaluation import evaluate_dataset, format_table, save_evaluation
+    from toolkit.detection.evaluation import evaluate_dataset, format_table, save_evaluation
 
     with _recording(dataset, site) as recording:
         total = _count(recording, frames)
@@ -161,8 +162,8 @@ def survey(
         site: As in coview evaluate.
         json: Print as JSON.
     """
+    from toolkit.detection.survey import survey as count
     from toolkit.points import select_sensors
-    from toolkit.survey import survey as count
 
     with _recording(dataset, site) as recording:
         total = _count(recording, frames)
@@ -205,8 +206,8 @@ def fuse(
         argoverse: A log with two lidars; points per labelled cuboid are printed beside the recording's own counts.
         json: Print as JSON.
     """
-    from toolkit.cloud_files import fuse_files, poses_of
     from toolkit.clouds import crop, positions, save
+    from toolkit.datasets.cloud_files import fuse_files, poses_of
 
     if argoverse is not None:
         return _check_argoverse(argoverse, json)
@@ -233,8 +234,8 @@ def doctor(dataset: Positional[Path], /, *, site: str | None = None, json: bool 
         site: As in coview evaluate.
         json: Print as JSON.
     """
-    from toolkit.doctor import diagnose
-    from toolkit.site import load_site
+    from toolkit.datasets.doctor.diagnosis import diagnose
+    from toolkit.sites.files import load_site
 
     findings = diagnose(dataset, load_site(site) if site else None)
     _print([asdict(finding) for finding in findings], "\n".join(map(str, findings)) or "nothing suspected", json)
@@ -267,6 +268,7 @@ class ImportMap:
 
     def __call__(self) -> int:
         """Import, save, say what came of it."""
+        from toolkit.sites.files import save_site
         from toolkit.sites.maps import import_opendrive, import_osm
 
         place: dict[str, Any] = {
@@ -280,7 +282,7 @@ class ImportMap:
             imported = import_opendrive(self.opendrive, **place)
         else:
             imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
-        imported.save(self.out)
+        save_site(imported, self.out)
         print(f"{imported}\nwritten to {self.out}")
         return OK
 
@@ -301,10 +303,11 @@ class RandomSite:
 
     def __call__(self) -> int:
         """Draw, save, say what came of it."""
+        from toolkit.sites.files import save_site
         from toolkit.sites.random import random_site
 
         drawn = random_site(self.seed)
-        drawn.save(self.out)
+        save_site(drawn, self.out)
         print(f"{drawn}\nwritten to {self.out}")
         return OK
 
@@ -326,7 +329,7 @@ class ShowSite:
     def __call__(self) -> int:
         """Load (and so validate), say what is there, draw."""
         from toolkit.plots import draw_site
-        from toolkit.site import load_site
+        from toolkit.sites.files import load_site
 
         shown = load_site(self.site)
         print(shown)
@@ -353,8 +356,8 @@ def demo(*, out: Path = Path("out/demo"), frames: int = 100, seed: int = 1, dete
         seed: Of the traffic.
         detector: As in coview evaluate.
     """
-    from toolkit.dataset import noisy
-    from toolkit.fusion import early
+    from toolkit.datasets.dataset import noisy
+    from toolkit.detection.fusion import early
     from toolkit.plots import draw_frame
     from toolkit.points import frame_points
 
@@ -408,7 +411,7 @@ def pack(
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
     if random_sites:
-        from toolkit.random_recordings import random_recordings
+        from toolkit.datasets.random_recordings import random_recordings
 
         with tqdm(total=random_sites, unit="site", disable=json or None) as bar:
             drawn = random_recordings(
@@ -478,7 +481,7 @@ def train(
     from models.validation import validation
     from models.weights import Header, load_weights, save_weights
     from toolkit.plots import draw_training
-    from toolkit.site import load_site
+    from toolkit.sites.files import load_site
 
     if threads:
         torch.set_num_threads(threads)
@@ -572,7 +575,7 @@ def search(
     from importlib import import_module
 
     from placement_env.objective import Objective, Weights
-    from toolkit.site import load_site
+    from toolkit.sites.files import load_site
 
     place = load_site(site)
     settings: dict[str, Any] = {
@@ -581,7 +584,7 @@ def search(
     }  # fmt: skip
     objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
     module, function = METHODS[method]
-    run = getattr(import_module(f"placement_env.search.{module}"), function)
+    run = getattr(import_module(f"placement_env.{module}"), function)
     found = run(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
     names = _chosen(objective, found)
     summary = {**asdict(found.best), "sensors": names, "certificate": asdict(found.certificate),
@@ -599,7 +602,7 @@ def search(
 
 def _chosen(objective: Objective, found: Found) -> list[str]:
     """Names of the sensors found, with where they were moved to, if they were."""
-    from placement_env.candidates import aims
+    from placement_env.candidates.aim import aims
 
     names = [objective.names[c] for c in found.best.subset]
     if not found.sensors:
@@ -613,7 +616,7 @@ def _chosen(objective: Objective, found: Found) -> list[str]:
 def _verified(cheap: Objective, dear: Objective, found: Found) -> tuple[Score, str]:
     """The best set by a dear objective of what a search on a cheap one found and its neighbours, and how it was chosen.
     Sensors that were moved have no neighbours."""
-    from placement_env.verification import rescored, verified
+    from placement_env.search.verification import rescored, verified
 
     if found.sensors:
         return rescored(dear, found), f"by the {dear.fidelity}, moved:"
@@ -648,8 +651,8 @@ def table(
         json: Print the best sets as JSON.
     """
     from models.train import commit
-    from placement_env.renders import Renders
-    from placement_env.tables import best_sets, make_table
+    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.table import best_sets, make_table
 
     with _recording(dataset, site) as recording, tqdm(unit="frame", disable=json or None) as bar:
 
@@ -733,8 +736,8 @@ def _advance(bar: Any) -> Callable[[int], None]:
 
 
 def _recording(dataset: Path, site: str | None) -> CoopDataset:
-    from toolkit.dataset import CoopDataset
-    from toolkit.site import load_site
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.sites.files import load_site
 
     return CoopDataset(dataset, load_site(site) if site else None)
 
@@ -742,7 +745,7 @@ def _recording(dataset: Path, site: str | None) -> CoopDataset:
 def _packed(recording: CoopDataset | RandomRecording, frames: int | None = None) -> Recording:
     """A recording as what `models.packing.pack` writes."""
     from models.packing import recording as packed
-    from toolkit.dataset import CoopDataset
+    from toolkit.datasets.dataset import CoopDataset
 
     if isinstance(recording, CoopDataset):
         return packed(recording, recording.site.area, recording.site.height, count=frames)
@@ -778,7 +781,7 @@ def _detector(name: str, recording: CoopDataset) -> Detector:
 
 def _cluster(recording: CoopDataset) -> Detector:
     """The classical detector, having seen the recording's site empty."""
-    from toolkit.cluster import ClusterDetector
+    from toolkit.detection.cluster import ClusterDetector
     from toolkit.frame import empty_scene
     from toolkit.points import frame_points
 
@@ -790,8 +793,8 @@ def _cluster(recording: CoopDataset) -> Detector:
 
 def _candidates(site: Site, which: str) -> Candidates:
     """The site's pool, its own sensors (paper), or the pool of the poles in a GeoJSON file."""
-    from placement_env.candidates import paper_candidates, pool
-    from placement_env.poles import load_keep_out, load_poles
+    from placement_env.candidates.poles import load_keep_out, load_poles
+    from placement_env.candidates.pool import paper_candidates, pool
 
     if which in ("pool", "paper"):
         return pool(site) if which == "pool" else paper_candidates(site)
@@ -806,7 +809,7 @@ def _figures(score: Score) -> str:
 
 
 def _check_argoverse(log: Path, as_json: bool) -> int:
-    from toolkit.argoverse import count_labels, sweep_times
+    from toolkit.datasets.argoverse import count_labels, sweep_times
 
     rows = []
     for time in sweep_times(log):

@@ -5,11 +5,11 @@ python examples/01_fuse_two_clouds.py
 
 import numpy as np
 
-from toolkit.bodies import catalogue
+from toolkit.bodies.fleet import catalogue
 from toolkit.clouds import crop, from_depth, fuse, points_per_box, sensor_numbers
-from toolkit.render import Renderer
-from toolkit.site import load_site
-from toolkit.traffic import simulate
+from toolkit.rendering.renderer import Renderer
+from toolkit.sites.files import load_site
+from toolkit.traffic.snapshots import simulate
 
 
 def main() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.dataset import CoopDataset
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.simulation import simulate_dataset
+from toolkit.detection.survey import survey
 from toolkit.plots import draw_density_cdf
-from toolkit.simulation import simulate_dataset
-from toolkit.survey import survey
 
 SETS = ((4,), (3, 4), (0, 2, 5), (1, 3, 4, 5), (0, 1, 2, 3, 4, 5))
 

@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.geometry import look
-from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
-from toolkit.site import Mount, Relief, Site, Solid, load_site
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site, save_site
 from toolkit.sites.network import build_network, road_polygons, street
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 AREA = (-30.0, -30.0, 30.0, 30.0)  # xmin, ymin, xmax, ymax: metres, x east, y north
 
@@ -54,7 +57,7 @@ def main() -> None:
     """Save it and read it back, validated."""
     out = Path("out/crossroads.json")
     out.parent.mkdir(exist_ok=True)
-    crossroads().save(out)
+    save_site(crossroads(), out)
     site = load_site(out)
     print(f"{site.name}: {len(site.lanes)} lane polygons, {len(site.sensors)} sensors, written to {out}")
 

@@ -6,10 +6,10 @@ python examples/08_train_maskable_ppo.py
 import tempfile
 from pathlib import Path
 
+from placement_env.envs.select import SensorSelectEnv
 from placement_env.objective import Objective
+from placement_env.rl.training import rollout, train_policy
 from placement_env.search import exhaustive, greedy
-from placement_env.search.learning import rollout, train_policy
-from placement_env.select_env import SensorSelectEnv
 
 
 def main(frames: int = 6, steps: int = 2048, budget: int = 3) -> None:

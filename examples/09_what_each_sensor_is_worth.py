@@ -5,8 +5,7 @@ python examples/09_what_each_sensor_is_worth.py
 
 import numpy as np
 
-from placement_env.objective import Objective
-from placement_env.values import (
+from placement_env.analysis.values import (
     exact_worth,
     failures,
     format_failures,
@@ -15,6 +14,7 @@ from placement_env.values import (
     marginal,
     sampled_worth,
 )
+from placement_env.objective import Objective
 
 
 def main(site: str = "tjunction") -> None:

@@ -1,12 +1,9 @@
 """What is seen: VoxelNet, its training and its weights. Needs torch, numpy, h5py and shapely only, each when used."""
 
-from pathlib import Path
-
-from toolkit.lazy import lazily
+from toolkit.runtime.lazy import lazily
 
 __getattr__, __dir__ = lazily(
     __name__,
-    Path(__file__).parent,
     {
         "VoxelNetConfig": "config",
         "Voxels": "voxels", "voxelise": "voxels", "collate": "voxels",

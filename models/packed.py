@@ -26,7 +26,9 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.objects import Objects
-from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
 
 STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise
 MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge

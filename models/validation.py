@@ -11,7 +11,7 @@ import torch
 from models.detector import VoxelNetDetector, moved
 from models.packed import PackedFrames
 from models.voxelnet import VoxelNet
-from toolkit.metrics import evaluate
+from toolkit.detection.metrics import evaluate
 from toolkit.points import centred_in
 
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)

@@ -1,21 +1,21 @@
 """What to build: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
 
 from importlib.util import find_spec
-from pathlib import Path
 
-from placement_env.registration import register
-from toolkit.lazy import lazily
+from placement_env.envs.registration import register
+from toolkit.runtime.lazy import lazily
 
 __getattr__, __dir__ = lazily(
     __name__,
-    Path(__file__).parent,
     {
-        "Candidates": "candidates", "pool": "candidates", "paper_candidates": "candidates", "load_poles": "poles",
+        "Candidates": "candidates.candidates", "pool": "candidates.pool", "paper_candidates": "candidates.pool",
+        "load_poles": "candidates.poles",
         "Objective": "objective", "Weights": "objective", "Score": "objective", "Scores": "objective",
-        "Visibility": "visibility", "see": "visibility", "traffic": "traffic_frames", "Renders": "renders",
-        "Coverage": "coverage", "Surrogate": "surrogate", "Detected": "detection",
-        "TableFidelity": "tables", "load_table": "tables",
-        "SensorSelectEnv": "select_env", "SensorSubsetEnv": "subset_env", "SensorPoseEnv": "pose_env",
+        "Visibility": "fidelity.visibility",
+        "see": "fidelity.visibility", "traffic": "fidelity.traffic", "Renders": "fidelity.renders",
+        "Coverage": "fidelity.coverage", "Surrogate": "fidelity.surrogate", "Detected": "fidelity.detector",
+        "TableFidelity": "fidelity.table", "load_table": "fidelity.table",
+        "SensorSelectEnv": "envs.select", "SensorSubsetEnv": "envs.subset", "SensorPoseEnv": "envs.pose",
     },
 )  # fmt: skip
 

@@ -16,18 +16,19 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.fidelity import ByFrames, Fidelity
+from placement_env.fidelity.protocol import ByFrames, Fidelity
 from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.evaluation import SCHEMES, Scheme
-from toolkit.fusion import PAPER
+from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.detection.fusion import PAPER
 from toolkit.objects import Detector
-from toolkit.site import Site, load_site
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.candidates import Candidates
-    from placement_env.fidelities import Preparation
-    from placement_env.visibility import Visibility
+    from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.preparation import Preparation
+    from placement_env.fidelity.visibility import Visibility
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
@@ -108,7 +109,7 @@ class Objective:
         workers: int = 1,
         ray: str | None = None,
     ) -> None:
-        from placement_env.fidelities import Preparation, site_candidates
+        from placement_env.fidelity.preparation import Preparation, site_candidates
 
         site = load_site(site) if isinstance(site, str) else site
         candidates = site_candidates(site, candidates)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.values import SetFunction
+from placement_env.subsets import SetFunction
 from toolkit.arrays import Bool, Float64, Int64
 
 PartialScores = Callable[

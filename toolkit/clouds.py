@@ -20,7 +20,7 @@ from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
 from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
-from toolkit.sensors import Sensor
+from toolkit.sensors.sensor import Sensor
 
 __all__ = [
     "DensityMap",

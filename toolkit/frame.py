@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.arrays import Float32
 from toolkit.objects import Objects
-from toolkit.sensors import Sensor
+from toolkit.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)

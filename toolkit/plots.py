@@ -11,13 +11,14 @@ import numpy as np
 from toolkit.arrays import Float, Int
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.sensors import DepthCamera, Sensor
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from toolkit.site import Site
+    from toolkit.sites.site import Site
 
 TRUTH = {"vehicle": "#d62728", "cyclist": "#2ca02c", "pedestrian": "#1f77b4", "heavy": "#7f7f7f"}
 DETECTION = "#111111"

@@ -14,8 +14,10 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.frame import Frame
-from toolkit.sensors import Sensor, SpinningLidar, returned
-from toolkit.site import Site, check_area
+from toolkit.sensors.model import returned
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Site, check_area
 
 Metric = Literal["horizontal", "published"]
 Area = Site | Sequence[int | float] | Float[np.ndarray, "4"]

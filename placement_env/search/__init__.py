@@ -22,12 +22,9 @@ too. Late fusion: sensor 3 alone has 0.2512, on {2, 5} it gains 0.5834 - 0.3309 
 T-junction it starts from {4}, the best one, and {3, 4}, the best two; the best three, {0, 2, 5}, hold neither.
 """
 
-from pathlib import Path
-
-from toolkit.lazy import lazily
+from toolkit.runtime.lazy import lazily
 
 __getattr__, __dir__ = lazily(
     __name__,
-    Path(__file__).parent,
-    {"Found": "found", "History": "found", "Certificate": "found"},
+    {"Found": "result", "History": "result", "Certificate": "result"},
 )

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.found import Found
-from placement_env.search.moves import Moves
+from placement_env.search.neighbourhood import Moves
 from placement_env.search.progress import Progress, rows_of
+from placement_env.search.result import Found
 
 SETS = 20_000  # scored where no limit is given
 

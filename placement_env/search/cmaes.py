@@ -17,17 +17,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from placement_env.candidates import Axes, Candidates, aimed, aims
+from placement_env.candidates.aim import aimed, aims
+from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.objective import Objective, Score, Weights
 from placement_env.search import greedy
-from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Limits
+from placement_env.search.result import Certificate, Found
 from toolkit.arrays import Bool, Float64
-from toolkit.sensors import Sensor
-from toolkit.site import Mount
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Mount
 
 if TYPE_CHECKING:
-    from placement_env.fidelities import Preparation
+    from placement_env.fidelity.preparation import Preparation
 
 TILTS = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # scored where no limit is given
@@ -130,7 +131,7 @@ def placing(preparation: Preparation, fidelity: str, weights: Weights = FREE) ->
 
     A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
     """
-    from placement_env.visibility import see
+    from placement_env.fidelity.visibility import see
 
     mounts = preparation.candidates.mounts
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from placement_env.coverage import LEAST
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Progress
-from placement_env.visibility import Visibility
+from placement_env.search.result import Certificate, Found
 from toolkit.arrays import Bool, Int64
 
 if TYPE_CHECKING:

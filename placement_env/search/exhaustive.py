@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective, Score
-from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Figures, Progress
+from placement_env.search.result import Certificate, Found
 from toolkit.arrays import Bool, Float, Float64
 
 LARGEST = 16  # candidates, 65 536 sets

@@ -15,8 +15,8 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search import submodular as theory
-from placement_env.search.found import Certificate, Found
 from placement_env.search.progress import Progress, joined, rows_of
+from placement_env.search.result import Certificate, Found
 
 DECIMALS = 12  # of gains that are compared with each other: what lies behind is rounding
 

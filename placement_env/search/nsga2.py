@@ -12,9 +12,9 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search import exhaustive
-from placement_env.search.found import Found
-from placement_env.search.moves import Moves
+from placement_env.search.neighbourhood import Moves
 from placement_env.search.progress import Figures, Progress, rows_of
+from placement_env.search.result import Found
 
 if TYPE_CHECKING:
     from pymoo.algorithms.moo.nsga2 import NSGA2

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.objective import Objective, Score
-from placement_env.search.found import Certificate, Found, History
+from placement_env.search.result import Certificate, Found, History
 from toolkit.arrays import Bool, Float64, Int
 
 BLOCK = 4096  # sets scored between two looks at the clock, at most

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.found import Certificate
 from placement_env.search.progress import Progress, joined, rows_of
+from placement_env.search.result import Certificate
 
 TOLERANCE = 1e-9  # a gain that rises by no more does not count against submodularity
 

@@ -12,10 +12,10 @@ import sys
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.found import Certificate, Found
 from placement_env.search.greedy import grow
-from placement_env.search.moves import Moves
+from placement_env.search.neighbourhood import Moves
 from placement_env.search.progress import Progress, joined, rows_of
+from placement_env.search.result import Certificate, Found
 
 STARTS = 5
 NOBODY = -1  # a place without a sensor

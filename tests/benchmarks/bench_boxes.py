@@ -7,7 +7,7 @@ import numpy as np
 from timing import report
 
 from toolkit.boxes import count_points, iou_3d
-from toolkit.metrics import evaluate
+from toolkit.detection.metrics import evaluate
 from toolkit.objects import Detections, Objects
 
 

@@ -12,7 +12,8 @@ from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.sensors import DepthCamera, Sensor
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 POSTS = [(40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8.0, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64)]

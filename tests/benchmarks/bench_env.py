@@ -11,8 +11,8 @@ import time
 import gymnasium as gym
 import numpy as np
 
+from placement_env.envs.registration import register
 from placement_env.objective import FidelityName, Objective
-from placement_env.registration import register
 
 register()
 ROUNDS = 20

@@ -28,11 +28,11 @@ def main() -> None:
 
     from models import load_detector
     from toolkit.boxes import count_points
-    from toolkit.dataset import noisy
-    from toolkit.metrics import evaluate
+    from toolkit.datasets.dataset import noisy
+    from toolkit.datasets.random_recordings import random_recording
+    from toolkit.detection.metrics import evaluate
     from toolkit.objects import VEHICLE
     from toolkit.points import centred_in, frame_points
-    from toolkit.random_recordings import random_recording
 
     detections, truths, points, inside = [], [], [], []
     for number in range(asked.sites):

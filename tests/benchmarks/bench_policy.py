@@ -29,7 +29,7 @@ def some_poses(count: int) -> Callable:
     """Candidates of a site: so many poses of its pool, drawn by its name."""
 
     def of_site(site):
-        from placement_env.candidates import pool
+        from placement_env.candidates.pool import pool
 
         every = pool(site)
         rng = np.random.default_rng(list(site.name.encode()))
@@ -40,7 +40,7 @@ def some_poses(count: int) -> Callable:
 
 def play(policy, env, site, seconds: float):
     """The first episode's reward, the best one's within the seconds, episodes and seconds of the first."""
-    from placement_env.search.learning import rollout
+    from placement_env.rl.training import rollout
 
     start = perf_counter()
     first = rollout(policy, env, options={"site": site})
@@ -65,9 +65,9 @@ def main() -> None:
     arguments.add_argument("--out", type=Path)
     asked = arguments.parse_args()
 
+    from placement_env.envs.select import SensorSelectEnv
+    from placement_env.rl.training import Learning, train_policy
     from placement_env.search import greedy
-    from placement_env.search.learning import Learning, train_policy
-    from placement_env.select_env import SensorSelectEnv
     from toolkit.sites.random import random_site
 
     seen, unseen = ([random_site(first + k) for k in range(n)] for first, n in ((0, asked.train), (UNSEEN, asked.test)))

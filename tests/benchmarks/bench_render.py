@@ -9,12 +9,14 @@ import numpy as np
 import open3d as o3d
 from timing import report
 
-from toolkit.bodies import Body, catalogue
+from toolkit.bodies.body import Body
+from toolkit.bodies.fleet import catalogue
 from toolkit.geometry import pose, transform
-from toolkit.render import Renderer
-from toolkit.scenery import scenery
-from toolkit.site import Site, load_site
-from toolkit.traffic import Snapshot, simulate
+from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.static_scene import scenery
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import Snapshot, simulate
 
 FRAMES = 30
 

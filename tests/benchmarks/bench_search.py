@@ -29,15 +29,19 @@ METHODS = (
     "cpsat",
     "nsga2",
     "cmaes",
-    "learning",
+    "ppo",
 )
 SEEING = ("cpsat", "cmaes")  # need to know what each candidate sees, which a table does not tell
 MOST_EXHAUSTIVE = 16
 
 
 def run(method: str, objective, asked: argparse.Namespace):
-    module, _, function = method.partition(".")
-    search = getattr(import_module(f"placement_env.search.{module}"), function or "search")
+    module, _, function = (
+        ("rl.training", "", "search")
+        if method == "ppo"
+        else (f"search.{method.partition('.')[0]}", "", method.partition(".")[2])
+    )
+    search = getattr(import_module(f"placement_env.{module}"), function or "search")
     return search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
 
 
@@ -53,10 +57,10 @@ def main() -> None:
         arguments.add_argument(f"--{name}", type=int, default=default)
     asked = arguments.parse_args()
 
-    from placement_env.candidates import paper_candidates, pool
+    from placement_env.candidates.pool import paper_candidates, pool
     from placement_env.objective import Objective
-    from placement_env.verification import rescored
-    from toolkit.site import load_site
+    from placement_env.search.verification import rescored
+    from toolkit.sites.files import load_site
 
     site = load_site(asked.site)
     candidates = pool(site) if asked.candidates == "pool" else paper_candidates(site)

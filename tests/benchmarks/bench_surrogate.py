@@ -3,9 +3,9 @@
     python tests/benchmarks/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou 0.7] [--model MODELS.json]
     python tests/benchmarks/bench_surrogate.py --poses SITE [--frames 50] [--sets 100] [--seed 2000] [--memo FILE] ...
 
-TABLE: a .npz of `placement_env.tables` or a built-in site's name; RECORDING: the HDF5 file it was measured in. With
---poses: random sets of 1 to 8 poses of the site's pool, scored by its detector on traffic of the seed. Intervals are
-95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
+TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECORDING: the HDF5 file it was measured in.
+With --poses: random sets of 1 to 8 poses of the site's pool, scored by its detector on traffic of the seed. Intervals
+are 95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def ms_each(fidelity: Callable[[np.ndarray], object], sets: np.ndarray) -> float
 
 def leaderboard(visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model=None) -> None:
     """Print a line for each surrogate, best first."""
-    from placement_env.coverage import Coverage
-    from placement_env.published_surrogates import InformationGain, PerceptionEntropy
-    from placement_env.surrogate import Surrogate
+    from placement_env.fidelity.coverage import Coverage
+    from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+    from placement_env.fidelity.surrogate import Surrogate
 
     entries = {
         "surrogate (ours)": Surrogate(visibility, scheme, model, iou=iou),
@@ -82,9 +82,9 @@ def leaderboard(visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.nd
 
 def of_table(asked: argparse.Namespace) -> tuple:
     """Visibility, sets and AP of a table and its recording."""
-    from placement_env.tables import TableFidelity, load_table
-    from placement_env.visibility import Visibility
-    from toolkit.dataset import CoopDataset
+    from placement_env.fidelity.table import TableFidelity, load_table
+    from placement_env.fidelity.visibility import Visibility
+    from toolkit.datasets.dataset import CoopDataset
 
     table = load_table(asked.table)
     sets = table.subsets[1:]
@@ -98,12 +98,12 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     from fit_surrogate import sets_of
 
     from models.detector import load_detector
-    from placement_env.candidates import pool
-    from placement_env.detection import Detected
-    from placement_env.renders import Renders
-    from placement_env.traffic_frames import traffic
-    from placement_env.visibility import see
-    from toolkit.site import load_site
+    from placement_env.candidates.pool import pool
+    from placement_env.fidelity.detector import Detected
+    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.traffic import traffic
+    from placement_env.fidelity.visibility import see
+    from toolkit.sites.files import load_site
 
     rng, site = np.random.default_rng(asked.seed), load_site(asked.poses)
     candidates = pool(site)
@@ -131,7 +131,7 @@ def main() -> None:
     if not (asked.poses or asked.recording):
         arguments.error("give a table and its recording, or --poses SITE")
 
-    from placement_env.hit_model import load_models
+    from placement_env.fidelity.hit_model import load_models
 
     visibility, sets, ap = of_poses(asked) if asked.poses else of_table(asked)
     models = load_models(asked.model) if asked.model else ()

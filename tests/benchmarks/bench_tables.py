@@ -12,14 +12,14 @@ import numpy as np
 import torch
 
 from models import load_detector
-from placement_env.detection import Detected
-from placement_env.memo import Memo
-from placement_env.renders import Renders
-from placement_env.values import all_subsets
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.renders import Renders
+from placement_env.subsets import all_subsets
 from toolkit.arrays import Float32
-from toolkit.dataset import CoopDataset
-from toolkit.evaluation import SCHEMES
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.detection.evaluation import SCHEMES
 from toolkit.objects import Detections
+from toolkit.runtime.cache import Memo
 
 
 class Counted:

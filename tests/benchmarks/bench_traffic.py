@@ -7,9 +7,9 @@ from time import perf_counter
 
 import numpy as np
 
-from toolkit.bodies import catalogue
-from toolkit.site import load_site
-from toolkit.traffic import simulate
+from toolkit.bodies.fleet import catalogue
+from toolkit.sites.files import load_site
+from toolkit.traffic.snapshots import simulate
 
 FRAMES = 400
 

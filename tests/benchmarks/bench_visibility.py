@@ -9,10 +9,10 @@ from time import perf_counter
 
 import numpy as np
 
-from placement_env.candidates import pool
-from placement_env.traffic_frames import traffic
-from placement_env.visibility import see
-from toolkit.site import load_site
+from placement_env.candidates.pool import pool
+from placement_env.fidelity.traffic import traffic
+from placement_env.fidelity.visibility import see
+from toolkit.sites.files import load_site
 
 LIMIT = 600.0  # s
 

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from scipy.stats import spearmanr
 
-from placement_env.tables import Table, TableFidelity, best_sets, load_table
+from placement_env.fidelity.table import Table, TableFidelity, best_sets, load_table
 
 WANTED = {"early": 0.95, "late": 0.90}
 

@@ -34,7 +34,7 @@ def together(site, poses: int, rng: np.random.Generator):
     """The site's own sensors and, after them, some random poses of its pool."""
     from dataclasses import replace
 
-    from placement_env.candidates import paper_candidates, pool
+    from placement_env.candidates.pool import paper_candidates, pool
 
     own, more = paper_candidates(site), pool(site)
     more = more.select(np.sort(rng.choice(len(more), poses, replace=False)))
@@ -62,16 +62,16 @@ def main() -> None:
     from scipy.stats import spearmanr
 
     from models.detector import load_detector
-    from placement_env.detection import Detected
-    from placement_env.hit_fit import fit_detected
-    from placement_env.hit_model import FOLDER, save_models
-    from placement_env.renders import Renders
-    from placement_env.surrogate import Surrogate
-    from placement_env.traffic_frames import traffic
-    from placement_env.visibility import see
-    from toolkit.evaluation import SCHEMES
-    from toolkit.fusion import hybrid_radius
-    from toolkit.site import load_site
+    from placement_env.fidelity.detector import Detected
+    from placement_env.fidelity.hit_fit import fit_detected
+    from placement_env.fidelity.hit_model import FOLDER, save_models
+    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.surrogate import Surrogate
+    from placement_env.fidelity.traffic import traffic
+    from placement_env.fidelity.visibility import see
+    from toolkit.detection.evaluation import SCHEMES
+    from toolkit.detection.fusion import hybrid_radius
+    from toolkit.sites.files import load_site
 
     rng = np.random.default_rng(asked.seed)
     site = load_site(asked.site)

@@ -6,9 +6,9 @@ import pytest
 
 from models.detector import SHIPPED, load_detector
 from models.weights import load_weights
-from toolkit.dataset import CoopDataset
-from toolkit.evaluation import evaluate_dataset
-from toolkit.simulation import simulate_dataset
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.simulation import simulate_dataset
+from toolkit.detection.evaluation import evaluate_dataset
 
 WEIGHTS = sorted(Path(SHIPPED).glob("*.safetensors"))
 

@@ -9,19 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from placement_env.candidates import paper_candidates
-from placement_env.detection import Detected
-from placement_env.fidelity import Estimate
-from placement_env.memo import Memo
+from placement_env.analysis.values import exact_worth
+from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
 from placement_env.racing import race
-from placement_env.values import all_subsets, exact_worth
-from toolkit.fusion import hybrid_radius
+from placement_env.subsets import all_subsets
+from toolkit.detection.fusion import hybrid_radius
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.points import beyond
-from toolkit.sensors import DepthCamera, Sensor
-from toolkit.site import Site
+from toolkit.runtime.cache import Memo
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 CELL = 6.0  # m
 CAR = np.array([4.4, 1.9, 1.5])
@@ -43,7 +45,7 @@ def site_at(x=0.0, y=0.0):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Points of each sensor on each car of each frame, as `placement_env.detection.Measured`."""
+    """Points of each sensor on each car of each frame, as `placement_env.fidelity.detector.Measured`."""
 
     site: Site
     sensors: tuple[Sensor, ...]

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_env.candidates import Axes, Candidates, pool
-from placement_env.fidelity import Estimate
+from placement_env.candidates.candidates import Axes, Candidates
+from placement_env.candidates.pool import pool
+from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import AP_ONLY, Objective, Weights
-from toolkit.sensors import DepthCamera
-from toolkit.site import Mount, Site
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sites.site import Mount, Site
 
 
 class Counting:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from placement_env.racing import race, verify
-from placement_env.values import all_subsets
+from placement_env.subsets import all_subsets
 
 SETS = all_subsets(8)[1:]
 

@@ -22,8 +22,10 @@ from toolkit.clouds import (
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose, transform
 from toolkit.objects import Objects
-from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
-from toolkit.site import Site
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Site
 
 AREA = (-40, -20, 40, 20)
 CAMERA = Sensor("c", DepthCamera(), look((5.0, -3.0, 5.2), heading=1.0, tilt=0.2))

@@ -6,7 +6,9 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.points import centred_in, frame_points, select_sensors
-from toolkit.sensors import DepthCamera, Sensor, SpinningLidar
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
 
 AREA = (-40, -20, 40, 20)
 SENSORS = (

@@ -6,13 +6,14 @@ from importlib import import_module
 from pathlib import Path
 
 from toolkit.sites import BUILT_IN
+from toolkit.sites.files import save_site
 
 
 def main() -> None:
     """Build every built-in site and write its JSON beside this file."""
     for name in BUILT_IN:
         path = Path(__file__).parent / f"{name}.json"
-        import_module(f"toolkit.sites.{name}").build().save(path)
+        save_site(import_module(f"toolkit.sites.{name}").build(), path)
         print(path)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
 Polygons = Iterable[Float[np.ndarray, "_ 2"]]

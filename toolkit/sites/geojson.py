@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from toolkit.geometry import BODY_SE3_CAMERA, invert, pose
-from toolkit.sensors import DepthCamera, Sensor, SensorModel, SpinningLidar
-from toolkit.site import Mount, Relief, Site, Solid, check_polygon
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Mount, Relief, Site, Solid, check_polygon
 
 VERSION = 1
 _ANGLES = ("fov", "fov_up", "fov_down", "azimuth_step", "azimuth_fov")

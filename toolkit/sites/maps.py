@@ -18,11 +18,12 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import look, pose
-from toolkit.sensors import DepthCamera, Sensor
-from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
 from toolkit.sites import osm, osm_roads, osm_solids
 from toolkit.sites.network import MOTOR, clipped, convert, road_polygons
+from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.sites.surroundings import POLE, Road, place_mounts
 
 REACH = 80.0  # m of road kept around the area, for traffic to enter

@@ -12,10 +12,10 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.site import Solid
 from toolkit.sites import furniture as f
 from toolkit.sites.network import clipped
 from toolkit.sites.osm import Extract, Tags, Way, metres
+from toolkit.sites.site import Solid
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
 FARTHEST = 60.0  # m beyond the window where a long building ends

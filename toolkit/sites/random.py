@@ -13,10 +13,12 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
-from toolkit.sensors import DepthCamera, Sensor, SensorModel, SpinningLidar
-from toolkit.site import Mount, Relief, Site
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
 from toolkit.sites.network import Row, build_network, line, road_polygons, street
+from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.surroundings import Road, furnish, place_mounts
 
 REACH = 140.0  # how far a leg goes from the middle of the junction (m)

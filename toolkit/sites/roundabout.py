@@ -18,10 +18,11 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import look
-from toolkit.sensors import DepthCamera, Sensor
-from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
 from toolkit.sites.network import Row, build_network, line, road_polygons, street
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 AREA = (-48.0, -48.0, 48.0, 48.0)
 RELIEF = Relief(amplitude=0.08, seed=6)

@@ -14,8 +14,8 @@ import shapely
 from shapely.ops import substring
 
 from toolkit.arrays import Float, Float64
-from toolkit.site import Mount, Solid
 from toolkit.sites import furniture as f
+from toolkit.sites.site import Mount, Solid
 
 Polygons = Sequence[Float64[np.ndarray, "_ 2"]]
 Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction along the road (rad)

@@ -17,10 +17,11 @@ from __future__ import annotations
 import numpy as np
 
 from toolkit.geometry import look
-from toolkit.sensors import DepthCamera, Sensor
-from toolkit.site import Mount, Relief, Site, Solid
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
 from toolkit.sites.network import build_network, road_polygons, street
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 AREA = (-40.0, -20.0, 40.0, 20.0)
 RELIEF = Relief(amplitude=0.08, seed=196)

@@ -1,0 +1,233 @@
+"""Poles of a city as mounts: a GeoJSON of points, and of the areas that must be kept free of sensors.
+
+Point features are poles. Properties, all optional: name, height or max_height and min_height (m above the foot), price
+(in units of one ordinary mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out:
+true` or `kind: "keep_out"` are keep-out areas. All else is ignored.
+
+Coordinates are longitude and latitude (RFC 7946, WGS84), whose altitude is not used: poles stand on the ground of the
+site. A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry import shape
+
+from toolkit.arrays import Float64
+from toolkit.geometry import invert, transform
+from toolkit.sites import osm
+from toolkit.sites.site import Mount, Site
+
+SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
+SAME_PLACE = 0.1  # m between two poles that are one
+ABOVE_GROUND = 20.0  # m between the foot of a pole and the ground, beyond which it was an altitude
+Json = dict[str, Any]
+
+
+def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
+    """The poles in `path` where sensors may hang at `site`; unnamed ones are called pole and their number in the file.
+
+    Poles in a keep-out area of the file or on the carriageway are left out with a warning that names them. A "/" in a
+    name becomes "-".
+    Raises ValueError in one line where the file is damaged, holds no pole, one twice, or one that is not near the site;
+    ImportError where a map's projection other than coview's own needs pyproj.
+    """
+    collection, where = _read(Path(path)), str(path)
+    points = [(i, f) for i, f in _features(collection, where) if f["geometry"].get("type") == "Point"]
+    if not points:
+        raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point features")
+    coordinates = np.array([_coordinates(f["geometry"], f"{where}: features[{i}]") for i, f in points])
+    places = _in_site(coordinates[:, :2], collection, site, where)
+    mounts = [
+        _mount(f["properties"], _name(i, f), foot, f"{where}: features[{i}]")
+        for (i, f), foot in zip(points, _feet(places, coordinates[:, 2], collection, site), strict=True)
+    ]
+    _check(mounts, site, where)
+    return _without(mounts, _keep_out(collection, site, where), site, where)
+
+
+def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
+    """The keep-out areas in `path`, in the site's metres. Raises ValueError in one line where one is damaged."""
+    return _keep_out(_read(Path(path)), site, str(path))
+
+
+def _read(path: Path) -> Json:
+    if not path.is_file():
+        raise FileNotFoundError(f"no file {str(path)!r}: give a GeoJSON of poles")
+    try:
+        collection = json.loads(path.read_text(encoding="utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: not JSON from line {error.lineno} on ({error.msg}): export it again") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a GeoJSON") from None
+    if not isinstance(collection, dict) or not isinstance(collection.get("features"), list):
+        raise ValueError(f"{path}: must be a GeoJSON FeatureCollection with a list of features: export it again")
+    system = re.sub(r"\W+", ":", str(collection.get("crs") or "CRS84"))
+    if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):
+        raise ValueError(f"{path}: crs must be WGS84, got {str(collection['crs'])[:90]}: export it as EPSG:4326")
+    return collection
+
+
+def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
+    """Number and feature, its geometry and properties being objects; of a saved site without sensors and bays."""
+    for i, feature in enumerate(collection["features"]):
+        if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
+            raise ValueError(f"{where}: features[{i}].geometry must be an object {{...}}: remove what has no place")
+        properties = feature.get("properties") or {}
+        if not isinstance(properties, dict):
+            raise ValueError(f"{where}: features[{i}].properties must be an object {{...}}, got {str(properties)[:60]}")
+        if not (_is_local(collection) and properties.get("layer") in ("sensor", "parking")):
+            yield i, {**feature, "properties": {k: v for k, v in properties.items() if v is not None}}
+
+
+def _is_local(collection: Json) -> bool:
+    return "coview_site" in collection
+
+
+def _coordinates(geometry: Json, where: str) -> list[float]:
+    """x, y, z or longitude, latitude, altitude; NaN for a third one that is not there."""
+    row = geometry.get("coordinates")
+    if not isinstance(row, list) or len(row) not in (2, 3) or not all(_is_number(value) for value in row):
+        raise ValueError(f"{where}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
+    return [float(value) for value in (*row, np.nan)[:3]]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _in_site(
+    coordinates: Float64[np.ndarray, "n 2"], collection: Json, site: Site, where: str
+) -> Float64[np.ndarray, "n 2"]:
+    """Coordinates of the collection in the site's metres."""
+    if _is_local(collection):
+        return coordinates
+    wrong = np.flatnonzero((np.abs(coordinates) > [180.0, 90.0]).any(axis=1))
+    if len(wrong):
+        raise ValueError(
+            f"{where}: coordinates must be longitude and latitude (degrees), got {coordinates[wrong[0]].tolist()}: "
+            'export the file as EPSG:4326, or give the site\'s metres and add "coview_site": 1 beside "features"'
+        )
+    on_map = np.column_stack([_on_map(coordinates, site, where), np.zeros(len(coordinates))])
+    return transform(invert(site.map_SE3_site), on_map)[:, :2]
+
+
+def _on_map(lon_lat: Float64[np.ndarray, "n 2"], site: Site, where: str) -> Float64[np.ndarray, "n 2"]:
+    """Longitude and latitude in metres of the site's map."""
+    if site.geo_reference is None:
+        raise ValueError(
+            f"{where}: site {site.name!r} does not say where on earth it is (geo_reference): give the poles in the"
+            ' site\'s metres and add "coview_site": 1 beside "features"'
+        )
+    zero = re.search(r"\+lat_0=(\S+) \+lon_0=(\S+)", site.geo_reference)
+    if zero and site.geo_reference == osm.projection(centre_x := float(zero[2]), centre_y := float(zero[1])):
+        return osm.project(lon_lat, (centre_x, centre_y))
+    try:
+        from pyproj import Transformer
+    except ImportError:
+        raise ImportError(f"the map of site {site.name!r} ({site.geo_reference}) needs: pip install pyproj") from None
+    to_map = Transformer.from_crs("EPSG:4326", site.geo_reference, always_xy=True)
+    return np.stack(to_map.transform(*lon_lat.T), axis=1)
+
+
+def _feet(places: np.ndarray, z: np.ndarray, collection: Json, site: Site) -> Float64[np.ndarray, "n 3"]:
+    given = np.isfinite(z) & _is_local(collection)
+    return np.column_stack([places, np.where(given, z, site.ground(places))])
+
+
+def _name(number: int, feature: Json) -> str:
+    name = feature["properties"].get("name", feature.get("id"))
+    return str(name).replace("/", "-") if name not in (None, "") else f"pole{number:02}"
+
+
+def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: str) -> Mount:
+    def number(default: float, *keys: str) -> float:
+        for key in keys:
+            if key in properties and not _is_number(properties[key]):
+                raise ValueError(f"{where}.properties.{key} must be a finite number, got {str(properties[key])[:60]!r}")
+        return float(next((properties[key] for key in keys if key in properties), default))
+
+    top = number(8.0, "max_height", "height")
+    heights = number(min(3.0, top), "min_height"), top
+    price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
+    try:
+        return Mount(name, foot, *heights, price, capacity)
+    except ValueError as error:
+        raise ValueError(f"{where} (pole {name!r}): {error}") from None
+
+
+def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
+    """ValueError where a pole is there twice, not near the site, or not near the ground."""
+    names = [mount.name for mount in mounts]
+    feet = np.array([mount.position for mount in mounts])
+    spots = shapely.points(feet[:, :2])
+    distance = shapely.distance(shapely.box(*site.area), spots)
+    far = np.flatnonzero(~(distance <= SURROUNDINGS))
+    if len(far):
+        others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
+        raise ValueError(
+            f"{where}: pole {names[far[0]]!r}{others} stands {distance[far[0]]:.0f} m from the area of site "
+            f"{site.name!r}, more than {SURROUNDINGS:g} m: longitude comes first; leave out the poles of other places"
+        )
+    high = np.flatnonzero(np.abs(feet[:, 2] - site.ground(feet[:, :2])) > ABOVE_GROUND)
+    if len(high):
+        raise ValueError(
+            f"{where}: pole {names[high[0]]!r} has its foot at z = {feet[high[0], 2]:g} m, more than "
+            f"{ABOVE_GROUND:g} m from the ground of the site: leave out altitudes"
+        )
+    (name, times), *_ = Counter(names).most_common(1)
+    if times > 1:
+        raise ValueError(f"{where}: {times} poles are named {name!r}: rename all but one")
+    first, second = np.triu(np.hypot(*(feet[:, None] - feet)[..., :2].transpose(2, 0, 1)) <= SAME_PLACE, 1).nonzero()
+    if len(first):
+        raise ValueError(
+            f"{where}: poles {names[first[0]]!r} and {names[second[0]]!r} stand at the same place: remove one of them"
+        )
+
+
+def _keep_out(collection: Json, site: Site, where: str) -> tuple[shapely.Geometry, ...]:
+    areas = []
+    for i, feature in _features(collection, where):
+        properties = feature["properties"]
+        if not isinstance(marked := properties.get("keep_out", False), bool):
+            raise ValueError(f"{where}: features[{i}].properties.keep_out must be true or false, got {marked!r:.60}")
+        if marked or properties.get("kind") == "keep_out":
+            areas.append(_area(feature["geometry"], collection, site, f"{where}: features[{i}].geometry"))
+    return tuple(areas)
+
+
+def _area(geometry: Json, collection: Json, site: Site, where: str) -> shapely.Geometry:
+    if geometry.get("type") not in ("Polygon", "MultiPolygon"):
+        raise ValueError(f"{where}.type of a keep-out area must be Polygon or MultiPolygon, got {geometry.get('type')}")
+    try:
+        drawn = shapely.force_2d(shape(geometry))
+    except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.ShapelyError):
+        raise ValueError(f"{where}.coordinates are no closed rings of [x, y] pairs: draw the area again") from None
+    if drawn.is_empty or not np.isfinite(shapely.get_coordinates(drawn)).all():
+        raise ValueError(f"{where}.coordinates are empty or hold NaN: draw the area again")
+    if not drawn.is_valid:
+        raise ValueError(f"{where} is no simple polygon ({shapely.is_valid_reason(drawn)}): draw the area again")
+    return shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))
+
+
+def _without(mounts: list[Mount], keep_out: Sequence[shapely.Geometry], site: Site, where: str) -> tuple[Mount, ...]:
+    """The mounts neither in a keep-out area nor on the carriageway; a warning names the others."""
+    spots = shapely.points([mount.position[:2] for mount in mounts])
+    lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
+    free = np.ones(len(mounts), bool)
+    for area, place in ((shapely.union_all(list(keep_out)), "in a keep-out area"), (lanes, "on the carriageway")):
+        barred = free & shapely.intersects(area, spots)
+        free &= ~barred
+        if barred.any():
+            names = ", ".join(mount.name for mount, is_barred in zip(mounts, barred, strict=True) if is_barred)
+            warnings.warn(f"{where}: left out, since they stand {place}: {names}", stacklevel=3)
+    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)

@@ -1,0 +1,189 @@
+"""Candidates of a site: its own sensors, and the pool of every pose on every mount."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from placement_env.candidates.aim import aims
+from placement_env.candidates.candidates import Axes, Candidates, repeated
+from toolkit.arrays import Bool, Float64
+from toolkit.geometry import BODY_SE3_CAMERA, pose
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sites.site import Mount, Site
+
+HEIGHTS = (4.0, 6.0, 8.0)  # m above the foot of the mount
+TILTS = (float(np.deg2rad(5.0)), float(np.deg2rad(15.0)), float(np.deg2rad(25.0)))  # rad below the horizon
+ON_ITS_MOUNT = 1.0  # m from a sensor to the foot of the mount that is said to carry it, seen from above
+CELLS = 16  # the area is taken as CELLS x CELLS places, to tell which poses see nothing of it
+CELL_HEIGHT = 1.0  # m above the street
+
+
+def paper_candidates(site: Site) -> Candidates:
+    """The sensors that hang at `site` now, each on a mount of its own: the site's where it has one that near, of which
+    the second sensor gets a copy, else one made where the sensor is. Raises ValueError where the site has no sensors.
+    """
+    if not site.sensors:
+        raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
+    mounts: list[Mount] = []
+    for sensor in site.sensors:
+        mounts.append(_mount_of(sensor, site, {mount.name for mount in mounts}))
+    heights = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
+    headings, tilts = aims(site.sensors)
+    up, around, down = (np.unique(np.round(v, 6), return_inverse=True) for v in (heights, headings, tilts))
+    models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
+    model = np.array([models.index(sensor.model) for sensor in site.sensors])
+    mount = np.arange(len(mounts))
+    factors = np.column_stack([mount, up[1], around[1], down[1], model])
+    return Candidates(site.sensors, mount, tuple(mounts), factors, Axes(up[0], around[0], down[0], models))
+
+
+def pool(
+    site: Site,
+    *,
+    heights: Sequence[float] = HEIGHTS,
+    headings: int = 8,
+    tilts: Sequence[float] = TILTS,
+    models: Sequence[SensorModel] = (DepthCamera(),),
+    keep_out: Sequence[shapely.Geometry] = (),
+    mounts: Sequence[Mount] | None = None,
+    blind: bool = False,
+) -> Candidates:
+    """Every model on every mount, at every height, heading and tilt.
+
+    heights (m) are clipped to the range of the mount, those that thereby coincide kept once; headings: how many,
+    evenly spaced from +x on; tilts: rad below the horizon; keep_out: no mount that stands within these is used;
+    mounts: None for the site's; blind: keep also the poses whose field of view misses the whole detection area
+    (whatever stands in between), which are left out otherwise.
+
+    Raises ValueError where an argument does not fit, or nothing is left.
+    """
+    chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
+    axes = _axes(heights, headings, tilts, models)
+    feet = np.array([mount.position for mount in chosen])
+    hung = _heights(chosen, axes.heights)
+    shape = (len(chosen), *axes.shape)
+    factors = np.argwhere(np.broadcast_to(np.isfinite(hung)[:, :, None, None, None], shape)).astype(np.int64)
+    position = feet[factors[:, 0]] + hung[factors[:, 0], factors[:, 1], None] * [0.0, 0.0, 1.0]
+    rotations = _rotations(axes)
+    if not blind:
+        kept = _sees_area(site, position, factors, rotations, axes.models)
+        factors, position = factors[kept], position[kept]
+    if not len(factors):
+        raise ValueError(f"no pose sees the area of site {site.name!r}: give other heights, headings, tilts or mounts")
+    poses = np.tile(np.eye(4), (len(factors), 1, 1))
+    poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
+    poses[:, :3, 3] = position
+    names = _names(chosen, hung, axes, factors)
+    sensors = tuple(
+        Sensor(name, axes.models[model], at) for name, model, at in zip(names, factors[:, 4], poses, strict=True)
+    )
+    return Candidates(sensors, factors[:, 0].copy(), chosen, factors, axes)
+
+
+def _mount_of(sensor: Sensor, site: Site, taken: set[str]) -> Mount:
+    x, y, z = sensor.position.tolist()
+    near = min(site.mounts, key=lambda m: float(np.hypot(*(m.position[:2] - (x, y)))), default=None)
+    if near is not None and np.hypot(*(near.position[:2] - (x, y))) <= ON_ITS_MOUNT:
+        return near if near.name not in taken else replace(near, name=f"{near.name}_{sensor.name}")
+    foot = min(z, float(site.ground(np.array([x, y]))))
+    height = z - foot
+    return Mount(f"{sensor.name}_mount", np.array([x, y, foot]), min(3.0, height), max(8.0, height))
+
+
+def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site: str) -> tuple[Mount, ...]:
+    if len({mount.name for mount in mounts}) < len(mounts):
+        raise ValueError(f"mounts[].name must differ, got {repeated(m.name for m in mounts)!r} twice: rename one")
+    spots = shapely.points([mount.position[:2] for mount in mounts]) if len(mounts) else np.zeros(0, object)
+    free = ~shapely.intersects(shapely.union_all(list(keep_out)), spots)
+    if not np.any(free):
+        raise ValueError(f"site {site!r} has no mount outside the keep-out areas (of {len(mounts)}): give some poles")
+    return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
+
+
+def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Sequence[SensorModel]) -> Axes:
+    if headings < 1 or not (len(heights) and len(tilts) and len(models)):
+        raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
+    if not (np.isfinite(heights).all() and min(heights) >= 0):
+        raise ValueError(f"heights must be finite and not negative, got {list(heights)}")
+    if not (np.isfinite(tilts).all() and np.abs(tilts).max() <= np.pi / 2):
+        raise ValueError(f"tilts must lie in -pi/2..pi/2 rad, got {list(tilts)}: give degrees as np.deg2rad(10)")
+    around = np.arange(headings) * 2 * np.pi / headings
+    up, down = np.unique(np.asarray(heights, np.float64)), np.unique(np.asarray(tilts, np.float64))
+    return Axes(up, around, down, tuple(dict.fromkeys(models)))
+
+
+def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
+    """Each height in the range of each mount; NaN where one nearer to what was asked comes to the same."""
+    low, high = np.array([[mount.min_height, mount.max_height] for mount in mounts]).T[:, :, None]
+    clipped = np.clip(heights, low, high)
+    hung = np.full(clipped.shape, np.nan)
+    for row, (in_range, moved) in enumerate(zip(clipped, np.abs(clipped - heights), strict=True)):
+        nearest_first = np.argsort(moved, kind="stable")
+        values, first = np.unique(in_range[nearest_first], return_index=True)
+        hung[row, nearest_first[first]] = values
+    return hung
+
+
+def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
+    """World axes from sensor axes, by heading, tilt and model."""
+    bodies = np.array([[pose(yaw=float(y), pitch=float(t))[:3, :3] for t in axes.tilts] for y in axes.headings])
+    frames = [BODY_SE3_CAMERA if isinstance(model, DepthCamera) else np.eye(4) for model in axes.models]
+    return np.stack([bodies @ frame[:3, :3] for frame in frames], axis=2)
+
+
+def _sees_area(
+    site: Site, position: np.ndarray, factors: np.ndarray, rotations: np.ndarray, models: Sequence[SensorModel]
+) -> Bool[np.ndarray, " C"]:
+    """Which poses have a place of the detection area in their field of view, as if nothing stood in between."""
+    xmin, ymin, xmax, ymax = site.area
+    middles = (np.arange(CELLS) + 0.5) / CELLS
+    x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
+    ground = site.ground(np.stack([x, y], axis=-1))
+    places = np.stack([x, y, ground + CELL_HEIGHT], axis=-1).reshape(-1, 3)
+    sees = np.zeros(len(factors), bool)
+    for heading, tilt, model in np.ndindex(rotations.shape[:3]):
+        rows = np.flatnonzero((factors[:, 2:] == (heading, tilt, model)).all(axis=1))
+        offsets = (places - position[rows, None]) @ rotations[heading, tilt, model]
+        sees[rows] = _in_view(offsets, models[model]).any(axis=1)
+    return sees
+
+
+def _in_view(points: Float64[np.ndarray, "n p 3"], model: SensorModel) -> Bool[np.ndarray, "n p"]:
+    """Which points of the sensor's frame lie in its field of view and range."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    if isinstance(model, DepthCamera):
+        (focal, _, u), (_, _, v), _ = model.intrinsic
+        in_columns = (-u * z <= focal * x) & (focal * x <= (model.width - u) * z)
+        in_rows = (-v * z <= focal * y) & (focal * y <= (model.height - v) * z)
+        return in_columns & in_rows & (z > 0) & (z < model.max_range)
+    across = np.hypot(x, y)
+    elevation = np.arctan2(z, across)
+    in_rows = (model.fov_down <= elevation) & (elevation <= model.fov_up)
+    return in_rows & (np.abs(np.arctan2(y, x)) <= model.azimuth_fov / 2) & (np.hypot(across, z) < model.max_range)
+
+
+def _names(mounts: Sequence[Mount], hung: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
+    """Such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
+    heights, place = np.unique(hung[factors[:, 0], factors[:, 1]], return_inverse=True)
+    height, heading, tilt = (
+        _written(heights, 1),
+        _written(np.rad2deg(axes.headings), 0),
+        _written(np.rad2deg(axes.tilts), 0),
+    )
+    kinds = ["camera" if isinstance(model, DepthCamera) else "lidar" for model in axes.models]
+    model = [kind if kinds.count(kind) == 1 else f"{kind}{kinds[:i].count(kind)}" for i, kind in enumerate(kinds)]
+    return [
+        f"{mounts[m].name}_{height[h]}m_h{heading[y]}_t{tilt[t]}_{model[k]}"
+        for h, (m, _, y, t, k) in zip(place, factors, strict=True)
+    ]
+
+
+def _written(values: np.ndarray, decimals: int) -> list[str]:
+    """Different numbers with so few decimals that they can be told apart."""
+    texts = [f"{value:.{decimals}f}" for value in values]
+    return texts if len(set(texts)) == len(texts) or decimals > 15 else _written(values, decimals + 1)

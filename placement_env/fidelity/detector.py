@@ -1,0 +1,303 @@
+"""`Detected`: sensor sets scored by fusing what they see, detecting in it and matching that against what is there.
+
+It gives what `toolkit.detection.evaluation.evaluate_dataset` gives for the same sensors and frames, by protocol
+`exact`: objects centred outside the site's area are there but not scored. Every run of the detector and every match is
+kept in a `Memo` under all that it depends on, so that a set costs detection once, whoever asks again, for however many
+frames.
+
+Two kinds of value are kept, of one frame each:
+
+    detections   what the detector says of the points of some sensors together, near and far or far alone. Sensors that
+                 add no point are left out of the key, so that sets which differ by them share it. What each sensor
+                 detects by itself is shared by all late and hybrid sets.
+    outcome      what one set detects in one scheme, fused and matched at each IoU threshold
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.traffic import scored
+from toolkit.arrays import Bool, Float32, Float64, Shaped
+from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.detection.fusion import Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
+from toolkit.detection.metrics import average_precision, match, precision_recall
+from toolkit.objects import Detections, Detector, Objects
+from toolkit.runtime.cache import Arrays, Memo, key_of
+from toolkit.runtime.code_digest import DETECTION, RENDERING, code_digest
+from toolkit.runtime.parallel import spread
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+IOUS = (0.7, 0.8, 0.9)
+FALSE_ALARM, IGNORED = -1, -2
+AT_ONCE = 500  # sets whose outcomes are held in memory
+
+
+@runtime_checkable
+class Measured(Protocol):
+    """What candidates measure in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    frames: int
+
+    @property
+    def digest(self) -> str:
+        """Of all that the measurements depend on but the sensors."""
+        ...
+
+    def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
+        """The points of candidate c in frame k inside the crop, with noise."""
+        ...
+
+    def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
+        """Those of them outside hybrid fusion's radius."""
+        ...
+
+    def objects(self, k: int) -> Objects:
+        """All that is there in frame k."""
+        ...
+
+
+class Outcome(NamedTuple):
+    """One set in one frame. For each detection its score and, at each IoU threshold, which of the frame's scored
+    objects it hit, or else FALSE_ALARM or IGNORED; the bits that each sensor of the set sent."""
+
+    scores: Float64[np.ndarray, " n"]
+    truth: Shaped[np.ndarray, "ious n"]
+    bits: Shaped[np.ndarray, " sensors"]
+
+
+class Hits(NamedTuple):
+    """One set at each of `IOUS`, over all frames: the scored objects (frame after frame, in order) that were hit, with
+    what score (0 if not), and the scores of the false alarms."""
+
+    hit: Bool[np.ndarray, "ious objects"]
+    score: Float64[np.ndarray, "ious objects"]
+    false_alarms: tuple[Float64[np.ndarray, " _"], ...]
+
+
+class Detected:
+    """AP of sensor sets by detection: the fidelity that the others approximate.
+
+    scheme: early, late or hybrid; iou: at which a detection counts; memo: where detections and outcomes are kept, or
+    the path of its file, None for this object's memory; frames: only the first so many; workers, ray: where frames are
+    worked on, see `toolkit.runtime.parallel.spread`; the figures are the same.
+    Raises ValueError where these do not fit, and for a detector without `digest` with a memo that others share.
+    """
+
+    name = "detector"
+
+    def __init__(
+        self,
+        renders: Measured,
+        detector: Detector,
+        scheme: Scheme,
+        *,
+        iou: float = 0.7,
+        memo: Memo | str | Path | None = None,
+        frames: int | None = None,
+        workers: int = 1,
+        ray: str | None = None,
+    ) -> None:
+        if scheme not in SCHEMES:
+            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
+        if not 0 < iou <= 1:
+            raise ValueError(f"iou must lie in (0, 1], got {iou}")
+        self.renders, self.detector, self.scheme, self.iou = renders, detector, scheme, iou
+        self.frames = len(_indices(renders.frames, frames))
+        self.workers, self.ray = workers, ray
+        self.ious = tuple(sorted({*IOUS, iou}))
+        self._scored: dict[int, np.ndarray] = {}
+        self.memo = memo if isinstance(memo, Memo) else Memo(memo)
+        if memo is not None and not hasattr(detector, "digest"):
+            raise ValueError(
+                f"a shared memo needs a detector that says what it depends on, {type(detector).__name__} has no "
+                "property digest: add one or pass memo=None"
+            )
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Figures of each set over all frames; AP and recall are NaN where there is nothing to find."""
+        return self.partial(subsets, self.frames)
+
+    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int]) -> Estimate:
+        """Figures of each set over the first frames, or these; more of them later cost what the added ones cost."""
+        return self.estimates(subsets, frames)[self.iou]
+
+    def estimates(
+        self,
+        subsets: Bool[np.ndarray, "n C"],
+        frames: int | Sequence[int] | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[float, Estimate]:
+        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and the object's own. progress: told how
+        many of the frames in which a set was not scored yet are done."""
+        sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
+        to_find = sum(int(self.scored(k).sum()) for k in chosen_frames)
+        figures = np.zeros((len(sets), len(self.ious), 3))
+        for first in range(0, len(sets), AT_ONCE):
+            some = sets[first : first + AT_ONCE]
+            outcomes = self.outcomes(dict.fromkeys(some), chosen_frames, progress)
+            for row, chosen in enumerate(some, first):
+                figures[row] = _figures(outcomes[chosen], to_find)
+        return {iou: Estimate(*figures[:, i].T.copy()) for i, iou in enumerate(self.ious)}
+
+    def hits(self, subset: Bool[np.ndarray, " C"], frames: int | Sequence[int] | None = None) -> Hits:
+        """What one set hits, object by object."""
+        (chosen,), chosen_frames = self._sets(subset[None]), _indices(self.frames, frames)
+        found = self.outcomes([chosen], chosen_frames)[chosen]
+        first_object = np.concatenate([[0], np.cumsum([self.scored(k).sum() for k in chosen_frames])])
+        score, alarms = np.zeros((len(IOUS), first_object[-1])), []
+        hit = np.zeros(score.shape, bool)
+        for row, at in enumerate(map(self.ious.index, IOUS)):
+            for outcome, first in zip(found, first_object, strict=False):
+                hitting = outcome.truth[at] >= 0
+                objects = first + outcome.truth[at, hitting]
+                hit[row, objects], score[row, objects] = True, outcome.scores[hitting]
+            alarms.append(np.concatenate([each.scores[each.truth[at] == FALSE_ALARM] for each in found]))
+        return Hits(hit, score, tuple(alarms))
+
+    def outcomes(
+        self,
+        sets: Iterable[tuple[int, ...]],
+        frames: Sequence[int],
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[tuple[int, ...], list[Outcome]]:
+        """The outcome of each set (ascending indices) in each frame, from the memo or else computed and kept."""
+        sets = list(sets)
+        kept: dict[tuple[int, ...], list[Any]] = {
+            chosen: self.memo.get([self._outcome_key(chosen, k) for k in frames]) for chosen in sets
+        }
+        missing = {place: [chosen for chosen in sets if kept[chosen][place] is None] for place in range(len(frames))}
+        tasks = [(place, frames[place], lacking) for place, lacking in missing.items() if lacking]
+        work = spread(_Scoring(self), tasks, workers=self.workers, ray=self.ray, progress=progress)
+        for (place, k, lacking), (found, detections) in zip(tasks, work, strict=True):
+            self.memo.put(detections | {self._outcome_key(c, k): o for c, o in zip(lacking, found, strict=True)})
+            for chosen, outcome in zip(lacking, found, strict=True):
+                kept[chosen][place] = outcome
+        return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
+
+    def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
+        """What a value of frame k depends on, for a set of sensors."""
+        return key_of(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
+
+    def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
+        """Which objects of frame k are to be found."""
+        if k not in self._scored:
+            self._scored[k] = scored(self.renders.objects(k), self.renders.site)
+        return self._scored[k]
+
+    def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
+        return self.key(k, self.scheme, chosen, self.ious)
+
+    def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
+        if subsets.shape[1] != len(self.renders.sensors):
+            raise ValueError(f"sets must be rows of {len(self.renders.sensors)} candidates, got {subsets.shape}")
+        return [tuple(np.flatnonzero(row).tolist()) for row in subsets]
+
+    @cached_property
+    def _depends_on(self) -> str:
+        """A digest of what all values depend on."""
+        parts = [self.renders.digest, getattr(self.detector, "digest", ""), hybrid_radius(self.renders.site)]
+        return key_of(*parts, code_digest(*RENDERING, *DETECTION)).hex()
+
+    @cached_property
+    def _sensor_digests(self) -> list[str]:
+        return [
+            key_of(sensor.name, repr(sensor.model), sensor.pose.tolist()).hex()[:32] for sensor in self.renders.sensors
+        ]
+
+
+@dataclass(frozen=True)
+class _Scoring:
+    """The job of scoring some sets in one frame: their outcomes, and the detections that were not kept yet."""
+
+    rules: Detected
+
+    def __call__(self, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
+        if (self.rules.workers > 1 or self.rules.ray) and "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
+        _, k, sets = task
+        frame = _Frame(self.rules, k)
+        return [frame.outcome(chosen) for chosen in sets], frame.new
+
+
+class _Frame:
+    """One frame, each step done when first asked for; what is to be kept is gathered in `new`."""
+
+    def __init__(self, rules: Detected, k: int) -> None:
+        self._rules, self._k = rules, k
+        self._measured: dict[tuple[str, int], np.ndarray] = {}
+        self._detected: dict[bytes, Detections] = {}
+        self.new: dict[bytes, Arrays] = {}
+
+    def outcome(self, chosen: tuple[int, ...]) -> Outcome:
+        """What the sensors of a set detect together, matched."""
+        fused = self._fused(chosen) if chosen else fuse_late([])
+        objects, counted = self._rules.renders.objects(self._k), self._rules.scored(self._k)
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
+        truth = np.empty((len(self._rules.ious), len(fused.detections)), np.int16)
+        for row, iou in enumerate(self._rules.ious):
+            matched = match(fused.detections, objects, iou, counted=counted)
+            truth[row] = np.where(matched.ignored, IGNORED, place[matched.truth])
+        return Outcome(fused.detections.scores, truth, fused.bits)
+
+    def _fused(self, chosen: tuple[int, ...]) -> Fused:
+        if self._rules.scheme == "late":
+            return fuse_late([self._detections("near", (c,)) for c in chosen])
+        kind = "near" if self._rules.scheme == "early" else "far"
+        clouds = [self._points(kind, c) for c in chosen]
+        centre = fuse_early(clouds, lambda _: self._detections(kind, chosen))
+        if self._rules.scheme == "early":
+            return centre
+        return fuse_hybrid([self._detections("near", (c,)) for c in chosen], centre)
+
+    def _detections(self, kind: str, sensors: tuple[int, ...]) -> Detections:
+        """What the detector says of the points of some sensors together."""
+        adding = [c for c in sensors if len(self._points(kind, c))]
+        key = self._rules.key(self._k, kind if adding else "near", adding)
+        if key not in self._detected:
+            kept = self._rules.memo.get([key])[0]
+            if kept is None:
+                clouds = [np.zeros((0, 3), np.float32), *(self._points(kind, c) for c in adding)]
+                found = self._rules.detector(np.concatenate(clouds))
+                kept = self.new[key] = found.boxes, found.scores, found.labels
+            self._detected[key] = Detections(*kept)
+        return self._detected[key]
+
+    def _points(self, kind: str, c: int) -> np.ndarray:
+        """The points of one sensor, all in the crop or those far from it."""
+        if (kind, c) not in self._measured:
+            measure = self._rules.renders.clouds if kind == "near" else self._rules.renders.far
+            self._measured[kind, c] = measure(self._k, c)
+        return self._measured[kind, c]
+
+
+def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
+    """AP, recall and kbit of one set at each IoU threshold, as `toolkit.detection.metrics.evaluate` pools them."""
+    scores = np.concatenate([each.scores for each in outcomes])
+    truth = np.concatenate([each.truth for each in outcomes], axis=1)
+    kbit = float(np.mean([each.bits.sum() for each in outcomes])) / 1000
+    figures = []
+    for row in truth:
+        counts, hits = row != IGNORED, row >= 0
+        ap = average_precision(precision_recall(scores[counts], hits[counts], to_find)) if to_find else np.nan
+        figures.append((ap, int(hits.sum()) / to_find if to_find else np.nan, kbit))
+    return np.array(figures)
+
+
+def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
+    """Frames as indices: the first so many, all, or these themselves."""
+    chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames
+    if not len(chosen) or (isinstance(frames, int) and frames < 1):
+        raise ValueError(f"there must be a frame to score, got {frames} of {available}")
+    return [int(k) for k in chosen]

@@ -1,0 +1,99 @@
+"""Fits a `HitModel` to what a detector hit and missed: maximum likelihood over all objects and sensor sets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from placement_env.fidelity.hit_model import RANGES, HitModel
+from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.surrogate import evidence_rows, expected_ap, joined
+from placement_env.fidelity.visibility import Visibility
+from placement_env.subsets import MemberSums
+from toolkit.arrays import Bool, Float64
+from toolkit.detection.evaluation import Scheme
+
+if TYPE_CHECKING:
+    from placement_env.fidelity.detector import Detected
+
+FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and the ceiling, as a logit
+NORM = {"early": 0.8, "late": 4.0, "hybrid": 4.0}  # to start from
+CEILING_LOGIT = (-4.0, 7.0)
+
+
+def fit(
+    visibility: Visibility,
+    subsets: Bool[np.ndarray, "n C"],
+    hits: Bool[np.ndarray, "n O"],
+    ap: Float64[np.ndarray, " n"],
+    *,
+    scheme: Scheme,
+    iou: float,
+    radius: float = 20.0,
+    source: str = "",
+) -> HitModel:
+    """The model under which these hits are likeliest, and whose AP is nearest to the detector's in the mean square.
+
+    hits: which objects of `visibility` each set hit; ap: what each set scored; radius: of hybrid fusion (m).
+    Raises ValueError where there is nothing to fit; ModuleNotFoundError without SciPy.
+    """
+    _check(visibility, subsets, hits, ap)
+    minimize, minimize_scalar = _scipy()
+
+    def model_of(numbers: Float64[np.ndarray, " 6"], false_alarms: float = 0.0) -> HitModel:
+        named = dict(zip(FITTED, map(float, numbers[:-1]), strict=True))
+        ceiling = float(1 / (1 + np.exp(-numbers[-1])))
+        return HitModel(scheme=scheme, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, **named)
+
+    def unlikelihood(numbers: Float64[np.ndarray, " 6"]) -> float:
+        p = np.clip(_probability(visibility, subsets, model_of(numbers), radius), 1e-9, 1 - 1e-9)
+        return -float(np.where(hits, np.log(p), np.log1p(-p)).mean())
+
+    bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT]
+    starts = [(-2.0 - 3.0 * reach, 1.6, NORM[scheme], reach, 0.5, 3.0) for reach in (0.0, 1.0)]
+    ends = [minimize(unlikelihood, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+    best = min(ends, key=lambda end: float(end.fun)).x
+    ranked = -np.sort(-_probability(visibility, subsets, model_of(best), radius), axis=1)
+    misfit = minimize_scalar(
+        lambda rate: float(np.square(expected_ap(ranked, float(rate))[0] - ap).mean()),
+        bounds=RANGES["false_alarms"],
+        method="bounded",
+    )
+    return model_of(best, float(misfit.x))
+
+
+def fit_detected(
+    visibility: Visibility, detected: Detected, subsets: Bool[np.ndarray, "n C"], *, radius: float = 20.0, source: str
+) -> tuple[HitModel, ...]:
+    """A model at each IoU threshold of what `detected`, of the same candidates and frames, says of the sets."""
+    from placement_env.fidelity.detector import IOUS
+
+    estimates: dict[float, Estimate] = detected.estimates(subsets)
+    hits = np.stack([detected.hits(subset).hit for subset in subsets], axis=1)
+    common: dict[str, Any] = {"scheme": detected.scheme, "radius": radius, "source": source}
+    return tuple(fit(visibility, subsets, hits[i], estimates[iou].ap, iou=iou, **common) for i, iou in enumerate(IOUS))
+
+
+def _probability(visibility: Visibility, subsets: np.ndarray, model: HitModel, radius: float) -> np.ndarray:
+    rows = evidence_rows(visibility, model, radius, np.float64)
+    return model.probability(joined(MemberSums(rows)(subsets), model))
+
+
+def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:
+    wanted = (len(subsets), visibility.points.shape[1])
+    if hits.shape != wanted or ap.shape != wanted[:1] or subsets.shape[1] != len(visibility.points):
+        raise ValueError(
+            f"there must be a hit or miss for each of {wanted[0]} sets and {wanted[1]} objects and an AP for each set, "
+            f"got hits {hits.shape}, ap {ap.shape}: were they made of the same frames?"
+        )
+    if not hits.any() or hits.all() or not np.isfinite(ap).all():
+        raise ValueError(f"a fit needs hits and misses and finite APs, got {int(hits.sum())} hits of {hits.size}")
+
+
+def _scipy() -> tuple[Any, Any]:
+    try:
+        from scipy.optimize import minimize, minimize_scalar
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("fitting a surrogate needs SciPy: pip install scipy") from None
+    return minimize, minimize_scalar

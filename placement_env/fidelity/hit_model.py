@@ -1,0 +1,129 @@
+"""`HitModel`: how likely a detector finds an object with given points on it, in a few numbers kept as JSON.
+
+Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
+
+    p = ceiling · sigmoid(intercept + density · e)        0 without any point
+    e = log(1 + Σ n_i ^ norm) / norm                      n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
+
+A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. At 45° to the
+axes of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that
+has seen few vehicles turn finds those less surely. With norm 1 all points count together, with less, points from many
+sensors count more than as many from one, which is the gain of spatial diversity: early fusion, where a set detects by
+the density that it gathers. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
+has one sensor more, which holds the far points of all.
+The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`), which is the paper's
+analysis of density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float
+from toolkit.detection.evaluation import SCHEMES, Scheme
+
+FOLDER = Path(__file__).parent / "surrogates"
+RANGES = {
+    "iou": (0.0, 1.0),
+    "intercept": (-30.0, 30.0),
+    "density": (0.0, 20.0),
+    "ceiling": (0.0, 1.0),
+    "norm": (0.2, 6.0),
+    "reach": (-1.0, 3.0),
+    "oblique": (0.0, 5.0),
+    "false_alarms": (0.0, 5.0),
+}
+
+
+@dataclass(frozen=True)
+class HitModel:
+    """The numbers above, for one scheme and IoU threshold. false_alarms: how many false alarms outrank a hit, for each
+    object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is out of range.
+    """
+
+    scheme: Scheme
+    iou: float
+    intercept: float
+    density: float
+    ceiling: float
+    norm: float
+    false_alarms: float
+    source: str
+    reach: float = 0.0
+    oblique: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, (lowest, highest) in RANGES.items():
+            if not lowest <= getattr(self, name) <= highest:
+                raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
+        if self.scheme not in SCHEMES:
+            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {self.scheme!r}")
+
+    def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """p, from Σ n_i ^ norm; it grows with it."""
+        z = np.log1p(powers)
+        z *= -self.density / self.norm
+        z -= self.intercept
+        np.exp(np.minimum(z, 80.0, out=z), out=z)
+        z += 1.0
+        np.divide(self.ceiling, z, out=z)
+        z *= powers > 0
+        return z
+
+
+def load_models(path: str | Path) -> tuple[HitModel, ...]:
+    """The models of a file. Raises FileNotFoundError; ValueError, in one line, where it is no file of models."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no surrogate {path}: fit one with placement_env.fidelity.hit_fit.fit and save_models")
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(rows, list):
+            raise ValueError(f"needs a list of models, got {type(rows).__name__}")
+        return tuple(_model(row) for row in rows)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
+    """Write models as JSON; the file appears whole or not at all."""
+    path = Path(path)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(
+        json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n", encoding="utf-8"
+    )
+    partial.replace(path)
+
+
+def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:
+    """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
+
+    Raises ValueError, which lists what there is, where there is none for the scheme and IoU threshold.
+    """
+    own = FOLDER / f"{detector}.json"
+    models = load_models(own if own.is_file() else FOLDER / "general.json")
+    for model in models:
+        if model.scheme == scheme and math.isclose(model.iou, iou):
+            return model
+    there = ", ".join(f"{model.scheme} at {model.iou:g}" for model in models)
+    raise ValueError(f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}")
+
+
+def _model(row: Any) -> HitModel:
+    names = {field.name for field in fields(HitModel)}
+    if not isinstance(row, dict) or set(row) != names:
+        raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
+    for name in RANGES:
+        if isinstance(row[name], bool) or not isinstance(row[name], int | float):
+            raise ValueError(f"{name} must be a number, got {row[name]!r}")
+    if row["scheme"] not in SCHEMES or not isinstance(row["source"], str):
+        raise ValueError(
+            f"scheme must be one of {', '.join(SCHEMES)} and source a text, got {row['scheme']!r} and {row['source']!r}"
+        )
+    return HitModel(**row | {name: float(row[name]) for name in RANGES})

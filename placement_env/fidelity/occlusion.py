@@ -1,0 +1,121 @@
+"""What a block of sensors sees of every frame: each object's silhouette once, then which of them stand before which.
+
+Vehicles that stand still from one frame to the next, parked or at a light, are cast once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_env.fidelity.traffic import Traffic, scored
+from toolkit.arrays import Bool, Float32, Int64
+from toolkit.detection.fusion import hybrid_radius
+from toolkit.points import inside
+from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.silhouettes import Gaze
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+
+class Seen(NamedTuple):
+    """Points on the scored objects of all frames, points in the crop per frame, and those far off; see `Visibility`."""
+
+    points: Float32[np.ndarray, "S O"]
+    sent: Float32[np.ndarray, "S F"]
+    far: Float32[np.ndarray, "S F"]
+
+
+class _Part(NamedTuple):
+    """Of a silhouette's pixels: number, sensor, measurement, whether they count for the object, and how many points
+    they add to what is sent and to what is far (less than 0 where they hide something)."""
+
+    pixels: Int64[np.ndarray, " n"]
+    sensors: Int64[np.ndarray, " n"]
+    depth: Float32[np.ndarray, " n"]
+    counted: Bool[np.ndarray, " n"]
+    sent: Float32[np.ndarray, " n"]
+    far: Float32[np.ndarray, " n"]
+
+
+def look_at(traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor]) -> Seen:
+    """What the sensors see of all frames; renderer: of the traffic's site and bodies."""
+    scene = _Scene(traffic.site, renderer, sensors)
+    points, sent, far = [np.zeros((len(sensors), 0))], [], []
+    parts: dict[tuple[int, bytes], _Part] = {}
+    for snapshot in traffic.snapshots:
+        boxes, bodies = snapshot.objects.boxes, snapshot.bodies.tolist()
+        keys = [(body, box.tobytes()) for body, box in zip(bodies, boxes, strict=True)]
+        parts = {
+            key: parts[key] if key in parts else scene.part(body, box)
+            for key, body, box in zip(keys, bodies, boxes, strict=True)
+        }
+        on_objects, more_sent, more_far = scene.compose([parts[key] for key in keys])
+        points.append(on_objects[:, scored(snapshot.objects, traffic.site)])
+        sent.append(scene.sent + more_sent)
+        far.append(scene.far + more_far)
+    return Seen(
+        np.concatenate(points, axis=1).astype(np.float32),
+        np.column_stack(sent).astype(np.float32),
+        np.column_stack(far).astype(np.float32),
+    )
+
+
+class _Scene:
+    """The sensors of a block at the empty site, and buffers for one frame."""
+
+    def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        self._site, self._gaze, self._radius = site, Gaze(renderer, sensors), hybrid_radius(site)
+        self._positions = np.array([sensor.position for sensor in sensors], np.float32)
+        self._sigma = np.array([sensor.model.sigma for sensor in sensors], np.float32)
+        gaze = self._gaze
+        which = np.repeat(np.arange(len(sensors)), np.diff(gaze.first))
+        self._still_sent, self._still_far = (np.zeros(len(gaze.still), np.float32) for _ in range(2))
+        for s, image in enumerate(map(slice, gaze.first[:-1], gaze.first[1:])):  # one at a time, to spare memory
+            pixels = np.flatnonzero(gaze.still[image] > 0) + gaze.first[s]
+            points = gaze.rays[pixels] * gaze.still[pixels, None] + self._positions[s]
+            self._still_sent[pixels], self._still_far[pixels] = self._worth(points, gaze.rays[pixels], which[pixels])
+        self.sent, self.far = (np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far))
+        self._front = np.full(len(gaze.still), np.inf, np.float32)
+        self._owner = np.zeros(len(gaze.still), np.int32)
+
+    def part(self, body: int, box: np.ndarray) -> _Part:
+        """One object seen by itself."""
+        pixels, sensors, depth, points = self._gaze.silhouette(body, box)
+        sent, far = self._worth(points, self._gaze.rays.take(pixels, axis=0), sensors)
+        counted = inside(points, self._site.area, self._site.height)
+        more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
+        return _Part(pixels, sensors, depth, counted, more_sent, more_far)
+
+    def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points on each object, (S, n), and what all of them together add per sensor; the nearest hit counts, of
+        equally near ones the first object's."""
+        count = len(self._positions)
+        if not parts:
+            return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
+        pixels, sensors, depth, counted, sent, far = (np.concatenate(each) for each in zip(*parts, strict=True))
+        objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
+        np.minimum.at(self._front, pixels, depth)
+        hits = np.flatnonzero(depth == self._front.take(pixels))
+        self._front[pixels] = np.inf
+        self._owner[pixels[hits[::-1]]] = hits[::-1]
+        hits = hits[self._owner.take(pixels[hits]) == hits]
+        cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
+        on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
+        more_sent, more_far = (np.bincount(sensors[hits], each[hits], count) for each in (sent, far))
+        return on_objects, more_sent, more_far
+
+    def _worth(self, points: np.ndarray, rays: np.ndarray, sensors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
+        within, z = inside(points, self._site.area, self._site.height, -np.inf), points[:, 2]
+        spread = np.maximum(np.abs(rays[:, 2]) * self._sigma.take(sensors), 1e-6)
+        sent = within * _normal(np.clip(z / spread, -8, 8))
+        offset = points[:, :2] - self._positions[:, :2].take(sensors, axis=0)
+        return sent, sent * (np.einsum("ij,ij->i", offset, offset) > self._radius**2)
+
+
+def _normal(x: Float32[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
+    """The standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)."""
+    return 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))

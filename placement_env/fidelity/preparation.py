@@ -1,0 +1,136 @@
+"""A fidelity by its name: traffic, what each candidate sees of it, renders and detector, prepared when first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from placement_env.fidelity.protocol import Fidelity
+from toolkit.detection.evaluation import Scheme
+from toolkit.detection.fusion import hybrid_radius
+from toolkit.objects import Detector
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.traffic import Traffic
+    from placement_env.fidelity.visibility import Visibility
+
+
+def site_candidates(
+    site: Site, candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None
+) -> Candidates:
+    """The candidates themselves, the site's pool, what a function makes of the site, or for None its own sensors."""
+    from placement_env.candidates.pool import paper_candidates, pool
+
+    if candidates is None:
+        return paper_candidates(site)
+    if isinstance(candidates, str):
+        if candidates != "pool":
+            raise ValueError(f"candidates must be 'pool', None for the site's own, or Candidates, got {candidates!r}")
+        return pool(site)
+    return candidates(site) if callable(candidates) else candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """What the fidelities of one objective are made from; its arguments are those of `Objective`."""
+
+    site: Site
+    candidates: Candidates
+    frames: int
+    scheme: Scheme
+    iou: float
+    seed: int
+    cache: str | Path | None
+    workers: int
+    ray: str | None
+    detector: Detector | None
+
+    @cached_property
+    def traffic(self) -> Traffic:
+        """The frames."""
+        from placement_env.fidelity.traffic import traffic
+
+        return traffic(self.site, self.frames, self.seed)
+
+    @cached_property
+    def visibility(self) -> Visibility:
+        """What each candidate sees."""
+        from placement_env.fidelity.visibility import see
+
+        return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.cache)
+
+    @cached_property
+    def network(self) -> str:
+        """Which shipped network, or surrogate of it, scores the candidates."""
+        return network_for(self.site, self.candidates.sensors)
+
+    def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
+        """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
+        were moved compare with those of where they were."""
+        there = replace(self, candidates=candidates)
+        vars(there).update(traffic=self.traffic, network=self.network, visibility=visibility)
+        return there
+
+    def fidelity(self, name: str) -> Fidelity:
+        """The fidelity of that name."""
+        if name == "coverage":
+            return self._coverage()
+        if name == "surrogate":
+            return self._surrogate()
+        if name == "detector":
+            return self._detected()
+        if name == "table":
+            return self._table()
+        raise ValueError(f"fidelity must be one of coverage, surrogate, detector, table, got {name!r}")
+
+    def _coverage(self) -> Fidelity:
+        from placement_env.fidelity.coverage import Coverage
+
+        return Coverage(self.visibility, self.scheme)
+
+    def _surrogate(self) -> Fidelity:
+        from placement_env.fidelity.hit_model import shipped_model
+        from placement_env.fidelity.surrogate import Surrogate
+
+        model = shipped_model(self.scheme, self.iou, self.network)
+        return Surrogate(self.visibility, self.scheme, model, radius=hybrid_radius(self.site))
+
+    def _detected(self) -> Fidelity:
+        from models import load_detector
+        from placement_env.fidelity.detector import Detected
+        from placement_env.fidelity.renders import Renders
+
+        folder = None if self.cache is None else Path(self.cache)
+        renders = Renders(self.traffic, self.candidates, folder and folder / "renders")
+        detector = self.detector
+        if detector is None:
+            detector = load_detector(self.network, area=self.site.area)
+        return Detected(
+            renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite",
+            workers=self.workers, ray=self.ray,
+        )  # fmt: skip
+
+    def _table(self) -> Fidelity:
+        from placement_env.fidelity.table import TableFidelity, digest_of, load_table
+
+        table = load_table(self.site.name)
+        if table.origin.place != digest_of(self.site, self.candidates.sensors):
+            raise ValueError(
+                f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
+                "not of these candidates or this version of the site: take another fidelity, or make_table"
+            )
+        return TableFidelity(table, self.scheme, self.iou)
+
+
+def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
+    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"."""
+    from models.detector import SHIPPED
+
+    own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
+    return site.name if own else "general"

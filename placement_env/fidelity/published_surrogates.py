@@ -1,0 +1,132 @@
+"""Two surrogates of AP from the literature, put into the terms of objects and points so that they compare with ours.
+
+`PerceptionEntropy`: T. Ma, Z. Liu, Y. Li, "Perception Entropy: A Metric for Multiple Sensors Configuration Evaluation
+and Design", arXiv 2104.06615. Of m lidar points on a place,
+
+    AP = a ln m + b, a = 0.152, b = 0.659     σ = 1/AP - 1     H = 2 ln σ + 1 + ln 2π
+
+early fusion adds the m of all sensors, late fusion their 1/σ², and the entropy is the mean of H. Checked against the
+formulas and constants that an implementation quotes from the paper (github.com/robosquiggles/go4robo); of the paper
+itself only abstract and introduction were at hand, so that its equations' numbers, and whether m counts the points of
+an object or of a voxel of the space around the car, are not checked. Here m counts those of an object.
+Adapted: the mean is over the vehicles of our frames rather than over weighted voxels about a car; AP is held within
+0.001 to 0.999, as in that implementation; late fusion joins single sensors, there kinds of sensors; the entropy is
+turned about and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywhere; hybrid is taken as late.
+
+`InformationGain`: H. Hu et al., "Investigating the Impact of Multi-LiDAR Placement on Object Detection for Autonomous
+Driving", CVPR 2022, arXiv 2105.00373. A voxel is occupied in a share p of the frames and has the entropy
+H(p) = -p ln p - (1 - p) ln(1 - p); the published metric is
+
+    S-MIG = -Σ H(p) over the voxels that rays cross        of the gain Σ H(p) over all voxels + S-MIG
+
+to be as large as may be. Checked against the authors' released code, folder S_MIG of
+github.com/HanjiangHu/Multi-LiDAR-Placement-for-3D-Detection, and what they say of it in arXiv 2310.05245, section III;
+the first paper's own text was not at hand.
+It compares placements of equally many lidars. **The sign here is the other one**: of sets of any size S-MIG prefers
+those that see least, so a set is given the share that the Σ H(p) of what it reaches has in that of the whole place, as
+if nothing were uncertain any more where it looks. S-MIG's own correlation is minus this one's.
+Adapted, too: cells are 1 m squares of the ground rather than voxels of 5 cm, and each counts once, not once a ray; a
+sensor reaches one when it has a point on some vehicle over it in any frame. The scheme of fusion changes nothing.
+
+Neither says anything of communication: kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as
+AP.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.fidelity.coverage import LEAST, bits_sent
+from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.visibility import Visibility
+from placement_env.subsets import MemberSums
+from toolkit.arrays import Bool, Float, Float64
+from toolkit.boxes import points_in_boxes
+from toolkit.detection.evaluation import Scheme
+
+SLOPE, OFFSET = 0.152, 0.659
+LOWEST, HIGHEST = 0.001, 0.999
+UNSEEN_SPREAD = 1 / LOWEST - 1
+CELL = 1.0  # m
+
+
+class PerceptionEntropy:
+    """Ma, Liu and Li's perception entropy of what each vehicle is seen with."""
+
+    name = "perception entropy"
+
+    def __init__(self, visibility: Visibility, scheme: Scheme = "early") -> None:
+        self._early = scheme == "early"
+        points = visibility.points.astype(np.float32)
+        self._sums = MemberSums(points if self._early else np.where(points > 0, spread(points) ** -2, 0))
+        self._cost = _Cost(visibility, scheme)
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """1 for the least entropy, 0 for that of nothing seen."""
+        score = np.zeros(len(subsets))
+        (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
+        for block, sums in self._sums.blocks(subsets):
+            log_spread = np.log(spread(sums)) if self._early else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+            entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
+            score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
+        return self._cost.estimate(score, subsets)
+
+
+class InformationGain:
+    """The entropy of where vehicles are that a set does away with, from Hu et al.'s, with the sign turned."""
+
+    name = "information gain"
+
+    def __init__(self, visibility: Visibility, scheme: Scheme = "early") -> None:
+        over = cells_over(visibility.boxes)
+        entropy, reached = cell_entropy(over, visibility), (visibility.points > 0).astype(np.float32) @ over > 0
+        uncertain = entropy > 0
+        self._entropy = entropy[uncertain].astype(np.float32)
+        self._sums = MemberSums(reached[:, uncertain].astype(np.uint16))
+        self._cost = _Cost(visibility, scheme)
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """The share of the entropy of all cells that a set does away with."""
+        gain, whole = np.zeros(len(subsets)), float(self._entropy.sum())
+        for block, reaching in self._sums.blocks(subsets):
+            gain[block] = np.where(reaching > 0, self._entropy, 0).sum(axis=1)
+        return self._cost.estimate(gain / whole if whole else gain, subsets)
+
+
+def spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """σ = 1/AP - 1 of so many points."""
+    with np.errstate(divide="ignore"):
+        return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1
+
+
+def cells_over(boxes: Float64[np.ndarray, "O 7"]) -> Float[np.ndarray, "O V"]:
+    """1 where the middle of a cell of the ground lies under a box, for all cells that the boxes' centres span."""
+    if not len(boxes):
+        return np.zeros((0, 0), np.float32)
+    low, high = np.floor(boxes[:, :2].min(axis=0) - 3), np.ceil(boxes[:, :2].max(axis=0) + 3)
+    x, y = (np.arange(a + CELL / 2, b, CELL) for a, b in zip(low, high, strict=True))
+    middles = np.stack([*(each.ravel() for each in np.meshgrid(x, y)), np.zeros(len(x) * len(y))], axis=1)
+    flat = boxes.copy()
+    flat[:, 2], flat[:, 5] = 0.0, 1.0
+    return points_in_boxes(middles, flat).T.astype(np.float32)
+
+
+def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Float64[np.ndarray, " V"]:
+    """Entropy (nat) of each cell, from the share of the frames in which some box is over it."""
+    occupied = np.zeros((visibility.frames, over.shape[1]), bool)
+    np.logical_or.at(occupied, visibility.frame, over > 0)
+    p = occupied.mean(axis=0)
+    certain = (p == 0) | (p == 1)
+    p = np.where(certain, 0.5, p)
+    return np.where(certain, 0.0, -p * np.log(p) - (1 - p) * np.log1p(-p))
+
+
+class _Cost:
+    """What sets send, as `Coverage` takes it."""
+
+    def __init__(self, visibility: Visibility, scheme: Scheme) -> None:
+        boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
+        self._kbit = bits_sent(visibility, scheme, boxes) / (1000 * visibility.frames)
+
+    def estimate(self, score: Float64[np.ndarray, " n"], subsets: Bool[np.ndarray, "n C"]) -> Estimate:
+        return Estimate(score, score.copy(), subsets @ self._kbit)

@@ -1,0 +1,101 @@
+"""`Surrogate`: the AP of sensor sets predicted from how many points their sensors have on each object.
+
+A `HitModel` gives each object's probability p of being hit. Objects are ranked by it, as a detector's scores would, and
+down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
+`false_alarms`. The area under that expected precision-recall curve of O objects is
+
+    AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.fidelity.coverage import LEAST, bits_sent
+from placement_env.fidelity.hit_model import HitModel, shipped_model
+from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.visibility import Visibility
+from placement_env.subsets import MemberSums
+from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.detection.evaluation import Scheme
+
+MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
+
+
+class Surrogate:
+    """Sets of the candidates of `visibility` scored by a model, the shipped one of `scheme` at `iou` if none is given.
+
+    radius: of hybrid fusion (m). Raises ValueError where the model is of another scheme or there is none.
+    """
+
+    name = "surrogate"
+
+    def __init__(
+        self,
+        visibility: Visibility,
+        scheme: Scheme = "early",
+        model: HitModel | None = None,
+        *,
+        iou: float = 0.7,
+        radius: float = 20.0,
+    ) -> None:
+        self.model = shipped_model(scheme, iou) if model is None else model
+        if self.model.scheme != scheme:
+            raise ValueError(f"the model is for {self.model.scheme} fusion, not for {scheme}: pass one fitted to it")
+        self._sums = MemberSums(evidence_rows(visibility, self.model, radius))
+        boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
+        self._bits = bits_sent(visibility, scheme, boxes)
+        self._frames = visibility.frames
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Expected AP and recall of each set."""
+        ap, recall = np.zeros(len(subsets)), np.zeros(len(subsets))
+        for block, sums in self._sums.blocks(subsets):
+            ap[block], recall[block] = self._expected(sums)
+        return Estimate(ap, recall, subsets @ self._bits / (1000 * self._frames))
+
+    def _expected(
+        self, sums: Float32[np.ndarray, "n w"]
+    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+        sums = joined(sums, self.model)
+        sums.sort(axis=1)
+        return expected_ap(self.model.probability(sums[:, ::-1]), self.model.false_alarms)
+
+
+def expected_ap(
+    probability: Float[np.ndarray, "n O"], false_alarms: float
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """AP and recall (n,) of hit probabilities in descending order: the formula above.
+
+    >>> expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
+    (array([0.5 , 0.25]), array([0.5, 0.5]))
+    """
+    n, objects = probability.shape
+    if not objects:
+        return np.zeros(n), np.zeros(n)
+    hits = np.cumsum(probability, axis=1)
+    recall = hits[:, -1].astype(np.float64) / objects
+    found = hits + false_alarms * (np.arange(1, objects + 1, dtype=hits.dtype) - hits)
+    np.divide(hits, found, out=hits, where=found > 0)
+    return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
+
+
+def evidence_rows(
+    visibility: Visibility, model: HitModel, radius: float, dtype: type = np.float32
+) -> Float[np.ndarray, "C w"]:
+    """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
+    points: np.ndarray = visibility.points.astype(dtype)
+    points *= (np.maximum(visibility.distance, 1).astype(dtype) / 20) ** model.reach
+    points *= np.exp(-model.oblique * np.abs(np.sin(2 * visibility.boxes[:, 6]))).astype(dtype)
+    powers = np.minimum(points, MOST_POINTS) ** model.norm
+    if model.scheme != "hybrid":
+        return powers
+    return np.concatenate([powers, np.where(visibility.distance > radius, points, 0)], axis=1)
+
+
+def joined(sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
+    """Σ n_i ^ norm of sets, from the sums of their members' `evidence_rows`."""
+    if model.scheme != "hybrid":
+        return sums
+    near, far = np.split(sums, 2, axis=1)
+    return near + far**model.norm

@@ -1,0 +1,201 @@
+"""`Table`: the AP of every set of a site's sensors, each scheme and IoU threshold, measured once with a detector.
+
+Row number is bit mask: sensor c belongs to the sets whose number has bit c. The tables of the built-in sites, with the
+shipped detectors, are in `exact/`; `make_table` makes them again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from placement_env.fidelity.detector import IOUS, Detected, Measured
+from placement_env.fidelity.protocol import Estimate
+from placement_env.subsets import all_subsets
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.objects import Detector
+from toolkit.runtime.array_files import read_arrays, write_arrays
+from toolkit.runtime.cache import Memo, key_of
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+SHIPPED = Path(__file__).parent / "exact"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
+    objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code.
+    """
+
+    site: str
+    sensors: tuple[str, ...]
+    place: str
+    frames: int
+    objects: int
+    recording: str
+    detector: str
+    seed: int
+    commit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Figures of all 2^C sets of C sensors, by scheme (of `SCHEMES`) and IoU threshold (of `IOUS`); kbit is what the
+    sensors of a set send together in a frame.
+
+    Raises ValueError where the shapes do not fit.
+    """
+
+    origin: Origin
+    ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
+    recall: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
+    kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        shape = (1 << len(self.origin.sensors), len(SCHEMES), len(IOUS))
+        if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
+            raise ValueError(f"a table of {len(self.origin.sensors)} sensors must be {shape}, got {self.ap.shape}")
+
+    @property
+    def subsets(self) -> Bool[np.ndarray, "sets C"]:
+        """The set of each row, the empty one first."""
+        return all_subsets(len(self.origin.sensors))
+
+    def row(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
+        """The row of each set."""
+        if subsets.shape[1] != len(self.origin.sensors):
+            raise ValueError(f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}")
+        return subsets @ (1 << np.arange(subsets.shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class TableFidelity:
+    """Sets scored by looking them up: as exact as detection, at no cost.
+
+    Raises ValueError for a scheme or IoU threshold that the table has not.
+    """
+
+    table: Table
+    scheme: Scheme = "early"
+    iou: float = 0.7
+    name: str = field(default="table", init=False)
+
+    def __post_init__(self) -> None:
+        _column(self.scheme, self.iou)
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Figures of each set."""
+        rows, (scheme, iou) = self.table.row(subsets), _column(self.scheme, self.iou)
+        table = self.table
+        return Estimate(table.ap[rows, scheme, iou], table.recall[rows, scheme, iou], table.kbit[rows, scheme])
+
+
+class Best(NamedTuple):
+    """A sensor set (indices) and its AP."""
+
+    sensors: tuple[int, ...]
+    ap: float
+
+
+def best_sets(table: Table, scheme: Scheme = "early", iou: float = 0.7, top: int = 3) -> dict[int, list[Best]]:
+    """The best sets of each number of sensors, best first, as the paper's table lists them; all sensors first."""
+    ap, subsets = table.ap[(slice(None), *_column(scheme, iou))], table.subsets
+    sizes = subsets.sum(axis=1)
+    found = {}
+    for size in range(len(table.origin.sensors), 0, -1):
+        rows = np.flatnonzero(sizes == size)
+        best = rows[np.argsort(-ap[rows], kind="stable")][:top]
+        found[size] = [Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best]
+    return found
+
+
+def make_table(
+    renders: Measured,
+    detector: Detector,
+    out: str | Path,
+    *,
+    frames: int | None = None,
+    seed: int = 0,
+    commit: str = "",
+    workers: int = 1,
+    ray: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Table:
+    """Score every sensor set in every scheme by detection and write the table.
+
+    renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
+    their noise, written down; progress: told the frames done and to be done, each once for each scheme; workers, ray:
+    see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
+    again after a kill, it goes on. The table is the same however it came about.
+    """
+    out, subsets = Path(out), all_subsets(len(renders.sensors))
+    memo = Memo(out.with_name(out.name + ".detections"))
+    columns = []
+    for done, scheme in enumerate(SCHEMES):
+        detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)
+        told = _told(progress, done * detected.frames, len(SCHEMES) * detected.frames)
+        columns.append(list(detected.estimates(subsets, progress=told).values()))
+    origin = Origin(
+        site=renders.site.name,
+        sensors=tuple(sensor.name for sensor in renders.sensors),
+        place=digest_of(renders.site, renders.sensors),
+        frames=detected.frames,
+        objects=sum(int(detected.scored(k).sum()) for k in range(detected.frames)),
+        recording=renders.digest,
+        detector=getattr(detector, "digest", ""),
+        seed=seed,
+        commit=commit,
+    )
+    ap, recall, kbit = np.transpose(np.array(columns), (2, 3, 0, 1))
+    table = Table(origin, ap.copy(), recall.copy(), kbit[..., 0].copy())
+    save_table(table, out)
+    memo.delete()
+    return table
+
+
+def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
+    """SHA-256 over a site and sensors there: a table says nothing about others."""
+    from toolkit.sites.geojson import dumps
+
+    hung = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
+    return key_of(dumps(site), hung).hex()
+
+
+def save_table(table: Table, path: str | Path) -> None:
+    """Write a table as a .npz file, all of it or nothing."""
+    origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
+    write_arrays(path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, "origin": origin})
+
+
+def load_table(name: str | Path) -> Table:
+    """The table of a built-in site by its name, or of a .npz file by its path.
+
+    Raises FileNotFoundError where there is none, ValueError where the file is damaged or no table.
+    """
+    path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
+    if not path.is_file():
+        shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"
+        raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with make_table")
+    arrays = read_arrays(path)
+    try:
+        values: dict[str, Any] = json.loads(arrays.pop("origin").tobytes())
+        return Table(Origin(**values | {"sensors": tuple(values["sensors"])}), **arrays)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with make_table") from None
+
+
+def _column(scheme: str, iou: float) -> tuple[int, int]:
+    if scheme not in SCHEMES or iou not in IOUS:
+        raise ValueError(f"tables have schemes {', '.join(SCHEMES)} and IoU {IOUS}, got {scheme!r} and {iou}")
+    return SCHEMES.index(scheme), IOUS.index(iou)
+
+
+def _told(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
+    return None if progress is None else lambda done: progress(before + done, total)

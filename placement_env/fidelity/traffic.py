@@ -1,0 +1,79 @@
+"""`Traffic`: the frames that every sensor set of a search is judged by; the same whichever sensors look at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from hashlib import sha256
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.arrays import Bool
+from toolkit.bodies.body import Body
+from toolkit.bodies.fleet import catalogue
+from toolkit.objects import VEHICLE, Objects
+from toolkit.points import centred_in
+from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import Snapshot, simulate
+
+if TYPE_CHECKING:
+    from toolkit.rendering.renderer import Renderer
+
+FRAMES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """snapshots: the frames, of traffic on the site; bodies: what `Snapshot.bodies` counts."""
+
+    site: Site
+    bodies: tuple[Body, ...]
+    snapshots: tuple[Snapshot, ...]
+
+    def __len__(self) -> int:
+        return len(self.snapshots)
+
+    def digest(self) -> str:
+        """SHA-256 over site, bodies and frames; equal where all that a sensor might see is equal."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
+        from toolkit.sites.geojson import dumps
+
+        sha = sha256(dumps(self.site).encode())
+        for body in self.bodies:
+            sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
+            sha.update(body.vertices.tobytes() + body.triangles.tobytes())
+        for snapshot in self.snapshots:
+            objects = snapshot.objects
+            sha.update(repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode())
+            sha.update(objects.boxes.tobytes())
+        return sha.hexdigest()
+
+
+def traffic(site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None) -> Traffic:
+    """`frames` frames of simulated traffic; bodies: None for `catalogue()`. Same seed, same frames.
+
+    Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
+    """
+    if frames < 1:
+        raise ValueError(f"frames must be at least 1, got {frames}")
+    bodies = catalogue() if bodies is None else bodies
+    return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed)))
+
+
+@lru_cache(maxsize=2)
+def renderer_of(traffic: Traffic) -> Renderer:
+    """A renderer of the traffic's site and bodies, without sensors, built once: what stands still takes longer to put
+    together than to look at."""
+    from toolkit.rendering.renderer import Renderer
+
+    return Renderer(traffic.site, traffic.bodies, (), threads=1)
+
+
+def scored(objects: Objects, site: Site) -> Bool[np.ndarray, " n"]:
+    """Which objects a detector is scored by: vehicles (no heavy ones) centred in the area, as in
+    `toolkit.detection.evaluation` with its exact protocol."""
+    return (objects.labels == VEHICLE) & centred_in(objects.boxes, site.area)

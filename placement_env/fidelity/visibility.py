@@ -1,0 +1,188 @@
+"""`Visibility`: how many points each candidate has on each vehicle, and how many it sends.
+
+Points on a vehicle are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
+counts in the cropped cloud, but for the ground that relief lifts into the foot of a box, which is no part of the
+vehicle, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of
+them in the mean, since it lifts half of the points on even ground above z = 0 and with that into the crop.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.occlusion import Seen, look_at
+from placement_env.fidelity.traffic import Traffic, renderer_of, scored
+from toolkit.arrays import Float32, Float64, Int64
+from toolkit.boxes import count_points
+from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.detection.fusion import hybrid_radius
+from toolkit.points import beyond, frame_points
+from toolkit.runtime.array_files import read_arrays, write_arrays
+from toolkit.runtime.code_digest import RENDERING, code_digest
+from toolkit.runtime.parallel import spread
+from toolkit.sensors.sensor import Sensor
+
+BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
+
+Block = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """What C candidates see of the O scored objects (vehicles centred in the area) of F frames, frame after frame.
+
+    points: on each object inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal,
+    m, whether or not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the
+    crop of each frame; far: those of them farther off, horizontally, than the radius of hybrid fusion.
+    """
+
+    points: Float32[np.ndarray, "C O"]
+    distance: Float32[np.ndarray, "C O"]
+    frame: Int64[np.ndarray, " O"]
+    boxes: Float64[np.ndarray, "O 7"]
+    sent: Float32[np.ndarray, "C F"]
+    far: Float32[np.ndarray, "C F"]
+
+    @property
+    def frames(self) -> int:
+        """How many frames."""
+        return self.sent.shape[1]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Visibility:
+        """What some of the candidates see, in the order given."""
+        chosen = np.asarray(indices, np.int64)
+        per_candidate = (self.points[chosen], self.distance[chosen])
+        return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen])
+
+    def save(self, path: str | Path) -> None:
+        """Write a file, all of it or nothing, to be read by `load`."""
+        write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @staticmethod
+    def load(path: str | Path) -> Visibility:
+        """Read what `save` wrote. Raises FileNotFoundError; ValueError where the file is damaged or another one."""
+        arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
+        if arrays.keys() != names:
+            raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
+        return Visibility(**arrays)
+
+    @staticmethod
+    def of(recording: CoopDataset, frames: int | None = None, *, noise_seed: int | None = 0) -> Visibility:
+        """What the sensors of a recording see of its vehicles, counted in their clouds; frames: only the first so many.
+
+        What is sent is counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are
+        there.
+        """
+        site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
+        radius = hybrid_radius(site)
+        points, sent, far, boxes = [], [], [], []
+        for k in range(count):
+            frame = recording[k]
+            boxes.append(frame.objects.boxes[scored(frame.objects, site)])
+            points.append([count_points(cloud, boxes[-1]) for cloud in frame_points(frame, area=site)])
+            clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
+            sent.append([len(cloud) for cloud in clouds])
+            far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
+        per_frame = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
+        every = np.concatenate([np.zeros((0, 7)), *boxes])
+        on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
+        frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
+        return Visibility(on_objects, _distances(recording.sensors, every), frame_of, every, *per_frame)
+
+
+def see(
+    traffic: Traffic,
+    candidates: Candidates,
+    *,
+    workers: int = 1,
+    ray: str | None = None,
+    progress: Callable[[int], None] | None = None,
+    cache: str | Path | None = None,
+) -> Visibility:
+    """What the candidates see of the traffic.
+
+    workers, ray: see `toolkit.runtime.parallel.spread`; progress: told how many candidates are done; cache: a folder
+    where the finished blocks of candidates are kept, so that what was broken off goes on there.
+    Raises ValueError without candidates.
+    """
+    if not len(candidates):
+        raise ValueError("there must be a candidate to see, got none")
+    job = _Job(traffic, candidates.sensors, None if cache is None else Path(cache))
+    blocks = _blocks(candidates.sensors)
+    kept = {block: found for block in blocks if (found := job.kept(block)) is not None}
+    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
+    seen = []
+    for block in blocks:
+        seen.append(kept[block] if block in kept else next(made))
+        if progress:
+            progress(block[1])
+    frame, boxes = _scored_boxes(traffic)
+    points, sent, far = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    return Visibility(points, _distances(candidates.sensors, boxes), frame, boxes, sent, far)
+
+
+def _scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"]]:
+    """Frame and box of every scored object."""
+    rows = [scored(snapshot.objects, traffic.site) for snapshot in traffic.snapshots]
+    frame = np.repeat(np.arange(len(rows)), [int(row.sum()) for row in rows])
+    chosen = [snapshot.objects.boxes[row] for snapshot, row in zip(traffic.snapshots, rows, strict=True)]
+    return frame, np.concatenate([np.zeros((0, 7)), *chosen])
+
+
+def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
+    """Horizontal distance (m) from each sensor to the centre of each box."""
+    positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
+    return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)
+
+
+def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
+    """First and last sensor of blocks with `BLOCK_PIXELS` at most, or one sensor each."""
+    blocks, first, pixels = [], 0, 0
+    for c, sensor in enumerate(sensors):
+        size = math.prod(sensor.model.shape)
+        if pixels and pixels + size > BLOCK_PIXELS:
+            blocks.append((first, c))
+            first, pixels = c, 0
+        pixels += size
+    return [*blocks, (first, len(sensors))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Looks at all frames with a block of the sensors; sent to every worker."""
+
+    traffic: Traffic
+    sensors: tuple[Sensor, ...]
+    cache: Path | None
+
+    def __call__(self, block: Block) -> Seen:
+        found = self.kept(block)
+        if found is None:
+            found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)])
+            if self.cache is not None:
+                write_arrays(self._path(block), found._asdict())
+        return found
+
+    def kept(self, block: Block) -> Seen | None:
+        """What an earlier call found; None where there is nothing, or it is damaged."""
+        if self.cache is not None:
+            with suppress(FileNotFoundError, ValueError):
+                return Seen(**read_arrays(self._path(block)))
+        return None
+
+    def _path(self, block: Block) -> Path:
+        told = [(repr(sensor.model), sensor.pose.tolist()) for sensor in self.sensors[slice(*block)]]
+        key = sha256(json.dumps([code_digest(*RENDERING), self.traffic.digest(), told]).encode()).hexdigest()
+        return Path(self.cache or "") / f"seen-{key[:32]}.npz"

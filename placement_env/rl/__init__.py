@@ -1,0 +1,1 @@
+"""Learning: policies, Stable-Baselines3, training over many sites."""

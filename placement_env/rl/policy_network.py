@@ -1,0 +1,80 @@
+"""A policy network that judges every candidate with the same weights.
+
+What it learns of one candidate holds for all others, at any junction and however they are numbered; a plain network
+would have to learn it for each slot again. It has some thousand weights whatever the number of slots.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3.common.type_aliases import Schedule
+from torch import Tensor, nn
+
+from placement_env.envs.scenario import STATIC
+from placement_env.envs.state import DYNAMIC, GLOBAL
+
+FEATURES = len(STATIC) + len(DYNAMIC)
+
+
+class CandidateNetwork(nn.Module):
+    """Observations of choosing among candidates (`placement_env.envs.state`) -> a logit of each action, and what the
+    value is estimated from.
+
+    A candidate is judged by its own features, those of the whole, and the mean and the maximum over all candidates of
+    what the first layer makes of them.
+    """
+
+    def __init__(self, slots: int, width: int) -> None:
+        super().__init__()
+        self.latent_dim_pi, self.latent_dim_vf = slots + 1, width  # as Stable-Baselines3 asks for
+        self.of_each, self.of_whole = nn.Linear(FEATURES, width), nn.Linear(len(GLOBAL), width, bias=False)
+        self.inner, self.pooled = nn.Linear(width, width), nn.Linear(2 * width, width, bias=False)
+        self.place, self.stop, self.value = nn.Linear(width, 1), nn.Linear(width, 1), nn.Linear(width, width)
+        for parameter in (*self.place.parameters(), *self.stop.parameters()):
+            nn.init.zeros_(parameter)  # at first all actions are equally likely
+
+    def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Logits (n, slots + 1) and features of the value (n, width) of observations (n, size)."""
+        different, which = distinct(observations)
+        each, pooled = self._first(different)
+        return self._logits(each, pooled)[which], torch.relu(self.value(pooled))[which]
+
+    def forward_actor(self, observations: Tensor) -> Tensor:
+        """The logits alone."""
+        different, which = distinct(observations)
+        return self._logits(*self._first(different))[which]
+
+    def forward_critic(self, observations: Tensor) -> Tensor:
+        """The features of the value alone."""
+        different, which = distinct(observations)
+        return torch.relu(self.value(self._first(different)[1]))[which]
+
+    def _first(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        of_slots, of_whole = observations[:, : -len(GLOBAL)], observations[:, -len(GLOBAL) :]
+        of_slots = of_slots.reshape(len(observations), FEATURES, -1).transpose(1, 2)
+        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
+        return each, self.pooled(torch.cat([each.mean(1), each.max(1).values], 1))
+
+    def _logits(self, each: Tensor, pooled: Tensor) -> Tensor:
+        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
+        return torch.cat([place, self.stop(torch.relu(pooled))], 1)
+
+
+def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
+    """The different ones among rows (n, k), in the order they come, and which of them each row is: all episodes of one
+    junction begin with the same observation, and those of a trained policy go on with the same."""
+    number: dict[bytes, int] = {}
+    which = [number.setdefault(row.tobytes(), len(number)) for row in rows.numpy()]
+    _, first = np.unique(which, return_index=True)
+    return rows[first], torch.tensor(which)
+
+
+class CandidatePolicy(MaskableActorCriticPolicy):
+    """sb3-contrib's policy with a `CandidateNetwork`, of the width that `net_arch` begins with."""
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        self.mlp_extractor = CandidateNetwork(int(self.action_space.n) - 1, self.net_arch[0])  # type: ignore
+        self.action_net, self.value_net = nn.Identity(), nn.Linear(self.mlp_extractor.latent_dim_vf, 1)
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)  # type: ignore

@@ -1,0 +1,310 @@
+"""Policies that place sensors: MaskablePPO (sb3-contrib) where actions have masks, PPO (Stable-Baselines3) elsewhere.
+
+Training goes in rounds of some PPO updates. Each starts from reset environments and generators seeded by the run's seed
+and the number of the round, so weights, optimiser and the count of steps are the whole state: a training that was
+killed and called again ends with the weights of one that was not. Checkpoints hold tensors and numbers only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+from placement_env.envs.env import GameEnv
+from placement_env.envs.select import SensorSelectEnv
+from placement_env.objective import Objective, Score
+from placement_env.search.progress import Limits
+from placement_env.search.result import Certificate, Found
+from toolkit.sensors.sensor import Sensor
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+CHECKPOINT = "policy.pt"
+STEPS = 50_000  # that `search` trains for where no limit is given
+EPISODES = 20  # it then plays
+UPDATES = 4  # of a round
+
+
+@dataclass(frozen=True)
+class Learning:
+    """How a policy is trained. envs: played side by side; rollout: steps of each between updates; width: of the two
+    hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
+    al. 2017). Episodes are short, so nothing is discounted.
+
+    turned: junctions are turned and mirrored at random, an episode each, so that a policy trained over several learns
+    less of them by heart (our own environments only)."""
+
+    envs: int = 16
+    rollout: int = 16
+    batch: int = 64
+    epochs: int = 2
+    learning_rate: float = 2e-3
+    entropy: float = 0.01
+    discount: float = 1.0
+    width: int = 32
+    turned: bool = False
+
+
+PLAIN = Learning()
+CURIOUS = Learning(entropy=0.3)  # a search keeps the best set it comes by, so it may try more
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    learning: Learning = CURIOUS,
+) -> Found:
+    """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
+    that it came by in training.
+
+    Every step counts as an evaluation; without a limit `STEPS` are trained.
+    """
+    steps = STEPS if seconds is None and evaluations is None else evaluations
+    limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
+
+    def make_env() -> SensorSelectEnv:
+        return SensorSelectEnv(objective=objective, budget=budget)
+
+    def watch(infos: list[dict[str, Any]]) -> None:
+        nonlocal best, chosen
+        limits.count += len(infos)
+        for info in infos:
+            if "episode" in info and info["episode"]["r"] > best:
+                best, chosen = info["episode"]["r"], info["subset"]
+                limits.improved(best)
+
+    with TemporaryDirectory() as folder:
+        policy = train_policy(
+            make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning, watch=watch
+        )
+    played = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
+    limits.count += played.evaluations
+    trained = objective.score(np.flatnonzero(chosen))
+    found = played.best if played.best.reward > trained.reward else trained
+    note = f"the trained policy comes to {played.best.reward:.4f} by itself"
+    certificate = Certificate("none", found.reward, note=note)
+    return Found("policy", found, limits.history(found.reward), certificate, limits.count, limits.passed)
+
+
+def train_policy(
+    make_env: Callable[[], gym.Env[Any, Any]],
+    out: Path,
+    *,
+    steps: int | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    learning: Learning = PLAIN,
+    every_s: float = 60.0,
+    progress: Callable[[int, float], None] | None = None,
+    watch: Callable[[list[dict[str, Any]]], None] | None = None,
+) -> OnPolicyAlgorithm:
+    """Train until `steps` environment steps are done in all, or `seconds` have passed in this call.
+
+    `out/policy.pt` is kept; called again with the folder it goes on where that was. Whole rounds are played, so there
+    may be some more steps.
+
+    progress: told the steps done and the mean return of the last 100 episodes, NaN before there is one; watch: told the
+    infos of each step, see `placement_env.rl.adapter`.
+    Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
+    libraries.
+    """
+    from models.train import save_atomically
+
+    if steps is None and seconds is None:
+        raise ValueError("training needs an end: give steps or seconds")
+    out.mkdir(parents=True, exist_ok=True)
+    model = _model(make_env, learning, seed)
+    identity = _identity(model, learning, seed)
+    if (out / CHECKPOINT).exists():
+        _restore(model, out / CHECKPOINT, identity)
+    began = saved = time.monotonic()
+    per_round = UPDATES * learning.envs * learning.rollout
+    while model.num_timesteps < (np.inf if steps is None else steps):
+        if time.monotonic() - began >= (np.inf if seconds is None else seconds):
+            break
+        _begin_round(model, seed, model.num_timesteps // per_round)
+        model.learn(per_round, callback=_told(watch), reset_num_timesteps=False)
+        if progress:
+            returns = [episode["r"] for episode in model.ep_info_buffer or ()]
+            progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
+        if time.monotonic() - saved > every_s:
+            save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+            saved = time.monotonic()
+    save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
+    return model
+
+
+def _told(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
+    """As a callback of Stable-Baselines3, whose training goes on while it returns True."""
+
+    def told(local: dict[str, Any], _: Any) -> bool:
+        assert watch is not None
+        watch(local["infos"])
+        return True
+
+    return None if watch is None else told
+
+
+def load_policy(
+    path: Path, make_env: Callable[[], gym.Env[Any, Any]], *, seed: int = 0, learning: Learning = PLAIN
+) -> OnPolicyAlgorithm:
+    """The policy of a checkpoint or its folder, for environments with the same spaces. Nothing in the file is executed.
+
+    Raises ValueError where the settings or the spaces differ, FileNotFoundError where there is none.
+    """
+    model = _model(make_env, learning, seed)
+    _restore(model, path / CHECKPOINT if path.is_dir() else path, _identity(model, learning, seed))
+    return model
+
+
+def rollout(
+    policy: OnPolicyAlgorithm,
+    env: gym.Env[Any, Any],
+    *,
+    episodes: int = 1,
+    seed: int = 0,
+    seconds: float | None = None,
+    options: dict[str, Any] | None = None,
+) -> Found:
+    """The best set that a policy comes by in some episodes, of the same start: the likeliest actions in the first,
+    drawn from its distribution in the others. Every step counts as an evaluation.
+
+    Raises ValueError below 1 episode.
+    """
+    import torch
+
+    limits, masked = Limits(seconds, None), _masked(env)
+    torch.manual_seed(seed)
+    best: Score | None = None
+    sensors: tuple[Sensor, ...] = ()
+    for episode in range(episodes):
+        if episode and limits.spent:
+            break
+        observation, _ = env.reset(seed=seed, options=options)
+        ended = False
+        while not ended:
+            mask = {"action_masks": env.get_wrapper_attr("action_masks")()} if masked else {}
+            action, _ = policy.predict(observation, deterministic=episode == 0, **mask)
+            observation, _, terminated, truncated, info = env.step(action)
+            limits.count += 1
+            score = _score(info)
+            if best is None or score.reward > best.reward:
+                best, sensors = score, _sensors(env)
+                limits.improved(best.reward)
+            ended = terminated or truncated
+    if best is None:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    certificate = Certificate("none", best.reward, note="a policy promises nothing")
+    return Found("policy", best, limits.history(best.reward), certificate, limits.count, limits.passed, sensors=sensors)
+
+
+def _score(info: dict[str, Any]) -> Score:
+    """What the environment says of the set it holds."""
+    terms = {name: float(term) for name, term in info["reward_terms"].items()}
+    subset = np.asarray(info["subset"])
+    members = np.flatnonzero(subset) if subset.dtype == bool else subset
+    ap, recall, per_sensor, kbit, price = (
+        float(info[name]) for name in ("ap", "recall", "kbit_per_sensor", "kbit", "price")
+    )
+    reward, fidelity, known = sum(terms.values()), str(info["fidelity"]), bool(info["cache_hit"])
+    return Score(tuple(members.tolist()), ap, recall, per_sensor, kbit, price, reward, terms, fidelity, known)
+
+
+def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
+    """The sensors that one of our environments holds now, as they stand; none of a foreign environment."""
+    if not isinstance(env.unwrapped, GameEnv):
+        return ()
+    objective, members = env.unwrapped.game.boards.placed(0)
+    return tuple(objective.candidates.sensors[member] for member in members)
+
+
+def _masked(env: gym.Env[Any, Any]) -> bool:
+    """Whether the environment says which actions are legal, in a form that MaskablePPO takes."""
+    discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
+    return discrete and env.has_wrapper_attr("action_masks")
+
+
+def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: int) -> OnPolicyAlgorithm:
+    try:
+        from sb3_contrib import MaskablePPO
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+    except ImportError as error:
+        raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
+    from placement_env.rl.adapter import episodes
+
+    first = make_env()
+    algorithm = MaskablePPO if _masked(first) else PPO
+    model = algorithm(
+        _network(first),
+        episodes(first, make_env, learning.envs, turned=learning.turned),
+        n_steps=learning.rollout,
+        batch_size=learning.batch,
+        n_epochs=learning.epochs,
+        learning_rate=learning.learning_rate,
+        ent_coef=learning.entropy,
+        gamma=learning.discount,
+        policy_kwargs={"net_arch": [learning.width, learning.width]},
+        seed=seed,
+        device="cpu",
+    )
+    model.set_logger(Logger(None, []))  # or every round leaves a folder behind
+    return model
+
+
+def _network(env: gym.Env[Any, Any]) -> Any:
+    """Candidates that are chosen one after another are all judged alike; other environments get a plain network."""
+    from placement_env.rl.policy_network import CandidatePolicy
+
+    one_by_one = isinstance(env.unwrapped, SensorSelectEnv) and isinstance(env.action_space, gym.spaces.Discrete)
+    return CandidatePolicy if one_by_one else "MlpPolicy"
+
+
+def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[str, Any]:
+    """What two trainings must share to be the same."""
+    return {
+        "algorithm": type(model).__name__,
+        "spaces": f"{model.observation_space} {model.action_space}",
+        "learning": str(learning),
+        "seed": seed,
+    }
+
+
+def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
+    return {
+        "steps": model.num_timesteps,
+        "policy": model.policy.state_dict(),
+        "optimiser": model.policy.optimizer.state_dict(),
+    }
+
+
+def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
+    import torch
+
+    state = torch.load(path, map_location="cpu", weights_only=True)
+    different = [key for key, value in identity.items() if state.get(key) != value]
+    if different:
+        raise ValueError(f"{path} is of another {' and '.join(different)}: choose another folder or remove it")
+    model.policy.load_state_dict(state["policy"])
+    model.policy.optimizer.load_state_dict(state["optimiser"])
+    model.num_timesteps = state["steps"]
+
+
+def _begin_round(model: OnPolicyAlgorithm, seed: int, number: int) -> None:
+    """Every generator and environment as the number of the round says, whatever was before."""
+    model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
+    envs = model.get_env()
+    assert envs is not None
+    model.set_env(envs, force_reset=True)

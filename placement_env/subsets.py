@@ -1,0 +1,77 @@
+"""Sets of candidates as rows of booleans: all of them, and sums over the members of many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64, Shaped
+
+SetFunction = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # a figure of each of n sensor sets
+MOST_SENSORS = 16  # of which all sets are scored: 65536
+BLOCK = 1 << 17  # figures worked on at once, so that they stay in the processor's cache
+
+
+def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
+    """All 2^n sets of n sensors; sensor i is in set k if bit i of k is 1.
+
+    >>> all_subsets(2).astype(int).tolist()
+    [[0, 0], [1, 0], [0, 1], [1, 1]]
+    """
+    if not 0 <= sensors <= MOST_SENSORS:
+        raise ValueError(
+            f"too many sets: they are listed for at most {MOST_SENSORS} sensors, got {sensors};"
+            " choose some, or use sampled_worth"
+        )
+    return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
+
+
+class MemberSums:
+    """Sums of the rows (C, w) of each set's members, in the type of the rows, which must hold the sum.
+
+    A set has the same sum, to the bit, whatever other sets are asked for beside it. Raises ValueError where sets are
+    not rows of one boolean per candidate.
+
+    >>> MemberSums(np.array([[1, 0], [2, 5]]))(np.array([[True, True], [False, False]]))
+    array([[3, 5],
+           [0, 0]])
+    """
+
+    def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
+        self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])  # the last for no member
+
+    @property
+    def rows(self) -> Shaped[np.ndarray, "C w"]:
+        """The rows as they were given."""
+        return self._rows[:-1]
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"]) -> Shaped[np.ndarray, "n w"]:
+        """The sum of each set."""
+        members = _members(subsets)
+        sums = self._rows[members[:, 0]]
+        for column in members.T[1:]:
+            sums += self._rows.take(column, axis=0)
+        return sums
+
+    def blocks(self, subsets: Bool[np.ndarray, "n C"]) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
+        """The sums of as many sets at a time as fit the processor's cache, and which sets these are."""
+        candidates = len(self.rows)
+        if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
+            raise ValueError(
+                f"sets must be rows of {candidates} booleans, one for each candidate, "
+                f"got {subsets.dtype} {subsets.shape}"
+            )
+        step = max(1, BLOCK // max(1, self._rows.shape[1]))
+        parts = (slice(first, first + step) for first in range(0, len(subsets), step))
+        return ((part, self(subsets[part])) for part in parts)
+
+
+def _members(subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n k"]:
+    """Indices of each set's members, C where a set has fewer than the largest; one column at least."""
+    n, candidates = subsets.shape
+    sets, members = np.divmod(np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1))
+    sizes = np.bincount(sets, minlength=n)
+    table = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
+    table[sets, np.arange(len(sets)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = members
+    return table

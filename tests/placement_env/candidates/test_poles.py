@@ -1,0 +1,211 @@
+"""A city's file becomes mounts at the right places, or one line that says what is wrong with it."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from placement_env.candidates.poles import load_keep_out, load_poles
+from placement_env.candidates.pool import pool
+from toolkit.geometry import pose
+from toolkit.sites import osm
+from toolkit.sites.files import load_site, save_site
+from toolkit.sites.site import Relief, Site
+
+CENTRE = (13.4, 52.505)
+AREA = np.array([-40.0, -30.0, 40.0, 30.0])
+
+
+@pytest.fixture
+def site() -> Site:
+    """80 x 60 m in Berlin, x to the north-east, one road along x, uneven ground."""
+    road = np.array([[-90.0, -4.0], [90.0, -4.0], [90.0, 4.0], [-90.0, 4.0]])
+    turn = pose(yaw=np.pi / 4)
+    return Site(
+        "berlin", AREA, lanes=(road,), map_SE3_site=turn, geo_reference=osm.projection(*CENTRE), relief=Relief(0.1, 1)
+    )
+
+
+def degrees(places: list[list[float]]) -> list[list[float]]:
+    on_map = np.array(places) @ pose(yaw=np.pi / 4)[:2, :2].T
+    return osm.unproject(on_map, CENTRE).tolist()
+
+
+def point(coordinates: list[float], **properties) -> dict:
+    return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
+
+
+def polygon(corners: list[list[float]], **properties) -> dict:
+    geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def write(folder, *features, **members) -> str:
+    path = folder / "poles.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", **members, "features": list(features)}))
+    return str(path)
+
+
+def local(folder, *features) -> str:
+    return write(folder, *features, coview_site=1)
+
+
+def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
+    places = [[10.0, 12.0], [-30.0, -8.0], [60.0, 20.0]]
+    lon_lat = degrees(places)
+    path = write(
+        tmp_path,
+        point(lon_lat[0], name="L/1", height=9.0, price=0.5, capacity_kbit=800),
+        point([*lon_lat[1], 34.0], min_height=None, owner="tram"),
+        {**point(lon_lat[2], min_height=4, max_height=5), "id": 17},
+        {"type": "Feature", "properties": None, "geometry": {"type": "LineString", "coordinates": lon_lat}},
+    )
+    mounts = load_poles(path, site)
+    feet = np.array([mount.position for mount in mounts])
+    assert np.abs(feet[:, :2] - places).max() < 2e-3
+    assert np.allclose(feet[:, 2], site.ground(feet[:, :2]))
+    assert [m.name for m in mounts] == ["L-1", "pole01", "17"]
+    assert [(m.min_height, m.max_height, m.price, m.capacity) for m in mounts] == [
+        (3.0, 9.0, 0.5, 800.0),
+        (3.0, 8.0, 1.0, 2000.0),
+        (4.0, 5.0, 1.0, 2000.0),
+    ]
+    assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L-1", "pole01", "17"}
+
+
+def test_mounts_of_a_saved_site_come_back(tmp_path):
+    site = load_site("tjunction")
+    save_site(site, tmp_path / "site.json")
+    mounts = load_poles(tmp_path / "site.json", site)
+    assert [(m.name, *m.position, m.max_height, m.price, m.capacity) for m in mounts] == [
+        (m.name, *m.position, m.max_height, m.price, m.capacity) for m in site.mounts
+    ]
+
+
+def test_poles_in_the_way_are_left_out_by_name(site, tmp_path):
+    corners = [[5.0, 5.0], [20.0, 5.0], [20.0, 20.0], [5.0, 20.0]]
+    path = write(
+        tmp_path,
+        *(
+            point(at, name=name)
+            for name, at in zip("abc", degrees([[10.0, 10.0], [0.0, 0.0], [-10.0, 10.0]]), strict=True)
+        ),
+        polygon(degrees(corners), keep_out=True),
+        polygon(degrees([[-50.0, 0.0], [0.0, 0.0], [0.0, 50.0]]), kind="building"),
+    )
+    with pytest.warns(UserWarning, match="left out") as told:
+        mounts = load_poles(path, site)
+    assert [mount.name for mount in mounts] == ["c"]
+    assert [str(w.message).partition(": ")[2] for w in told] == [
+        "left out, since they stand in a keep-out area: a",
+        "left out, since they stand on the carriageway: b",
+    ]
+    (area,) = load_keep_out(path, site)
+    assert shapely.hausdorff_distance(area, shapely.Polygon(corners)) < 2e-3
+
+
+def test_keep_out_areas_may_have_holes_and_parts(site, tmp_path):
+    outer = [[-40, 6], [40, 6], [40, 30], [-40, 30], [-40, 6]]
+    hole = [[-5, 8], [5, 8], [5, 20], [-5, 20], [-5, 8]]
+    south = [[-40, -30], [40, -30], [40, -20], [-40, -20], [-40, -30]]
+    geometry = {"type": "MultiPolygon", "coordinates": [[outer, hole], [south]]}
+    area = {"type": "Feature", "properties": {"kind": "keep_out"}, "geometry": geometry}
+    path = local(tmp_path, point([0.0, 10.0]), point([20.0, 10.0]), point([0.0, -25.0]), point([0.0, -10.0]), area)
+    with pytest.warns(UserWarning, match="pole01, pole02"):
+        assert [mount.name for mount in load_poles(path, site)] == ["pole00", "pole03"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(pool(site, mounts=load_poles(local(tmp_path, point([0.0, 10.0])), site))) > 0
+
+
+BOX = [[0.0, 6.0], [9.0, 6.0], [9.0, 9.0], [0.0, 9.0]]
+BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
+
+
+@pytest.mark.parametrize(
+    ("features", "message"),
+    [
+        ([], "holds no pole"),
+        ([polygon(BOX, keep_out=True)], "holds no pole"),
+        ([point([0.0, 400.0], name="far")], "pole 'far' stands 370 m from the area"),
+        ([point([0.0, 10.0], name="a"), point([5.0, 10.0], name="a")], "2 poles are named 'a'"),
+        ([point([0.0, 10.0]), point([0.05, 10.0])], "poles 'pole00' and 'pole01' stand at the same place"),
+        ([point([0.0, 10.0, 34.5])], "z = 34.5 m.*leave out altitudes"),
+        ([point([0.0])], r"features\[0\].geometry.coordinates must be two or three"),
+        ([point([0.0, "10"])], "must be two or three finite numbers"),
+        ([point([0.0, float("nan")])], "must be two or three finite numbers"),
+        ([point([0.0, 10.0], height="8 m")], r"features\[0\].properties.height must be a finite number, got '8 m'"),
+        ([point([0.0, 10.0], min_height=9, max_height=5)], r"features\[0\] \(pole 'pole00'\): mount.min_height"),
+        ([point([0.0, 10.0], capacity_kbit=0)], "capacity > 0"),
+        ([{"type": "Feature", "properties": {}, "geometry": None}], r"features\[0\].geometry must be an object"),
+        ([point([0.0, 10.0]) | {"properties": []}, 3], r"features\[1\].geometry must be an object"),
+        ([point([0.0, 10.0]) | {"properties": [1]}], r"features\[0\].properties must be an object"),
+        ([point([0.0, 10.0]), polygon(BOW, keep_out=True)], r"features\[1\].geometry is no simple polygon"),
+        ([point([0.0, 10.0]), polygon([[0.0]], keep_out=True)], "no closed rings"),
+        ([point([0.0, 10.0], keep_out=True)], "must be Polygon or MultiPolygon, got Point"),
+        (
+            [point([0.0, 10.0]), polygon(BOX, keep_out="true")],
+            r"features\[1\].properties.keep_out must be true",
+        ),
+        ([point([0.0, 10.0]), polygon(BOX, keep_out=1)], "keep_out must be true or false, got 1"),
+        ([point([0.0, 10.0], price=float("nan"))], r"^\S*: features\[0\].properties.price must be a finite number"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(site, tmp_path, features, message):
+    path = local(tmp_path, *features)
+    with pytest.raises(ValueError, match=message) as error:
+        load_poles(path, site)
+    assert str(error.value).startswith(path)
+    assert "\n" not in str(error.value)
+
+
+def test_other_systems_of_coordinates_are_refused(site, tmp_path):
+    (lon_lat,) = degrees([[10.0, 12.0]])
+    with pytest.raises(ValueError, match=r"longitude and latitude.*EPSG:4326"):
+        load_poles(write(tmp_path, point([392000.0, 5819000.0])), site)
+    with pytest.raises(ValueError, match="crs must be WGS84"):
+        load_poles(write(tmp_path, point(lon_lat), crs={"properties": {"name": "urn:ogc:def:crs:EPSG::25833"}}), site)
+    for name in ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326", "EPSG:4326"):
+        assert load_poles(write(tmp_path, point(lon_lat), crs={"type": "name", "properties": {"name": name}}), site)
+    with pytest.raises(ValueError, match="longitude comes first"):
+        load_poles(write(tmp_path, point(lon_lat[::-1])), site)
+    with pytest.raises(ValueError, match="coview_site"):
+        load_poles(write(tmp_path, point(lon_lat)), replace(site, geo_reference=None))
+
+
+def test_maps_of_other_projections_need_pyproj(site, tmp_path):
+    (lon_lat,) = degrees([[10.0, 12.0]])
+    other = replace(site, geo_reference="+proj=utm +zone=33 +datum=WGS84", map_SE3_site=pose(391410.0, 5818600.0))
+    try:
+        import pyproj
+    except ImportError:
+        with pytest.raises(ImportError, match="pip install pyproj"):
+            load_poles(write(tmp_path, point(lon_lat)), other)
+        return
+    x, y = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32633", always_xy=True).transform(*lon_lat)
+    (mount,) = load_poles(write(tmp_path, point(lon_lat)), replace(other, map_SE3_site=pose(x - 5.0, y - 9.0)))
+    assert np.allclose(mount.position[:2], [5.0, 9.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not JSON from line 1"),
+        (b'{"type": "FeatureCollection", "features": [', "not JSON"),
+        (b"\xff\xfe\x00", "not a text file"),
+        (b"[]", "must be a GeoJSON FeatureCollection"),
+        (b'{"type": "FeatureCollection"}', "must be a GeoJSON FeatureCollection"),
+    ],
+)
+def test_damaged_files_are_told_in_one_line(site, tmp_path, content, message):
+    path = tmp_path / "poles.geojson"
+    path.write_bytes(content)
+    for load in (load_poles, load_keep_out):
+        with pytest.raises(ValueError, match=message) as error:
+            load(path, site)
+        assert "\n" not in str(error.value)
+    with pytest.raises(FileNotFoundError, match="no file"):
+        load_poles(tmp_path / "none", site)

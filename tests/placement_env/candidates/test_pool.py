@@ -1,0 +1,229 @@
+"""Pools are the product they claim to be, less what they say they leave out; prices, factors and digests hold."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.pool import ON_ITS_MOUNT, paper_candidates, pool
+from toolkit.geometry import look, pose
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site
+from toolkit.sites.random import random_site
+from toolkit.sites.site import Mount, Site
+
+BUILT_IN = {"tjunction": 6, "roundabout": 8}
+
+
+def square(mounts: int = 3, **changes) -> Site:
+    """A 40 m square with mounts along its southern edge."""
+    stand = tuple(Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(mounts))
+    return Site("square", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=stand, **changes)
+
+
+@pytest.fixture(scope="module")
+def built_in_pools() -> dict[str, Candidates]:
+    return {name: pool(load_site(name)) for name in BUILT_IN}
+
+
+def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
+    rows = np.zeros((len(chosen), len(candidates)), bool)
+    for row, members in zip(rows, chosen, strict=True):
+        row[list(members)] = True
+    return rows
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
+    site = load_site(name)
+    candidates = paper_candidates(site)
+    assert len(candidates) == BUILT_IN[name] == len(candidates.mounts) == len({m.name for m in candidates.mounts})
+    assert candidates.sensors == site.sensors
+    for sensor, mount in zip(candidates.sensors, candidates.mounts, strict=True):
+        assert np.hypot(*(sensor.position - mount.position)[:2]) <= ON_ITS_MOUNT
+        assert mount.min_height <= sensor.position[2] - mount.position[2] <= mount.max_height
+    assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
+    everything = np.ones((1, len(candidates)), bool)
+    assert candidates.price(everything)[0] == sum(mount.price for mount in candidates.mounts)
+
+
+def test_a_sensor_far_from_every_mount_gets_one_where_it_is():
+    sensor = Sensor("mast", DepthCamera(), look((5.0, 5.0, 12.0), 0.3, 0.2))
+    (mount,) = paper_candidates(square(sensors=(sensor,))).mounts
+    assert mount.name == "mast_mount"
+    assert mount.position.tolist() == [5.0, 5.0, 0.0]
+    assert mount.max_height == 12.0
+
+
+def test_sensors_of_random_sites_of_either_model_are_candidates():
+    for seed in range(2):
+        site = random_site(seed)
+        candidates = paper_candidates(site)
+        heading, tilt, model = candidates.factors.T[2:]
+        rebuilt = [
+            look(s.position, float(y), float(t)) if isinstance(m, DepthCamera) else pose(*s.position, yaw=y, pitch=t)
+            for s, y, t, m in zip(
+                candidates.sensors,
+                candidates.axes.headings[heading],
+                candidates.axes.tilts[tilt],
+                (candidates.axes.models[k] for k in model),
+                strict=True,
+            )
+        ]
+        assert np.allclose([s.pose for s in candidates.sensors], rebuilt, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_pools_have_40_mounts_and_2000_poses_in_range(built_in_pools, name):
+    candidates = built_in_pools[name]
+    assert len(candidates) >= 2000
+    assert len(np.unique(candidates.mount)) >= 40
+    assert len({s.name for s in candidates.sensors}) == len(candidates)
+    assert not any("/" in s.name for s in candidates.sensors)  # names of groups in a dataset
+    height = np.array(
+        [
+            s.position[2] - candidates.mounts[m].position[2]
+            for s, m in zip(candidates.sensors, candidates.mount, strict=True)
+        ]
+    )
+    low, high = np.array([[m.min_height, m.max_height] for m in candidates.mounts])[candidates.mount].T
+    assert ((low - 1e-9 <= height) & (height <= high + 1e-9)).all()
+    assert len(np.unique([s.pose for s in candidates.sensors], axis=0)) == len(candidates)
+
+
+def test_pose_of_each_candidate_is_what_its_factors_say():
+    lidar = SpinningLidar(channels=4, azimuth_step=0.2, azimuth_fov=2.0)
+    candidates = pool(square(), heights=(4.0, 6.0), headings=5, tilts=(0.1, 0.4), models=(DepthCamera(), lidar))
+    for sensor, (m, h, y, t, k) in zip(candidates.sensors, candidates.factors, strict=True):
+        at = candidates.mounts[m].position + np.array([0.0, 0.0, candidates.axes.heights[h]])
+        heading, tilt = float(candidates.axes.headings[y]), float(candidates.axes.tilts[t])
+        expected = look(at, heading, tilt) if k == 0 else pose(*map(float, at), yaw=heading, pitch=tilt)
+        assert np.allclose(sensor.pose, expected)
+        assert sensor.model == candidates.axes.models[k]
+
+
+def test_without_blind_poses_only_those_that_look_away_are_left_out():
+    site = square()
+    some, every = (pool(site, heights=(6.0,), tilts=(0.1,), blind=blind) for blind in (False, True))
+    assert len(every) == 3 * 8
+    gone = {s.name for s in every.sensors} - {s.name for s in some.sensors}
+    assert gone == {f"p{m}_6.0m_h{h}_t6_camera" for m in range(3) for h in (225, 270, 315)}
+    assert some.at(0, 0, 6, 0, 0) == -1
+    assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
+
+
+def test_at_takes_arrays_and_knows_what_is_outside():
+    candidates = pool(square(), headings=4)
+    assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
+    assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
+    assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [[candidates.at(0, 0, 1, 0, 0)], [-1]]
+    assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
+
+
+def test_heights_are_clipped_to_the_mount_and_kept_once():
+    mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
+    candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
+    assert [s.name for s in candidates.sensors] == [
+        "low_4.0m_h0_t0_camera",
+        "tall_7.0m_h0_t0_camera",
+        "tall_9.0m_h0_t0_camera",
+    ]
+    assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
+
+
+def test_a_mount_used_twice_is_paid_once():
+    candidates = pool(square(), headings=4, blind=True)
+    first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
+    subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
+    assert candidates.price(subsets).tolist() == [0.0, 1.0, 1.0, 6.0]
+    assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
+    assert candidates.price(np.zeros((0, len(candidates)), bool)).shape == (0,)
+    assert np.flatnonzero(candidates.on_mount @ candidates.on_mount[second[0]]).tolist() == second.tolist()
+    assert candidates.prices[third[0]] == 3.0
+    assert candidates.capacity[third[0]] == 2000.0
+
+
+def test_mounts_in_keep_out_areas_are_not_used():
+    candidates = pool(square(), keep_out=[shapely.box(-1.0, -30.0, 30.0, 0.0)])
+    assert [mount.name for mount in candidates.mounts] == ["p0"]
+
+
+def test_select_keeps_order_and_factors():
+    candidates = pool(square())
+    chosen = candidates.select([7, 3])
+    assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
+    assert chosen.at(*candidates.factors[3]) == 1
+    assert chosen.at(*candidates.factors[4]) == -1
+
+
+def test_names_tell_models_and_close_headings_apart():
+    models = (DepthCamera(), DepthCamera(fov=1.0), SpinningLidar(channels=2))
+    candidates = pool(square(1), headings=720, heights=(6.0,), tilts=(0.2,), models=models, blind=True)
+    assert len({s.name for s in candidates.sensors}) == len(candidates) == 720 * 3
+    assert candidates.sensors[3].name == "p0_6.0m_h0.5_t11_camera0"
+    assert candidates.sensors[5].name == "p0_6.0m_h0.5_t11_lidar"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"heights": (4.0,)},
+        {"headings": 9},
+        {"tilts": (0.1,)},
+        {"models": (DepthCamera(sigma=0.02),)},
+        {"mounts": tuple(replace(m, price=9.0) for m in square().mounts)},
+        {"mounts": tuple(replace(m, capacity=9.0) for m in square().mounts)},
+        {"mounts": tuple(replace(m, position=m.position + 1e-6) for m in square().mounts)},
+        {"blind": True},
+    ],
+)
+def test_digest_changes_with_all_it_depends_on(change):
+    assert pool(square(), **change).digest() != pool(square()).digest()
+
+
+def test_digest_is_the_same_in_another_process():
+    script = (
+        "from placement_env.candidates.pool import pool; from toolkit.sites.site import load_site;"
+        "print(pool(load_site('tjunction')).select(range(99)).digest())"
+    )
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
+    assert told == pool(load_site("tjunction")).select(range(99)).digest()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"heights": ()}, "at least one height"),
+        ({"headings": 0}, "at least one height"),
+        ({"tilts": (15.0,)}, "np.deg2rad"),
+        ({"heights": (-1.0,)}, "not negative"),
+        ({"mounts": ()}, "has no mount outside"),
+        ({"mounts": square().mounts * 2}, "rename one"),
+        ({"headings": 1, "mounts": (Mount("far", np.array([90.0, 0.0, 0.0])),)}, "no pose sees the area"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(arguments, message):
+    with pytest.raises(ValueError, match=message) as error:
+        pool(square(), **arguments)
+    assert "\n" not in str(error.value)
+
+
+def test_a_site_without_sensors_or_mounts_says_so():
+    with pytest.raises(ValueError, match="no sensors of its own"):
+        paper_candidates(square())
+    with pytest.raises(ValueError, match="has no mount"):
+        pool(square(0))
+
+
+def test_fields_that_do_not_fit_are_refused():
+    good = pool(square())
+    twice = (good.sensors[0], *good.sensors[:-1])
+    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
+        with pytest.raises(ValueError):
+            replace(good, **broken)

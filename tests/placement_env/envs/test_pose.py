@@ -1,0 +1,130 @@
+"""Moving sensors: ranges, what is rendered again, checkers, agreement of scalar and vector environments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_env_sb3
+
+from placement_env.candidates.pool import paper_candidates
+from placement_env.envs.pose import TILTS, Rig
+from placement_env.envs.registration import register
+from placement_env.fidelity.visibility import see
+from toolkit import load_site
+
+register()
+NAME = "coview/SensorPose-v0"
+FEW: dict[str, Any] = {"frames": 2, "fidelity": "coverage", "budget": 2}
+
+
+@pytest.fixture(scope="module")
+def env() -> gym.Env[Any, Any]:
+    return gym.make(NAME, disable_env_checker=True, moves=3, **FEW)
+
+
+def test_a_rig_stands_where_its_sensors_are() -> None:
+    some = paper_candidates(load_site("tjunction"))
+    for before, after in zip(some.sensors, Rig.of(some).placed().sensors, strict=True):
+        assert np.allclose(before.pose, after.pose, atol=1e-6)
+
+
+def test_a_rig_stays_in_its_ranges() -> None:
+    some = paper_candidates(load_site("roundabout"))
+    rig = Rig.of(some)
+    for _ in range(40):
+        rig = rig.moved(np.ones((len(some), 3)))
+    highest = [some.mounts[index].max_height for index in some.mount]
+    assert np.allclose(rig.state[:, 0], highest)
+    assert np.allclose(rig.state[:, 2], TILTS[1])
+    assert (np.abs(rig.state[:, 1]) <= np.pi).all()
+    still = rig.moved(np.zeros((len(some), 3)))
+    assert np.array_equal(still.state, rig.state)
+
+
+@pytest.mark.filterwarnings("error")
+def test_both_checkers_pass_without_a_warning(env: gym.Env[Any, Any]) -> None:
+    check_env(env.unwrapped, skip_close_check=True, skip_render_check=True)
+    check_env_sb3(env)
+
+
+def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> None:
+    env.reset(seed=1)
+    env.step(np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0], np.float32))
+    game = env.unwrapped.game  # type: ignore[attr-defined]
+    objective, members = game.boards.placed(0)
+    start = game._starts[0]
+    again = see(start.preparation.traffic, start.rig.placed())
+    assert members == [0, 1]
+    for column in ("points", "distance", "sent", "far"):
+        assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))
+
+
+def test_rewards_add_up_and_the_episode_is_cut_off(env: gym.Env[Any, Any]) -> None:
+    _, info = env.reset(seed=2, options={"failed": ["d1"]})
+    total, first = 0.0, info["ap"]
+    env.action_space.seed(0)
+    for move in range(3):
+        _, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        total += float(reward)
+        assert (terminated, truncated) == (False, move == 2)
+    assert total == pytest.approx(info["ap"] - first)
+
+
+def test_a_vector_does_what_scalars_do() -> None:
+    vector = gym.make_vec(NAME, num_envs=2, moves=2, **FEW)
+    scalar = SyncVectorEnv([lambda: gym.make(NAME, moves=2, **FEW)] * 2)
+    one, other = vector.reset(seed=4), scalar.reset(seed=4)
+    assert np.array_equal(one[0], other[0])
+    scalar.action_space.seed(0)
+    for _ in range(4):
+        actions = scalar.action_space.sample()
+        one, other = vector.step(actions), scalar.step(actions)
+        for left, right in zip(one[:4], other[:4], strict=True):
+            assert np.array_equal(left, right)
+        assert np.array_equal(one[4]["subset"], other[4]["subset"])
+
+
+def test_all_pictures_are_of_one_size() -> None:
+    env = gym.make(NAME, render_mode="rgb_array", site=["tjunction", "roundabout"], **FEW)
+    sizes = set()
+    for seed in range(4):
+        env.reset(seed=seed)
+        sizes.add(env.render().shape)  # type: ignore[union-attr]
+    assert len(sizes) == 1
+
+
+def test_a_link_that_is_overloaded_may_be_relieved() -> None:
+    site = load_site("tjunction")
+    tight = replace(site, mounts=tuple(replace(mount, capacity=1.0) for mount in site.mounts))
+    env = gym.make(NAME, site=tight, moves=12, frames=2, fidelity="coverage", budget=1)
+    _, info = env.reset(seed=0)
+    env.action_space.seed(0)
+    illegal = []
+    for _ in range(12):
+        before, (*_, info) = info["kbit"], env.step(env.action_space.sample())
+        illegal.append(info["illegal"])
+        assert info["kbit"] <= before
+    assert len(set(illegal)) == 2
+
+
+def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
+    with pytest.raises(ValueError, match="a table knows no poses"):
+        gym.make(NAME, fidelity="table")
+    with pytest.raises(ValueError, match=r"budget must lie in 1\.\.2"):
+        env.reset(options={"budget": 3})
+    with pytest.raises(ValueError, match="budget must be at least 1"):
+        gym.make(NAME, budget=0)
+    for nobody in ("nobody", 99, 1.5):
+        with pytest.raises(ValueError, match="candidates are 0 to 5"):
+            env.reset(options={"failed": [nobody]})
+    env.reset()
+    with pytest.raises(ValueError, match="finite"):
+        env.step(np.full(6, np.nan, np.float32))
+    with pytest.raises(ValueError, match="too few for a budget"):
+        env.reset(options={"failed": ["d0", "d1", "d2", "d3", 4]})

@@ -1,0 +1,113 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.visibility import Visibility
+from toolkit.boxes import count_points
+from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.simulation import simulate_dataset
+from toolkit.detection.fusion import hybrid_radius
+from toolkit.frame import Frame
+from toolkit.points import beyond, frame_points
+from toolkit.rendering.renderer import Renderer
+from toolkit.sites.files import load_site
+
+
+@pytest.fixture(scope="module")
+def renders(small_traffic, small_candidates):
+    return Renders(small_traffic, small_candidates)
+
+
+def test_without_noise_they_are_what_the_renderer_measures(small_traffic, small_candidates):
+    quiet, site = Renders(small_traffic, small_candidates, noise_seed=None), small_traffic.site
+    renderer = Renderer(site, small_traffic.bodies, site.sensors)
+    for k, snapshot in enumerate(small_traffic.snapshots):
+        frame = Frame(site.sensors, renderer.render(snapshot).measurements, snapshot.objects)
+        for c, expected in enumerate(frame_points(frame, area=site)):
+            found = quiet.clouds(k, c)
+            assert abs(len(found) - len(expected)) <= 3  # a rounded depth may leave the crop
+            assert np.allclose(np.median(found, axis=0), np.median(expected, axis=0), atol=0.05)
+            counted = (count_points(cloud, snapshot.objects.boxes) for cloud in (found, expected))
+            assert np.abs(np.subtract(*counted)).max(initial=0) <= 8
+
+
+def test_a_cloud_is_the_same_in_any_order_and_company(renders, small_traffic, small_candidates):
+    assert renders.clouds(1, 2).dtype == np.float32
+    turned = Renders(small_traffic, small_candidates.select([3, 2]))
+    for k in (3, 0, 1):
+        assert np.array_equal(turned.clouds(k, 1), renders.clouds(k, 2))
+        assert np.array_equal(turned.clouds(k, 0), renders.clouds(k, 3))
+    assert turned.digest == renders.digest
+    again = pickle.loads(pickle.dumps(turned))
+    assert np.array_equal(again.clouds(1, 1), renders.clouds(1, 2))
+    other = Renders(small_traffic, small_candidates, noise_seed=1)
+    assert other.digest != renders.digest
+    assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
+
+
+def test_noise_differs_between_frames_and_sensors(small_traffic, small_candidates):
+    still = small_traffic.snapshots[2]
+    twice = type(small_traffic)(small_traffic.site, small_traffic.bodies, (still, still))
+    found = Renders(twice, small_candidates)
+    assert not np.array_equal(found.clouds(0, 0)[:50], found.clouds(1, 0)[:50])
+
+
+def test_far_points_and_objects(renders, small_traffic):
+    points, sensor = renders.clouds(0, 1), renders.sensors[1]
+    far = beyond(points, sensor, hybrid_radius(small_traffic.site))
+    assert 0 < far.sum() < len(points)
+    assert np.array_equal(renders.far(0, 1), points[far])
+    assert renders.objects(0) is small_traffic.snapshots[0].objects
+    assert renders.frames == 5
+
+
+def test_a_folder_is_shared_and_its_damage_repaired(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
+    first = Renders(small_traffic, small_candidates, tmp_path)
+    assert np.array_equal(first.clouds(0, 1), renders.clouds(0, 1))
+    (path,) = tmp_path.iterdir()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-50])
+    assert np.array_equal(Renders(small_traffic, small_candidates, tmp_path).clouds(3, 1), renders.clouds(3, 1))
+    assert path.read_bytes() == whole
+    monkeypatch.setattr(Renders, "_render", None)
+    kept = Renders(small_traffic, small_candidates.select([1]), tmp_path, noise_seed=0)
+    assert np.array_equal(kept.clouds(3, 0), renders.clouds(3, 1))
+
+
+def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
+    monkeypatch.setattr("placement_env.fidelity.renders.IN_MEMORY", 2)
+    kept = Renders(small_traffic, small_candidates, tmp_path)
+    for c in (0, 1, 2, 0, 3):
+        assert np.array_equal(kept.clouds(0, c), renders.clouds(0, c))
+    assert list(kept._packed) == [0, 3]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory, small_traffic):
+    path = tmp_path_factory.mktemp("recording") / "two.hdf5"
+    site = load_site("tjunction")
+    simulate_dataset(site, frames=2, seed=1, out=path, workers=1, sensors=site.sensors[:2])
+    with CoopDataset(path) as dataset:
+        yield dataset
+
+
+def test_a_recording_gives_the_points_of_an_evaluation(recording):
+    renders = Renders.of(recording)
+    for k in (1, 0):
+        expected = frame_points(noisy(recording[k], 0), area=recording.site)
+        assert all(np.array_equal(renders.clouds(k, c), cloud) for c, cloud in enumerate(expected))
+        assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
+    assert len(renders.digest) == 64
+    assert renders.digest != Renders.of(recording, 1).digest
+
+
+def test_visibility_of_a_recording(recording):
+    seen, renders = Visibility.of(recording), Renders.of(recording)
+    assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
+    assert seen.far.tolist() == [[len(renders.far(k, c)) for k in range(2)] for c in range(2)]
+    clouds = frame_points(recording[1], area=recording.site)
+    boxes = seen.boxes[seen.frame == 1]
+    assert seen.points[:, seen.frame == 1].tolist() == [count_points(cloud, boxes).tolist() for cloud in clouds]
+    assert Visibility.of(recording, 1).frames == 1

@@ -1,0 +1,200 @@
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.detector import IOUS, Detected
+from placement_env.fidelity.protocol import Fidelity
+from placement_env.fidelity.table import (
+    SCHEMES,
+    SHIPPED,
+    Origin,
+    Table,
+    TableFidelity,
+    all_subsets,
+    best_sets,
+    digest_of,
+    load_table,
+    make_table,
+    save_table,
+)
+from toolkit.boxes import count_points
+from toolkit.objects import Detections, Objects
+from toolkit.runtime.array_files import write_arrays
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+PLACES = np.array([-20.0, -10, 0, 10, 20])
+
+
+def cars(x):
+    one = np.ones_like(x)
+    return np.column_stack([x, 0 * x, 0.75 * one, 4 * one, 2 * one, 1.5 * one, 0 * x])
+
+
+@dataclass
+class Street:
+    """Cars near the places; each of three sensors has points on some of them."""
+
+    frames: int = 3
+    site = Site("street", np.array([-40.0, -20.0, 40.0, 20.0]))
+    sensors = tuple(Sensor(f"s{c}", DepthCamera(), np.eye(4)) for c in range(3))
+    digest = "street"
+
+    def clouds(self, k, c):
+        rng = np.random.default_rng([k, c])
+        return np.column_stack([rng.uniform(-25, 25, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)]).astype("f4")
+
+    def far(self, k, c):
+        points = self.clouds(k, c)
+        return points[points[:, 0] > 10 * c - 5]
+
+    def objects(self, k):
+        return Objects(cars(PLACES + np.random.default_rng(k).uniform(-0.8, 0.8, 5)))
+
+
+class Guess:
+    """A car at each place with points; it fails at one of its calls."""
+
+    digest = "guess"
+
+    def __init__(self, fails=-1):
+        self.calls, self.fails = 0, fails
+
+    def __call__(self, points):
+        self.calls += 1
+        if self.calls == self.fails:
+            raise KeyboardInterrupt
+        counts = count_points(points, cars(PLACES))
+        return Detections(cars(PLACES), counts / 50.0)[counts > 1]
+
+
+def same(a, b):
+    return a.origin == b.origin and all(
+        getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in ("ap", "recall", "kbit")
+    )
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder, told, detector = tmp_path_factory.mktemp("table"), [], Guess()
+    table = make_table(
+        Street(), detector, folder / "street.npz", seed=4, commit="abc", progress=lambda *done: told.append(done)
+    )
+    return table, folder / "street.npz", told, detector.calls
+
+
+def test_a_table_holds_what_detection_gives_and_says_where_from(made):
+    table, path, told, _ = made
+    place = digest_of(Street().site, Street().sensors)
+    assert table.origin == Origin("street", ("s0", "s1", "s2"), place, 3, 15, "street", "guess", 4, "abc")
+    assert told == [(k, 9) for k in range(1, 10)]
+    for i, scheme in enumerate(SCHEMES):
+        expected = Detected(Street(), Guess(), scheme).estimates(table.subsets)
+        for j, iou in enumerate(IOUS):
+            np.testing.assert_array_equal(table.ap[:, i, j], expected[iou].ap)
+            np.testing.assert_array_equal(table.recall[:, i, j], expected[iou].recall)
+            np.testing.assert_array_equal(table.kbit[:, i], expected[iou].kbit)
+    assert 0.1 < table.ap[-1].max() <= 1
+    assert [each.name for each in path.parent.iterdir()] == ["street.npz"]
+    assert same(load_table(path), table)
+
+
+def test_broken_off_it_goes_on_and_gives_the_same_bytes(made, tmp_path):
+    table, path, _, all_calls = made
+    first, second = Guess(fails=all_calls - 8), Guess()
+    with pytest.raises(KeyboardInterrupt):
+        make_table(Street(), first, tmp_path / "t.npz", seed=4, commit="abc")
+    assert not (tmp_path / "t.npz").exists()
+    assert same(make_table(Street(), second, tmp_path / "t.npz", seed=4, commit="abc"), table)
+    assert second.calls < all_calls / 2
+    assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
+
+
+def test_processes_give_the_same_bytes(made, tmp_path):
+    _, path, _, _ = made
+    make_table(Street(), Guess(), tmp_path / "t.npz", seed=4, commit="abc", workers=2)
+    assert (tmp_path / "t.npz").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("iou", IOUS)
+def test_lookups_are_those_of_detection_in_any_order(made, scheme, iou):
+    fidelity = TableFidelity(made[0], scheme, iou)
+    assert isinstance(fidelity, Fidelity)
+    rows = np.random.default_rng(0).permutation(np.repeat(np.arange(8), 2))
+    expected = Detected(Street(), Guess(), scheme, iou=iou)(all_subsets(3))
+    for found, values in zip(fidelity(all_subsets(3)[rows]), expected, strict=True):
+        np.testing.assert_array_equal(found, values[rows])
+    assert [float(each[0]) for each in fidelity(np.zeros((1, 3), bool))] == [0, 0, 0]
+
+
+def test_rows_are_bit_masks():
+    table = some_table(4)
+    np.testing.assert_array_equal(table.row(table.subsets), np.arange(16))
+    assert table.row(np.array([[False, True, False, True]])).tolist() == [0b1010]
+
+
+def some_table(sensors):
+    ap = np.random.default_rng(0).random((1 << sensors, 3, 3))
+    names = tuple(f"d{c}" for c in range(sensors))
+    return Table(Origin("x", names, "", 1, 1, "", "", 0, ""), ap, ap, ap[:, :, 0].copy())
+
+
+def test_best_sets_are_the_best_of_their_size():
+    table = some_table(4)
+    best = best_sets(table, "late", 0.8, top=2)
+    assert list(best) == [4, 3, 2, 1]
+    assert [len(sets) for sets in best.values()] == [1, 2, 2, 2]
+    for size, sets in best.items():
+        rows = np.flatnonzero(table.subsets.sum(axis=1) == size)
+        assert [each.ap for each in sets] == sorted(table.ap[rows, 1, 1], reverse=True)[:2]
+        for each in sets:
+            assert table.ap[sum(1 << c for c in each.sensors), 1, 1] == each.ap
+
+
+def test_bad_requests_are_refused(tmp_path):
+    table = some_table(3)
+    with pytest.raises((ValueError, TypeError), match="middle"):
+        TableFidelity(table, "middle")
+    with pytest.raises(ValueError, match=r"0\.5"):
+        TableFidelity(table, "late", 0.5)
+    with pytest.raises(ValueError, match="3 sensors"):
+        TableFidelity(table)(np.zeros((2, 4), bool))
+    with pytest.raises(ValueError, match="must be"):
+        replace(table, ap=table.ap[:5], recall=table.recall[:5], kbit=table.kbit[:5])
+    with pytest.raises(ValueError, match="too many"):
+        all_subsets(17)
+    with pytest.raises(FileNotFoundError, match="no table 'nowhere'"):
+        load_table("nowhere")
+
+
+@pytest.mark.parametrize("size", [0, 10, 300, -30])
+def test_a_damaged_file_is_refused_in_one_line(tmp_path, size):
+    save_table(some_table(3), tmp_path / "t.npz")
+    (tmp_path / "t.npz").write_bytes((tmp_path / "t.npz").read_bytes()[:size])
+    with pytest.raises(ValueError, match=r"damaged|no table"):
+        load_table(tmp_path / "t.npz")
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    np.savez(tmp_path / "t.npz", ap=np.zeros(3))
+    with pytest.raises(ValueError, match="no file of ours"):
+        load_table(tmp_path / "t.npz")
+    write_arrays(tmp_path / "t.npz", {"ap": np.zeros(3)})
+    with pytest.raises(ValueError, match="no table"):
+        load_table(tmp_path / "t.npz")
+    write_arrays(tmp_path / "t.npz", {"origin": np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8)})
+    with pytest.raises(ValueError, match="no table"):
+        load_table(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.npz")), ids=lambda path: path.stem)
+def test_shipped_tables_are_whole_and_small(path):
+    table = load_table(path.stem)
+    assert table.origin.site == path.stem
+    assert ((table.ap >= 0) & (table.ap <= table.recall)).all()
+    assert (table.ap[0] == 0).all()
+    assert path.stat().st_size < 60_000

@@ -1,0 +1,37 @@
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.traffic import scored, traffic
+from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE, Objects
+from toolkit.sites.files import load_site
+from toolkit.traffic.snapshots import Snapshot
+
+
+def test_the_same_seed_gives_the_same_frames():
+    site = load_site("tjunction")
+    once, again, other = (traffic(site, 2, seed) for seed in (3, 3, 4))
+    assert len(once) == 2
+    assert once.digest() == again.digest() != other.digest()
+    with pytest.raises(ValueError, match="frames must be at least 1, got 0"):
+        traffic(site, 0)
+
+
+def test_digest_knows_all_that_can_be_seen(small_traffic):
+    digests = {small_traffic.digest(), replace(small_traffic, snapshots=small_traffic.snapshots[:-1]).digest()}
+    digests.add(replace(small_traffic, site=replace(small_traffic.site, height=3.0)).digest())
+    digests.add(replace(small_traffic, bodies=small_traffic.bodies[::-1]).digest())
+    first = small_traffic.snapshots[0]
+    moved = Objects(first.objects.boxes + np.array([1e-9, 0, 0, 0, 0, 0, 0]), first.objects.labels)
+    digests.add(replace(small_traffic, snapshots=(Snapshot(moved, first.bodies),)).digest())
+    digests.add(replace(small_traffic, snapshots=(first,)).digest())
+    assert len(digests) == 6
+    assert pickle.loads(pickle.dumps(small_traffic)).digest() == small_traffic.digest()
+
+
+def test_vehicles_centred_in_the_area_are_scored(small_traffic):
+    boxes = np.array([[x, 0, 1, 4, 2, 1.5, 0] for x in (0.0, 0, 0, 20, 20.1)])
+    objects = Objects(boxes, np.array([VEHICLE, HEAVY, PEDESTRIAN, VEHICLE, VEHICLE]))
+    assert scored(objects, small_traffic.site).tolist() == [True, False, False, True, False]

@@ -1,0 +1,91 @@
+"""Our environments under Stable-Baselines3 do what it makes of the scalar ones."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("sb3_contrib")
+from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from placement_env.envs.select import SensorSelectEnv
+from placement_env.envs.state import GLOBAL
+from placement_env.envs.subset import SensorSubsetEnv
+from placement_env.rl.adapter import HEADING, Episodes, X, episodes
+
+N = 3
+
+
+@pytest.mark.parametrize("actions", ["flat", "factored", "subset"])
+def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
+    objective = make(5, 2)
+
+    def make_env():
+        if actions == "subset":
+            return SensorSubsetEnv(objective=objective, budget=2)
+        return SensorSelectEnv(objective=objective, budget=2, actions=actions)
+
+    native, scalar = episodes(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    assert isinstance(native, Episodes)
+    assert is_masking_supported(native)
+    native.seed(3)
+    scalar.seed(3)
+    np.testing.assert_array_equal(native.reset(), scalar.reset())
+    scalar.action_space.seed(4)
+    cut = 0
+    for turn in range(40):
+        np.testing.assert_array_equal(get_action_masks(native), get_action_masks(scalar))
+        action = np.array([scalar.action_space.sample() for _ in range(N)])
+        action[:] *= turn >= 4  # the same candidate again and again uses up the turns
+        observations, rewards, ended, infos = native.step(action)
+        same_observations, same_rewards, same_ended, same_infos = scalar.step(action)
+        np.testing.assert_array_equal(observations, same_observations)
+        np.testing.assert_allclose(rewards, same_rewards, atol=1e-6)  # which Stable-Baselines3 keeps in float32
+        np.testing.assert_array_equal(ended, same_ended)
+        for info, same in zip(infos, same_infos, strict=True):
+            assert ("episode" in info) == ("episode" in same)
+            if "episode" in info:
+                assert info["episode"]["r"] == pytest.approx(same["episode"]["r"], abs=1e-5)
+                assert info["episode"]["l"] == same["episode"]["l"]
+                assert info["TimeLimit.truncated"] == same["TimeLimit.truncated"]
+                np.testing.assert_array_equal(info["subset"], same["subset"])
+                np.testing.assert_array_equal(info["terminal_observation"], same["terminal_observation"])
+                cut += info["TimeLimit.truncated"]
+    assert cut == (0 if actions == "subset" else N)
+
+
+def test_a_turned_junction_keeps_its_distances_and_headings(make):
+    objective = make(5, 3)
+    env = SensorSelectEnv(objective=objective, budget=2)
+    plain, turned = episodes(env, lambda: env, 64), episodes(env, lambda: env, 64, turned=True)
+    turned.seed(3)
+    before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
+    seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
+
+    def along(features):  # the heading of each candidate along its position
+        return (features[:, X : X + 2] * features[:, HEADING : HEADING + 2]).sum(axis=1)
+
+    np.testing.assert_allclose(along(seen), along(before), atol=1e-6)
+    moved = [X, X + 1, HEADING, HEADING + 1]
+    np.testing.assert_array_equal(np.delete(seen, moved, axis=1), np.delete(before, moved, axis=1))
+    assert len(np.unique(seen[:, moved].round(3), axis=0)) == 8
+    turned.seed(3)
+    np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
+    with pytest.raises(ValueError, match="only junctions of our own"):
+        episodes(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
+
+
+def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
+    class Halved(SensorSelectEnv):
+        def step(self, action):
+            observation, reward, *rest = super().step(action)
+            return observation, reward / 2, *rest
+
+    objective = make(5, 2)
+    for of in (
+        lambda: Halved(objective=objective, budget=2),
+        lambda: gym.wrappers.TimeLimit(SensorSelectEnv(objective=objective, budget=2), 3),
+        lambda: gym.make("CartPole-v1"),
+    ):
+        assert isinstance(episodes(of(), of, 2), DummyVecEnv)

@@ -1,0 +1,90 @@
+"""What a cheap fidelity found is tried by a dear one: all entrants on few frames, the best on all."""
+
+import numpy as np
+import pytest
+
+from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.protocol import Estimate
+from placement_env.objective import Objective
+from placement_env.search import greedy
+from placement_env.search.verification import neighbours, rescored, verified
+from placement_env.subsets import all_subsets
+from toolkit.sites.files import load_site
+
+
+class PerFrame:
+    """AP of a set: the share of what its sensors see in a frame, different in each; counts what it is asked."""
+
+    name = "detector"
+
+    def __init__(self, candidates=8, frames=60, seed=0):
+        self.frames, self.asked = frames, 0
+        rng = np.random.default_rng(seed)
+        self.seen = rng.random((candidates, frames, 30)) < rng.uniform(0.05, 0.4, (candidates, 1, 1))
+
+    def partial(self, subsets, frames):
+        self.asked += len(subsets) * len(frames)
+        share = np.array([self.seen[row][:, frames].any(axis=0).mean() if row.any() else 0.0 for row in subsets])
+        return Estimate(share, share, 100.0 * subsets.sum(axis=1))
+
+    def __call__(self, subsets, /):
+        return self.partial(subsets, range(self.frames))
+
+
+class Half:
+    """The same from the first half of the frames: a cheap fidelity that errs."""
+
+    name = "coverage"
+
+    def __call__(self, subsets, /):
+        return PerFrame().partial(subsets, range(30))
+
+
+@pytest.fixture
+def dear():
+    return Objective.of(paper_candidates(load_site("roundabout")), PerFrame())
+
+
+def test_a_race_finds_the_best_of_all_sets(dear):
+    sets = all_subsets(8)[1:]
+    sets = sets[sets.sum(axis=1) == 3]
+    ran = dear.race(sets)
+    assert dear.scores(sets).reward.argmax() == ran.winners[0]
+    assert ran.spent < ran.full / 3
+    assert dear.scores(sets[ran.winners[:1]]).reward[0] == pytest.approx(ran.scores[0])
+
+
+def test_a_fidelity_of_all_frames_does_not_race():
+    objective = Objective("roundabout", fidelity="table")
+    for ask in (lambda: objective.race(np.eye(8, dtype=bool)), lambda: greedy.raced(objective, 2)):
+        with pytest.raises(ValueError, match="all frames at once"):
+            ask()
+
+
+def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
+    cheap = Objective.of(dear.candidates, Half())
+    found = greedy.search(cheap, 3)
+    dear.scored_by.asked = 0
+    ranking = verified(cheap, dear, np.array(found.best.subset))
+    assert len(ranking.sets) == 5
+    assert (np.diff(ranking.dear) <= 0).all()
+    assert ranking.dear == pytest.approx(dear.scores(ranking.sets).reward)
+    around = neighbours(np.array(found.best.subset), 8)
+    assert ranking.dear[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
+    assert len(around) == 16
+
+
+def test_found_is_scored_as_it_stands(dear):
+    found = greedy.search(dear, 2)
+    assert rescored(dear, found).ap == found.best.ap
+
+
+def test_raced_greedy_is_greedy_for_a_part_of_the_frames(dear):
+    plain = greedy.search(dear, 3)
+    dear.forget()
+    dear.scored_by.asked = 0
+    raced = greedy.raced(dear, 3, seed=1)
+    assert raced.best.reward == pytest.approx(plain.best.reward, abs=0.02)
+    assert raced.evaluations < plain.evaluations
+    assert raced.best.reward == dear.score(raced.best.subset).reward
+    assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations

@@ -1,0 +1,233 @@
+import json
+
+import numpy as np
+import open3d as o3d
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from toolkit.clouds import from_points, positions, save, sensor_numbers
+from toolkit.datasets.cloud_files import (
+    fuse_files,
+    match_poses,
+    parse_pose,
+    poses_of,
+    quaternion_pose,
+    read_points,
+    read_poses,
+)
+from toolkit.geometry import invert, pose, transform
+
+POINTS = np.random.default_rng(0).uniform(-50, 50, (40, 3)).astype(np.float32).astype(np.float64)
+POSES = [pose(5e5, 5.4e6, 300.0, yaw=1.0), pose(5e5 + 30, 5.4e6, 305.0, yaw=-2.0, pitch=0.1)]
+
+
+def write(path):
+    """POINTS in the format that the path's ending says."""
+    extra = np.full((len(POINTS), 2), 0.5)
+    name = path.name
+    if name.endswith((".ply", ".pcd", ".npz")):
+        save(from_points(POINTS), path)
+    elif name.endswith(".npy"):
+        np.save(path, np.hstack([POINTS, extra]))
+    elif name.endswith(".bin"):
+        columns = 2 if name.endswith(".pcd.bin") else 1
+        np.hstack([POINTS, extra[:, :columns]]).astype("<f4").tofile(path)
+    elif name.endswith(".feather"):
+        pyarrow = pytest.importorskip("pyarrow")
+        from pyarrow import feather
+
+        feather.write_feather(pyarrow.table(dict(zip("xyz", POINTS.T, strict=True))), path)
+    else:
+        separator = ", " if name.endswith(".csv") else " "
+        lines = [separator.join(map(repr, map(float, row))) for row in np.hstack([POINTS, extra])]
+        path.write_text("\n".join(["# x y z and more", *lines, ""]))
+    return path
+
+
+ENDINGS = ["ply", "pcd", "npz", "xyz", "txt", "csv", "npy", "bin", "pcd.bin", "feather"]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_every_format_gives_the_same_points(tmp_path, ending):
+    points = read_points(write(tmp_path / f"a.{ending}"))
+    assert points.dtype == np.float64
+    np.testing.assert_array_equal(points, POINTS)
+
+
+def test_points_that_are_not_finite_are_left_out(tmp_path):
+    np.save(tmp_path / "a.npy", [[1, 2, 3], [np.nan, 0, 0], [0, np.inf, 0]])
+    assert read_points(tmp_path / "a.npy").tolist() == [[1, 2, 3]]
+
+
+def test_fusing_in_map_coordinates_keeps_the_millimetres(tmp_path):
+    world = POINTS + POSES[0][:3, 3]
+    paths = []
+    for k, world_SE3_sensor in enumerate(POSES):
+        paths.append(tmp_path / f"station{k}.npy")
+        np.save(paths[-1], transform(invert(world_SE3_sensor), world))
+    fused = fuse_files(paths, POSES)
+    np.testing.assert_allclose(positions(fused), np.tile(world, (2, 1)), atol=1e-6, rtol=0)
+    assert sensor_numbers(fused).tolist() == [0] * 40 + [1] * 40
+
+
+def numbers(pose, form):
+    return {"4x4": pose.tolist(), "16": pose.ravel().tolist(), "12": pose[:3].ravel().tolist()}[form]
+
+
+@pytest.mark.parametrize("form", ["4x4", "16", "12"])
+def test_pose_files_in_json(tmp_path, form):
+    one, other = (numbers(p, form) for p in POSES)
+    for content, names in (
+        ({"north": one, "south": other}, ["north", "south"]), ([one, other], ["0", "1"]), (one, ["0"]),
+    ):  # fmt: skip
+        (tmp_path / "poses.json").write_text(json.dumps(content))
+        poses = read_poses(tmp_path / "poses.json")
+        assert list(poses) == names
+        for found, expected in zip(poses.values(), POSES, strict=False):
+            np.testing.assert_allclose(found, expected)
+
+
+def test_pose_files_in_text(tmp_path):
+    file = tmp_path / "poses.txt"
+
+    def text(row):
+        return " ".join(map(repr, map(float, row)))
+
+    for content, names in (
+        ("\n".join(text(row) for row in POSES[0]), ["0"]),
+        ("\n".join(text(row) for row in POSES[0][:3]), ["0"]),
+        ("# KITTI\n" + "\n\n".join(text(p[:3].ravel()) for p in POSES), ["0", "1"]),
+        ("\n".join(f"{name} {text(p.ravel())}" for name, p in zip("ab", POSES, strict=True)), ["a", "b"]),
+    ):
+        file.write_text(content)
+        poses = read_poses(file)
+        assert list(poses) == names
+        np.testing.assert_allclose(poses[names[0]], POSES[0])
+    file.write_text("up 1 0 0 0 7 8 9")
+    np.testing.assert_allclose(read_poses(file)["up"], pose(7.0, 8.0, 9.0))
+    np.testing.assert_allclose(read_poses(file, inverted=True)["up"], pose(-7.0, -8.0, -9.0))
+
+
+@given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
+def test_quaternions_turn_as_the_quaternion_product_does(quaternion):
+    w, *vector = np.array(quaternion) / np.linalg.norm(quaternion)
+    matrix = quaternion_pose(np.array([w, *vector]), np.zeros(3))[:3, :3]
+    for axis in np.eye(3):
+        turned = axis + 2 * np.cross(vector, np.cross(vector, axis) + w * axis)
+        np.testing.assert_allclose(matrix @ axis, turned, atol=1e-12)
+
+
+def test_matching_by_name_or_place():
+    poses = {"b": POSES[1], "a": POSES[0]}
+    assert [p is q for p, q in zip(match_poses(["x/a.ply", "b.pcd.bin"], poses), POSES, strict=True)] == [True, True]
+    assert match_poses(["a.ply"], {"0": POSES[1]})[0] is POSES[1]
+    with pytest.raises(ValueError, match="files a, c, poses b, a"):
+        match_poses(["a.ply", "c.ply"], poses)
+
+
+def test_one_pose_file_for_all_or_one_each(tmp_path):
+    clouds = [tmp_path / "a.ply", tmp_path / "b.ply"]
+    for name, content in (("a", [POSES[0]]), ("b", [POSES[1]]), ("all", POSES)):
+        (tmp_path / f"{name}.json").write_text(json.dumps([p.tolist() for p in content]))
+    for files in (["a.json", "b.json"], ["all.json"]):
+        np.testing.assert_allclose(poses_of(clouds, [tmp_path / file for file in files]), POSES)
+    with pytest.raises(ValueError, match="2 files of one pose each"):
+        poses_of(clouds, [tmp_path / "a.json", tmp_path / "all.json"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "empty"),
+        ("1 2 3", "16, 12 or 7 numbers"),
+        ("a b c d e f g", "must be numbers"),
+        ("2 0 0 0 0 0 0", "length 1"),
+        ("1 0 0 0  0 2 0 0  0 0 1 0", "rotation"),
+        ("1 0 0 0 nan 0 0", "NaN"),
+        ("nan 0 0 0 0 0 0", r"pose '0' of .*poses\.txt"),
+        ("a 1 0 0 0 0 0 0\na 1 0 0 0 5 0 0", "one name"),
+    ],
+)
+def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
+    (tmp_path / "poses.txt").write_text(content)
+    with pytest.raises(ValueError, match=message):
+        read_poses(tmp_path / "poses.txt")
+
+
+@pytest.mark.parametrize("content", ["{", "3", "[]", '{"a": "b"}', '[{"x": 1}]', "[[1, 2], [3]]"])
+def test_bad_json_says_what_is_wrong(tmp_path, content):
+    (tmp_path / "poses.json").write_text(content)
+    with pytest.raises(ValueError, match=r"poses\.json"):
+        read_poses(tmp_path / "poses.json")
+
+
+def test_bad_cloud_files_say_what_is_wrong(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such cloud file"):
+        read_points(tmp_path / "a.ply")
+    for name, content, message in (
+        ("a.las", b"x", r"ends in \.ply"),
+        ("a.bin", b"12345", "5 bytes"),
+        ("a.npy", b"12345", r"no \.npy array"),
+        ("a.feather", b"12345", "no feather file"),
+        ("a.xyz", b"1 2\n", "x y z in every row"),
+        ("b.xyz", b"1 2 x\n", "x y z in every row"),
+        ("a.ply", b"ply", "no points"),
+        ("a.npz", b"junk", "no points"),
+        ("two-columns.csv", b"1,2\n3,4\n5,6\n", "x y z in every row"),
+        ("empty-cell.csv", b"1,,3,4\n", "x y z in every row"),
+        ("binary.csv", b"\xff\xfe\x00", r"binary\.csv is no text"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=message):
+            read_points(tmp_path / name)
+    np.save(tmp_path / "b.npy", np.zeros(7))
+    with pytest.raises(ValueError, match="rows of x y z"):
+        read_points(tmp_path / "b.npy")
+
+
+def test_one_pose_for_each_file(tmp_path):
+    with pytest.raises(ValueError, match="2 poses"):
+        fuse_files([tmp_path / "a.ply"], POSES)
+    assert parse_pose(np.eye(4)).shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "x,y,z,intensity\n1,2,3,9\n",
+        "\ufefft;X;Y;Z\n0;1;2;3\n",
+        "//X Y Z\n1 2 3\n",
+        '"t","z","y","x"\n0,3,2,1\n',
+        "1 , 2,3,\n",
+    ],
+)
+def test_text_with_a_header_is_read_by_its_columns(tmp_path, content):
+    (tmp_path / "a.csv").write_text(content, encoding="utf-8")
+    assert read_points(tmp_path / "a.csv").tolist() == [[1, 2, 3]]
+
+
+def test_a_sensor_that_saw_nothing_is_no_damage(tmp_path):
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
+    )
+    (tmp_path / "a.pcd").write_text(header)
+    (tmp_path / "a.bin").write_bytes(b"")
+    for name in ("a.pcd", "a.bin"):
+        assert read_points(tmp_path / name).shape == (0, 3)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_a_ply_that_is_cut_off_is_refused(tmp_path, ascii):
+    o3d.t.io.write_point_cloud(tmp_path / "a.ply", from_points(POINTS), write_ascii=ascii)
+    assert len(read_points(tmp_path / "a.ply")) == len(POINTS)
+    whole = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(ValueError, match="cut off"):
+        read_points(tmp_path / "a.ply")
+
+
+def test_clouds_of_one_name_do_not_share_its_pose():
+    with pytest.raises(ValueError, match="cannot tell which pose"):
+        match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
+    assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]

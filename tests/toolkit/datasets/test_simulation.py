@@ -1,0 +1,220 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from toolkit.bodies.fleet import catalogue
+from toolkit.boxes import points_in_boxes
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.simulation import BLOCK, simulate_dataset
+from toolkit.geometry import transform
+from toolkit.objects import HEAVY, VEHICLE
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site
+
+pytest.importorskip("libsumo")
+
+REPOSITORY = Path(__file__).parents[3]
+FRAMES = 2 * BLOCK + 10
+
+# A small job, for this process and for ones that get killed: few bodies, few pixels.
+SCRIPT = """
+import resource, sys
+from pathlib import Path
+from tests.toolkit.test_simulation import small_job
+from toolkit.simulation import simulate_dataset
+
+if __name__ == "__main__":
+    out, workers, limit = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    if limit:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    try:
+        simulate_dataset(out=out, workers=workers, **small_job())
+    except OSError as error:
+        sys.exit(str(error))
+"""
+
+
+def small_job(**changes):
+    site = load_site("tjunction")
+    first, second = site.sensors[:2]
+    small = DepthCamera(width=80, height=60)
+    sensors = (Sensor("a", small, first.pose), Sensor("b", small, second.pose))
+    bodies = [body for body in catalogue() if body.label in (VEHICLE, HEAVY)][::5]
+    return {"site": site, "frames": FRAMES, "seed": 3, "sensors": sensors, "bodies": bodies, **changes}
+
+
+def run(tmp_path: Path, out: Path, workers: int = 1, limit: int = 0) -> subprocess.Popen:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    return subprocess.Popen(
+        [sys.executable, str(script), str(out), str(workers), str(limit)],
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The small job, done in this process without a break."""
+    out = tmp_path_factory.mktemp("undisturbed") / "recording.hdf5"
+    told: list[int] = []
+    assert simulate_dataset(out=out, workers=1, progress=told.append, **small_job()) == FRAMES
+    assert told == list(range(1, FRAMES + 1))
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    return out
+
+
+def test_frames_of_a_simulated_dataset(undisturbed):
+    dataset = CoopDataset(undisturbed)
+    job = small_job()
+    assert len(dataset) == FRAMES
+    assert dataset.sensors == job["sensors"]
+    assert dataset.site == job["site"]
+    assert {frame.time for frame in dataset} == set(np.arange(FRAMES) * 5.0)
+    tracks = [set(frame.objects.ids.tolist()) for frame in dataset]
+    assert tracks[BLOCK - 1].isdisjoint(tracks[BLOCK])
+    assert tracks[BLOCK] & tracks[BLOCK + 1]
+    assert len({frame.objects.boxes.tobytes() for frame in dataset}) == FRAMES
+    assert np.mean([len(frame.objects) for frame in dataset]) > 3
+
+
+def test_points_above_the_street_lie_in_boxes(undisturbed):
+    """What differs from the picture of the empty junction is on an object."""
+    dataset = CoopDataset(undisturbed)
+    empty = [np.max([frame.measurements[i] for frame in dataset], axis=0) for i in range(2)]
+    seen = inside = 0
+    for frame in dataset[::10]:
+        boxes = frame.objects.boxes.copy()
+        boxes[:, 3:6] += 0.04
+        for sensor, measurement, background in zip(frame.sensors, frame.measurements, empty, strict=True):
+            moving = (measurement > 0) & (measurement < background - 0.5)
+            rays = sensor.model.rays()[moving]
+            points = transform(sensor.pose, (rays * measurement[moving][:, None]).astype(np.float64))
+            seen += len(points)
+            inside += int(points_in_boxes(points, boxes).any(axis=1).sum())
+    assert seen > 200
+    assert inside == seen
+
+
+def test_bodies_of_the_objects_are_kept(undisturbed):
+    sizes = np.array([body.size for body in small_job()["bodies"]])
+    with h5py.File(undisturbed) as file:
+        bodies, start = file["coview/object_bodies"][:], file["coview/object_start"][:]
+        for k in (0, FRAMES - 1):
+            halves = file[f"objects/{k}"][:, 6:9]
+            assert np.allclose(2 * halves, sizes[bodies[start[k] : start[k + 1]]], atol=1e-3)
+
+
+def test_as_many_workers_as_you_like_write_the_same_bytes(tmp_path, undisturbed):
+    out = tmp_path / "out.hdf5"
+    assert simulate_dataset(out=out, workers=2, **small_job()) == FRAMES
+    assert out.read_bytes() == undisturbed.read_bytes()
+
+
+def test_killed_and_started_again_it_writes_the_same_bytes(tmp_path, undisturbed):
+    out = tmp_path / "out.hdf5"
+    process = run(tmp_path, out)
+    while not list(tmp_path.glob("out.hdf5.parts/00000.*.hdf5")):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.01)
+    time.sleep(0.2)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not out.exists()
+    part = next(tmp_path.glob("out.hdf5.parts/00000.*.hdf5"))
+    assert len(CoopDataset(part)) == BLOCK
+    told: list[int] = []
+    made = simulate_dataset(out=out, workers=1, progress=told.append, **small_job())
+    assert made in (FRAMES - BLOCK, FRAMES - 2 * BLOCK)
+    assert told[0] == FRAMES - made + 1
+    assert out.read_bytes() == undisturbed.read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.8])
+def test_no_room_on_the_disk(tmp_path, undisturbed, share):
+    """A file may not grow beyond a share of what is needed: too little for a part, and enough for parts alone."""
+    out = tmp_path / "out.hdf5"
+    process = run(tmp_path, out, limit=int(undisturbed.stat().st_size * share))
+    says = process.communicate()[1].strip()
+    assert process.returncode == 1
+    assert "\n" not in says
+    safe = 0 if share < 0.5 else FRAMES
+    assert f"cannot write {out}: File too large" in says
+    assert f"{safe} frames are safe in {out}.parts, make room and start again to go on" in says
+    assert not out.exists()
+    assert not list(tmp_path.glob("out.hdf5.parts/*.unfinished"))
+    assert simulate_dataset(out=out, workers=1, **small_job()) == FRAMES - safe
+    assert out.read_bytes() == undisturbed.read_bytes()
+
+
+def test_what_is_complete_stays(undisturbed):
+    before = undisturbed.stat().st_mtime_ns
+    (undisturbed.parent / "recording.hdf5.parts").mkdir()  # as if it was killed while cleaning up
+    assert simulate_dataset(out=undisturbed, **small_job()) == 0
+    assert undisturbed.stat().st_mtime_ns == before
+    assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"seed": 4}, "seed 3 instead of 4"),
+        ({"frames": 7}, f"frames {FRAMES} instead of 7"),
+        ({"sensors": small_job()["sensors"][:1]}, "sensors 2 .* instead of 1 "),
+        ({"bodies": small_job()["bodies"][:3]}, "bodies . .* instead of 3 "),
+    ],
+)
+def test_what_was_made_from_something_else_is_not_touched(undisturbed, changes, says):
+    before = undisturbed.read_bytes()
+    with pytest.raises(FileExistsError, match=f"exists, made from {says}.*: write to another file, or overwrite"):
+        simulate_dataset(out=undisturbed, **small_job(**changes))
+    assert undisturbed.read_bytes() == before
+    assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
+
+
+def test_files_that_are_no_simulation_are_not_touched(tmp_path):
+    out = tmp_path / "thesis.txt"
+    out.write_text("ten years")
+    with pytest.raises(FileExistsError, match="is no complete file of coview simulate"):
+        simulate_dataset(out=out, **small_job())
+    assert out.read_text() == "ten years"
+
+
+def test_overwrite(tmp_path):
+    out = tmp_path / "new" / "out.hdf5"
+    site = load_site("tjunction")
+    lidar = Sensor("lidar", SpinningLidar(channels=4, azimuth_step=0.1), site.sensors[0].pose)
+    job = small_job(frames=2, sensors=(lidar,))
+    assert simulate_dataset(out=out, **job) == 2
+    assert simulate_dataset(out=out, overwrite=True, **{**job, "seed": 4}) == 2
+    assert CoopDataset(out).sensors == (lidar,)
+    assert simulate_dataset(out=out, **{**job, "seed": 4}) == 0
+
+
+a, b = small_job()["sensors"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"frames": 0}, "frames must be at least 1"),
+        ({"seed": -1}, "seed not negative"),
+        ({"sensors": ()}, "has no sensors"),
+        ({"sensors": (a, a)}, "different names"),
+        ({"sensors": (Sensor("a/b", a.model, a.pose),)}, "without '/'"),
+        ({"workers": 0}, "workers must be at least 1"),
+    ],
+)
+def test_arguments_that_do_not_fit(tmp_path, changes, says):
+    with pytest.raises(ValueError, match=says):
+        simulate_dataset(out=tmp_path / "out.hdf5", **small_job(**changes))

@@ -1,0 +1,169 @@
+import numpy as np
+import pytest
+
+from toolkit.boxes import iou_bev
+from toolkit.detection.fusion import (
+    Accounting,
+    Fused,
+    early,
+    fuse_early,
+    fuse_late,
+    hybrid,
+    hybrid_radius,
+    late,
+    suppress,
+)
+from toolkit.frame import Frame
+from toolkit.geometry import look
+from toolkit.objects import Detections, Objects
+from toolkit.points import beyond, frame_points
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+AREA = (-40, -20, 40, 20)
+POSES = [(30.0, 8.0, 2.7), (-7.0, -12.0, 1.1), (-30.0, 5.0, 0.0), (0.0, 18.0, 4.5)]
+SENSORS = tuple(
+    Sensor(f"s{k}", DepthCamera(width=80, height=60), look((x, y, 5.2), heading, tilt=0.1))
+    for k, (x, y, heading) in enumerate(POSES)
+)
+
+
+def grid_detector(points):
+    """A box in each 8 m cell with points, at their mean, the surer the more points: depends on all of them."""
+    cells, place, count = np.unique(np.floor(points[:, :2] / 8), axis=0, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(cells), 2))
+    np.add.at(sums, place.ravel(), points[:, :2].astype(np.float64))
+    boxes = np.tile([0.0, 0, 1, 4, 2, 1.5, 0], (len(cells), 1))
+    boxes[:, :2] = sums / np.maximum(count, 1)[:, None]
+    return Detections(boxes, count / 1e4)
+
+
+def frame(sensors=SENSORS, seed=0):
+    rng = np.random.default_rng(seed)
+    depths = tuple(rng.uniform(0, 40, sensor.model.shape).astype(np.float32) for sensor in sensors)
+    return Frame(sensors, depths, Objects.empty())
+
+
+def same(a: Fused, b: Fused):
+    np.testing.assert_allclose(a.detections.boxes, b.detections.boxes, atol=1e-6)
+    np.testing.assert_array_equal(a.detections.scores, b.detections.scores)
+
+
+SCHEMES = [early, late, hybrid]
+
+
+def test_early_detects_once_in_all_points():
+    seen = []
+
+    def spy(points):
+        seen.append(points)
+        return grid_detector(points)
+
+    fused = early(frame(), spy, site=AREA)
+    clouds = frame_points(frame(), area=AREA)
+    assert len(seen) == 1
+    np.testing.assert_array_equal(seen[0], np.concatenate(clouds))
+    assert fused.bits.tolist() == [96 * len(points) for points in clouds]
+    assert fused.kbit_per_sensor == fused.bits.mean() / 1000
+
+
+def test_late_sends_every_box_and_keeps_the_surest_of_those_that_overlap():
+    fused = late(frame(), grid_detector, site=AREA)
+    local = [grid_detector(points) for points in frame_points(frame(), area=AREA)]
+    assert fused.bits.tolist() == [256 * len(boxes) for boxes in local]
+    assert 0 < len(fused.detections) < sum(map(len, local))
+    overlap = iou_bev(fused.detections.boxes, fused.detections.boxes) - np.eye(len(fused.detections))
+    assert overlap.max() <= 0.1
+    assert (np.diff(fused.detections.scores) <= 0).all()
+
+
+def test_hybrid_adds_the_far_points():
+    scene, clouds = frame(), frame_points(frame(), area=AREA)
+    fused = hybrid(scene, grid_detector, site=AREA, radius=12.0)
+    far = [points[beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    local = [grid_detector(points) for points in clouds]
+    assert fused.bits.tolist() == [96 * len(f) + 256 * len(b) for f, b in zip(far, local, strict=True)]
+    everything = Detections.merge([*local, suppress(grid_detector(np.concatenate(far)))])
+    same(fused, Fused(suppress(everything), fused.bits))
+
+
+def test_hybrid_lies_between_early_and_late():
+    """Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is late fusion."""
+    endless = hybrid(frame(), grid_detector, site=AREA, radius=1e6)
+    same(endless, late(frame(), grid_detector, site=AREA))
+    none = hybrid(frame(), grid_detector, site=AREA, radius=0.0)
+    best = early(frame(), grid_detector, site=AREA).detections
+    assert none.bits.sum() > early(frame(), grid_detector, site=AREA).bits.sum()
+    np.testing.assert_allclose(none.detections.boxes[0], best.boxes[0])
+
+
+@pytest.mark.parametrize("scheme", [late, hybrid])
+@pytest.mark.parametrize("sensor", range(4))
+def test_one_sensor_is_the_same_whatever_the_scheme(scheme, sensor):
+    kwargs = {"radius": 1e6} if scheme is hybrid else {}
+    same(
+        scheme(frame(), grid_detector, [sensor], site=AREA, **kwargs),
+        early(frame(), grid_detector, [sensor], site=AREA),
+    )
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_order_of_the_sensors_does_not_matter(scheme):
+    straight = scheme(frame(), grid_detector, [0, 1, 3], site=AREA)
+    shuffled = scheme(frame(), grid_detector, ["s3", 0, "s1"], site=AREA)
+    np.testing.assert_array_equal(straight.detections.boxes, shuffled.detections.boxes)
+    np.testing.assert_array_equal(straight.bits[[2, 0, 1]], shuffled.bits)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_order_of_the_sensors_in_the_frame_does_not_matter(scheme):
+    scene, order = frame(), [2, 0, 3, 1]
+    turned = Frame(tuple(SENSORS[k] for k in order), tuple(scene.measurements[k] for k in order), scene.objects)
+    straight, shuffled = (scheme(s, grid_detector, site=AREA) for s in (scene, turned))
+    same(straight, shuffled)
+    np.testing.assert_array_equal(straight.bits[order], shuffled.bits)
+
+
+def test_a_duplicated_sensor_adds_nothing_to_late_fusion():
+    same(late(frame(), grid_detector, [0, 0, 1], site=AREA), late(frame(), grid_detector, [0, 1], site=AREA))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_no_sensors_detect_and_send_nothing(scheme):
+    fused = scheme(frame(), grid_detector, [], site=AREA)
+    assert len(fused.detections) == len(fused.bits) == fused.kbit_per_sensor == 0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_sensors_that_see_nothing_give_nothing(scheme):
+    blind = Frame(SENSORS, tuple(np.zeros(s.model.shape, np.float32) for s in SENSORS), Objects.empty())
+    fused = scheme(blind, grid_detector, site=AREA)
+    assert len(fused.detections) == 0
+    assert fused.bits.tolist() == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_unknown_sensors_are_refused(scheme):
+    with pytest.raises(ValueError, match="no sensor 7: choose among"):
+        scheme(frame(), grid_detector, [7], site=AREA)
+
+
+def test_accounting_can_be_replaced():
+    clouds = frame_points(frame(), area=AREA)
+    cost = Accounting(bits_per_point=48, bits_per_box=100)
+    assert fuse_early(clouds, grid_detector, accounting=cost).bits.tolist() == [48 * len(c) for c in clouds]
+    boxes = [grid_detector(points) for points in clouds]
+    assert fuse_late(boxes, accounting=cost).bits.tolist() == [100 * len(b) for b in boxes]
+
+
+def test_equal_scores_are_settled_without_regard_to_order():
+    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
+    forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (boxes, boxes[::-1]))
+    np.testing.assert_array_equal(forward.boxes, backward.boxes)
+
+
+def test_hybrid_radius_is_the_papers():
+    assert hybrid_radius(Site("tjunction", np.array(AREA, float))) == 20
+    assert hybrid_radius(Site("roundabout", np.array(AREA, float))) == 12
+    assert hybrid_radius(AREA) == 20

@@ -1,0 +1,329 @@
+import time
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from toolkit.boxes import footprints, iou_3d, iou_bev
+from toolkit.detection.metrics import average_precision, evaluate, match, precision_recall, sampled_iou
+from toolkit.objects import Detections, Objects
+
+AT = [0.3, 0.5, 0.7]
+CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
+BUS = np.array([[20.0, 0.0, 1.5, 12.0, 2.5, 3.0, 0.0]])
+
+
+def moved(box, x=0.0, y=0.0, z=0.0):
+    return box + np.array([x, y, z, 0, 0, 0, 0])
+
+
+def random_cars(rng, n):
+    columns = [rng.uniform(-40, 40, n), rng.uniform(-20, 20, n), rng.uniform(0.6, 1.0, n)]
+    sizes = [rng.uniform(low, high, n) for low, high in ((3.5, 5.6), (1.6, 2.1), (1.4, 2.0))]
+    return np.column_stack([*columns, *sizes, rng.uniform(-np.pi, np.pi, n)])
+
+
+def random_frames(seed, frames=6, most=8, noise=0.15):
+    """Truths of all labels, some frames without any; detections near some of them, and false alarms."""
+    rng = np.random.default_rng(seed)
+    truths, detections = [], []
+    for number in range(frames):
+        there = random_cars(rng, 0 if number == 2 else int(rng.integers(1, most)))
+        near = there[rng.integers(0, len(there), 2 * len(there))] if len(there) else there
+        near = near + rng.normal(0, noise, near.shape)
+        boxes = np.concatenate([near, random_cars(rng, 3)])
+        truths.append(Objects(there, rng.choice(4, len(there), p=[0.7, 0.1, 0.1, 0.1])))
+        labels = rng.choice(3, len(boxes), p=[0.9, 0.05, 0.05])
+        detections.append(Detections(boxes, rng.permutation(len(boxes)) + rng.random(), labels))
+    return detections, truths
+
+
+def shapely_iou(a, b, metric):
+    (p,), (q,) = shapely.polygons(footprints(a[None])), shapely.polygons(footprints(b[None]))
+    overlap, size_a, size_b = p.intersection(q).area, p.area, q.area
+    if metric == "3d":
+        top, bottom = min(a[2] + a[5] / 2, b[2] + b[5] / 2), max(a[2] - a[5] / 2, b[2] - b[5] / 2)
+        overlap, size_a, size_b = overlap * max(0, top - bottom), size_a * a[5], size_b * b[5]
+    return overlap / (size_a + size_b - overlap)
+
+
+def brute_force_ap(detections, truths, threshold, metric):
+    """The definition, one box at a time, with GEOS polygons; vehicles only."""
+    pool = [
+        (score, frame, box)
+        for frame, found in enumerate(detections)
+        for box, score, label in zip(found.boxes, found.scores, found.labels, strict=True)
+        if label == 0
+    ]
+    cars = [t.boxes[t.labels == 0] for t in truths]
+    heavy = [t.boxes[t.labels == 3] for t in truths]
+    claimed, hits = set(), []
+    for _, frame, box in sorted(pool, key=lambda entry: -entry[0]):
+        best, taken = threshold, None
+        for row, truth in enumerate(cars[frame]):
+            iou = shapely_iou(box, truth, metric)
+            if (frame, row) not in claimed and iou >= best:
+                best, taken = iou, (frame, row)
+        if taken:
+            claimed.add(taken)
+            hits.append(True)
+            continue
+        (footprint,) = shapely.polygons(footprints(box[None]))
+        large = shapely.polygons(footprints(heavy[frame]))
+        on_heavy = any(footprint.intersection(p).area > 0.5 * footprint.area for p in large)
+        if not on_heavy and not any(shapely_iou(box, h, metric) >= threshold for h in heavy[frame]):
+            hits.append(False)
+    n = sum(map(len, cars))
+    precision = [sum(hits[: k + 1]) / (k + 1) for k in range(len(hits))]
+    recall = [0.0] + [sum(hits[: k + 1]) / n for k in range(len(hits))]
+    return sum((recall[k + 1] - recall[k]) * max(precision[k:]) for k in range(len(hits)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("metric", ["3d", "bev"])
+def test_exact_agrees_with_brute_force(seed, metric):
+    detections, truths = random_frames(seed)
+    results = evaluate(detections, truths, iou_thresholds=AT, metric=metric)
+    for threshold in AT:
+        expected = brute_force_ap(detections, truths, threshold, metric)
+        assert results[threshold].ap == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_case_worked_by_hand():
+    """Scores 9 hit, 8 miss, 7 hit, 6 second hit of a truth already taken; 3 truths in two frames."""
+    detections = [
+        Detections(np.concatenate([CAR, moved(CAR, 30)]), np.array([9.0, 8.0])),
+        Detections(np.concatenate([CAR, moved(CAR, 0.1)]), np.array([7.0, 6.0])),
+    ]
+    truths = [Objects(CAR), Objects(np.concatenate([CAR, moved(CAR, -20)]))]
+    result = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
+    assert (result.tp, result.fp, result.truths) == (2, 2, 3)
+    assert (result.precision, result.recall) == (0.5, pytest.approx(2 / 3))
+    assert result.curve.precision == pytest.approx([1, 1 / 2, 2 / 3, 2 / 4])
+    assert result.curve.recall == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])
+    assert result.curve.score.tolist() == [9, 8, 7, 6]
+    assert result.ap == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 3)
+
+
+def test_a_threshold_is_met_by_equality_and_3d_asks_more_than_bev():
+    detections, truths = [Detections(moved(CAR, z=0.5), np.ones(1))], [Objects(CAR)]
+    third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
+    assert evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
+    assert evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
+    assert evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
+
+
+def test_nothing_to_find_is_undefined_and_nothing_found_is_zero():
+    found, there = Detections(CAR, np.ones(1)), Objects(CAR)
+    no_truths = evaluate([found], [Objects.empty()], iou_thresholds=[0.5])[0.5]
+    assert np.isnan([no_truths.ap, no_truths.recall]).all()
+    assert (no_truths.tp, no_truths.fp, no_truths.precision) == (0, 1, 0.0)
+    no_detections = evaluate([Detections.empty()], [there], iou_thresholds=[0.5])[0.5]
+    assert (no_detections.ap, no_detections.recall) == (0, 0)
+    assert np.isnan(no_detections.precision)
+    for protocol in ("exact", "published"):
+        nothing = evaluate([], [], iou_thresholds=[0.5], protocol=protocol)[0.5]
+        assert np.isnan(nothing.ap)
+        assert len(nothing.curve.score) == 0
+
+
+def test_each_label_is_scored_alone():
+    boxes = np.concatenate([CAR, moved(CAR, 10)])
+    detections, truths = [Detections(boxes, np.ones(2), np.array([0, 1]))], [Objects(boxes, np.array([0, 0]))]
+    vehicles = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
+    assert (vehicles.tp, vehicles.fp, vehicles.truths) == (1, 0, 2)
+    cyclists = evaluate(detections, truths, iou_thresholds=[0.5], label="cyclist")[0.5]
+    assert (cyclists.tp, cyclists.fp, cyclists.truths) == (0, 1, 0)
+
+
+def test_heavy_vehicles_are_neither_hit_nor_false_alarm():
+    partly = moved(CAR, 25.5)  # a car seen at the back of the bus, 2.5 of its 4 m on it
+    beside = moved(CAR, 20, 2.0)
+    detections = [Detections(np.concatenate([CAR, BUS, partly, beside]), np.array([0.9, 0.8, 0.7, 0.6]))]
+    truths = [Objects(np.concatenate([CAR, BUS]), np.array([0, 3]))]
+    for protocol in ("exact", "published"):
+        result = evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
+        assert (result.tp, result.fp, result.truths) == (1, 1, 1)
+    heavy = evaluate(detections, truths, iou_thresholds=[0.5], label="heavy")[0.5]
+    assert (heavy.tp, heavy.fp, heavy.truths) == (0, 0, 1)
+
+
+def test_a_car_under_way_beside_a_bus_still_counts_as_a_hit():
+    inside = moved(CAR, 20)
+    truths = [Objects(np.concatenate([inside, BUS]), np.array([0, 3]))]
+    assert evaluate([Detections(inside, np.ones(1))], truths, iou_thresholds=[0.5])[0.5].tp == 1
+
+
+def test_truths_that_do_not_count_are_neither_missed_nor_false_alarms():
+    boxes = np.concatenate([CAR, moved(CAR, 10)])
+    detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
+    result = evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
+    assert (result.tp, result.fp, result.truths) == (1, 0, 1)
+    found = match(detections[0], truths[0], 0.5, counted=[True, False])
+    assert found.ignored.tolist() == [False, True]
+    assert found.scored.tolist() == [True, False]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["exact", "published"]))
+@settings(max_examples=25, deadline=None)
+def test_the_order_of_frames_and_detections_changes_nothing(seed, protocol):
+    detections, truths = random_frames(seed % 50)
+    rng = np.random.default_rng(seed)
+    ap = evaluate(detections, truths, iou_thresholds=AT, protocol=protocol)
+    frames = rng.permutation(len(truths))
+    shuffled = [detections[f][rng.permutation(len(detections[f]))] for f in frames]
+    again = evaluate(shuffled, [truths[f] for f in frames], iou_thresholds=AT, protocol=protocol)
+    assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_the_order_of_truths_and_of_equal_scores_changes_nothing(seed):
+    detections, truths = random_frames(seed % 50)
+    coarse = [Detections(d.boxes, np.floor(d.scores / 4), d.labels) for d in detections]
+    rng = np.random.default_rng(seed)
+    ap = evaluate(coarse, truths, iou_thresholds=AT)
+    shuffled = [d[rng.permutation(len(d))] for d in coarse]
+    again = evaluate(shuffled, [t[rng.permutation(len(t))] for t in truths], iou_thresholds=AT)
+    assert [again[t].ap for t in AT] == pytest.approx([ap[t].ap for t in AT])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_false_alarm_that_touches_nothing_never_raises_ap(seed):
+    detections, truths = random_frames(seed)
+    before = evaluate(detections, truths, iou_thresholds=AT)
+    for score in (-1.0, 3.5, 1e9):
+        stray = Detections(moved(CAR, 500), np.array([score]))
+        after = evaluate([Detections.merge([d, stray]) for d in detections], truths, iou_thresholds=AT)
+        assert all(after[t].ap <= before[t].ap for t in AT)
+
+
+def test_frames_without_objects_count_their_false_alarms_unless_published():
+    detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
+    truths = [Objects.empty(), Objects(CAR)]
+    assert evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
+
+
+def test_published_lets_a_stray_box_void_a_good_one():
+    """The stray box overlaps nothing, its arg-max is truth 0, and it claims that."""
+    detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
+    assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
+    assert evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5], protocol="published")[0.5].ap == 0.0
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_sampled_iou_is_near_the_footprints_iou_times_the_heights_overlap(seed):
+    rng = np.random.default_rng(seed)
+    a = random_cars(rng, 4) * [0.05, 0.05, 1, 1, 1, 1, 1]
+    b = random_cars(rng, 3) * [0.05, 0.05, 1, 1, 1, 1, 1]
+    off = 2 * 2 / 49  # one of 49 steps in either direction, and IoU moves up to twice as much as the share that is in
+    np.testing.assert_allclose(sampled_iou(a, b, "bev"), iou_bev(a, b), atol=off)
+    top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
+    bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], b[:, 2] - b[:, 5] / 2)
+    factor = (top - bottom).clip(0) / np.maximum(a[:, 5:6], b[:, 5])
+    np.testing.assert_allclose(sampled_iou(a, b, "3d"), sampled_iou(a, b, "bev") * factor)
+
+
+def test_sampled_iou_counts_the_points_one_by_one():
+    a, b = np.array([1.0, 0.5, 1, 4, 2, 1.5, 0.4]), np.array([0.0, 0, 1, 4.4, 1.8, 1.5, -0.3])
+    held = 0
+    for u in np.linspace(-2.2, 2.2, 50):
+        for v in np.linspace(-0.9, 0.9, 50):
+            x, y = u * np.cos(-0.3) - v * np.sin(-0.3) - 1, u * np.sin(-0.3) + v * np.cos(-0.3) - 0.5
+            held += abs(x * np.cos(0.4) + y * np.sin(0.4)) <= 2 and abs(y * np.cos(0.4) - x * np.sin(0.4)) <= 1
+    overlap = held / 2500 * 4.4 * 1.8
+    assert sampled_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
+    assert sampled_iou(b[None], b[None])[0, 0] == 1
+
+
+def test_match_names_the_truth_each_detection_hit():
+    boxes = np.concatenate([moved(CAR, 10.1), CAR, moved(CAR, 0.2), moved(CAR, 60), BUS])
+    found = match(
+        Detections(boxes, np.array([0.1, 0.8, 0.9, 0.5, 0.4]), np.array([0, 0, 0, 1, 0])),
+        Objects(np.concatenate([BUS, CAR, moved(CAR, 10), moved(CAR, -10)]), np.array([3, 0, 0, 0])),
+        0.5,
+    )
+    assert found.truth.tolist() == [2, -1, 1, -1, -1]
+    assert found.ignored.tolist() == [False, False, False, True, True]
+    assert found.hit.tolist() == [False, True, True, False]
+    assert found.scored.tolist() == [False, True, True, True]
+    assert found.iou[2] == pytest.approx(3.8 / 4.2)
+    assert found.truth_iou == pytest.approx([0, 3.8 / 4.2, 3.9 / 4.1, 0])
+
+
+@pytest.mark.parametrize("protocol", ["exact", "published"])
+def test_match_and_evaluate_agree(protocol):
+    detections, truths = random_frames(3, frames=8)
+    result = evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
+    pairs = [p for p in zip(detections, truths, strict=True) if protocol == "exact" or (p[1].labels == 0).any()]
+    matches = [match(d, t, 0.5, protocol=protocol) for d, t in pairs]
+    assert sum(int(m.hit.sum()) for m in matches) == result.tp
+    assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in matches) == result.fp
+
+
+def test_equal_scores_make_one_point_of_the_curve():
+    curve = precision_recall(np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2)
+    assert curve.score.tolist() == [0.9, 0.5]
+    assert curve.recall.tolist() == [0, 1]
+    assert average_precision(curve) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([Detections(CAR, np.array([np.nan]))], [Objects(CAR)]), "row 0 of frame 0 is NaN"),
+        (([Detections(CAR * 0, np.ones(1))], [Objects(CAR)]), "detections of frame 0 row 0"),
+        (([Detections(CAR, np.ones(1))], [Objects(CAR * np.nan)]), "truths of frame 0 row 0"),
+        (([Detections(CAR, np.ones(1))] * 2, [Objects(CAR)]), "one ended after 1"),
+    ],
+)
+def test_unusable_input_is_refused_with_its_place(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        evaluate(*arguments, iou_thresholds=[0.5])
+
+
+def test_unusable_options_are_refused():
+    frame = [Detections(CAR, np.ones(1))], [Objects(CAR)]
+    for thresholds in ([0.0], [1.1], [np.nan]):
+        with pytest.raises(ValueError, match=r"must lie in \(0, 1\]"):
+            evaluate(*frame, iou_thresholds=thresholds)
+    with pytest.raises(ValueError, match="label must be one of"):
+        evaluate(*frame, iou_thresholds=[0.5], label="tram")
+    with pytest.raises(ValueError, match="one entry for each of 1 truths"):
+        evaluate(*frame, iou_thresholds=[0.5], counted=[[True, False]])
+    with pytest.raises(ValueError, match="one ended after 0"):
+        evaluate(*frame, iou_thresholds=[0.5], counted=[])
+    with pytest.raises((ValueError, TypeError)):
+        evaluate(*frame, iou_thresholds=[0.5], protocol="exakt")
+
+
+def test_frames_may_come_one_at_a_time():
+    detections, truths = random_frames(1)
+    streamed = evaluate(iter(detections), (t for t in truths), iou_thresholds=AT)
+    assert [streamed[t].ap for t in AT] == [r.ap for r in evaluate(detections, truths, iou_thresholds=AT).values()]
+
+
+def test_evaluate_is_quick():
+    """A tenth of the design's load in a tenth of its time, times ten for a busy machine and checked annotations."""
+    rng = np.random.default_rng(0)
+    truths = [Objects(random_cars(rng, 15)) for _ in range(100)]
+    detections = [
+        Detections(
+            np.concatenate([t.boxes[rng.integers(0, 15, 60)] + rng.normal(0, 0.1, (60, 7)), random_cars(rng, 40)]),
+            rng.random(100),
+        )
+        for t in truths
+    ]
+    start = time.perf_counter()
+    evaluate(detections, truths, iou_thresholds=[0.5, 0.7, 0.8, 0.9])
+    assert time.perf_counter() - start < 2
+
+
+def test_a_threshold_given_twice_counts_once():
+    car = np.array([[0.0, 0, 1, 4, 2, 1.5, 0]])
+    found, there = [Detections(car, np.array([0.9]))], [Objects(car)]
+    assert evaluate(found, there, iou_thresholds=[0.7, 0.5, 0.7]) == evaluate(found, there, iou_thresholds=[0.7, 0.5])

@@ -1,0 +1,218 @@
+import pickle
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from toolkit.bodies.body import Body, centred
+from toolkit.bodies.fleet import catalogue
+from toolkit.boxes import corners
+from toolkit.geometry import invert, look, pose, transform
+from toolkit.mesh import box, merge, moved
+from toolkit.objects import VEHICLE, Objects
+from toolkit.rendering.renderer import NEAR, Renderer, windows
+from toolkit.rendering.static_scene import scenery
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Relief, Site, Solid
+from toolkit.traffic.snapshots import Snapshot
+
+AREA = np.array([-30.0, -20, 30, 20])
+FLAT = Site("flat", AREA)
+CUBE = centred("cube", VEHICLE, *box((2.0, 2.0, 2.0)))
+CAMERA = DepthCamera(80, 60, 1)
+
+
+def snapshot(bodies: tuple[Body, ...], *rows: tuple[int, float, float, float], lift: float = 0.0) -> Snapshot:
+    """Rows (body, x, y, yaw) as objects on the ground at z = lift."""
+    boxes = np.array([[x, y, bodies[b].size[2] / 2 + lift, *bodies[b].size, yaw] for b, x, y, yaw in rows]).reshape(
+        -1, 7
+    )
+    chosen = np.array([row[0] for row in rows], np.int64)
+    return Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen], np.int64)), chosen)
+
+
+def camera(position, heading=0.0, tilt=0.0, model: DepthCamera | SpinningLidar = CAMERA) -> Sensor:
+    return Sensor("camera", model, look(position, heading, tilt))
+
+
+def lidar(position, heading=0.0, **options) -> Sensor:
+    return Sensor("lidar", SpinningLidar(**options), pose(*position, yaw=heading))
+
+
+@pytest.mark.parametrize("tilt", [0.2, 0.5, np.pi / 2])
+def test_flat_ground_has_the_depth_of_a_plane(tilt):
+    sensor = camera((0.0, 0.0, 6.0), 0.3, tilt)
+    depth = Renderer(FLAT, (CUBE,), (sensor,)).background[0]
+    slope = (sensor.model.rays() @ sensor.pose[:3, :3].T)[..., 2]
+    with np.errstate(divide="ignore"):
+        plane = np.where(slope < 0, -6.0 / slope, 0.0)
+    near = (plane > 0) & (plane < 80)
+    assert np.allclose(depth[near], plane[near], rtol=1e-4)
+    assert (depth[slope > 0] == 0).all()
+
+
+def test_lidar_measures_range_along_its_rays():
+    sensor = lidar((0.0, 0.0, 4.0), 1.0)
+    found = Renderer(FLAT, (CUBE,), (sensor,)).background[0]
+    slope = sensor.model.rays()[..., 2]
+    near = slope < -0.1
+    assert np.allclose(found[near], -4.0 / slope[near], rtol=1e-4)
+    assert (found[slope >= 0] == 0).all()
+
+
+def test_box_has_depth_along_the_axis_and_its_row_in_hits():
+    renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 1.0)),))
+    (depth,), (hits,) = renderer.render(snapshot((CUBE,), (0, 20.0, 9.0, 0.0), (0, 11.0, 0.0, 0.0)))
+    x, y = CAMERA.rays()[..., 0], CAMERA.rays()[..., 1]
+    front = (np.abs(x * 10) < 0.999) & (np.abs(y * 10) < 0.999)
+    assert np.allclose(depth[front], 10.0, atol=1e-5)  # depth, not distance, so the whole face is equally deep
+    assert (hits[front] == 1).all()
+    assert set(np.unique(hits)) == {-1, 0, 1}
+    still = hits < 0
+    assert np.array_equal(depth[still], renderer.background[0][still])
+
+
+def test_turned_boxes_turn_counter_clockwise():
+    plank = centred("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
+    sensor = camera((0.0, 0.0, 10.0), 0.0, np.pi / 2)  # up in the picture is +x, left is +y
+    _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(snapshot((plank,), (0, 0.0, 0.0, np.pi / 4)))
+    rows, columns = np.nonzero(hits == 0)
+    assert np.corrcoef(rows, columns)[0, 1] > 0.9  # up and left together
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_nearer_hit_counts(order):
+    rows = [(0, 6.0, 0.0, 0.0), (0, 10.0, 2.0, 0.0)]
+    wall = Site("wall", AREA, solids=(Solid(np.array([[14.0, -9], [15, -9], [15, 0], [14, 0]]), 0.0, 5.0, "wall"),))
+    renderer = Renderer(wall, (CUBE,), (camera((0.0, 0.0, 1.0)),))
+    hidden = (0, 20.0, -3.0, 0.0)
+    (depth,), (hits,) = renderer.render(snapshot((CUBE,), *(rows[i] for i in order), hidden))
+    assert hits[30, 40] == order.index(0)
+    assert depth[30, 40] == pytest.approx(5.0, abs=1e-4)
+    assert not (hits == 2).any()
+    assert (hits == order.index(1)).any()
+    seen_wall = (hits < 0) & (np.abs(depth - 14) < 1e-3)
+    assert seen_wall.any()
+
+
+def everything_at_once(
+    site: Site, bodies: tuple[Body, ...], frame: Snapshot, sensor: Sensor
+) -> tuple[np.ndarray, np.ndarray]:
+    """The oracle: one scene with all meshes in the world, all rays cast."""
+    scene, still = o3d.t.geometry.RaycastingScene(), scenery(site)
+    scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
+    for (x, y, z, *_, yaw), body in zip(frame.objects.boxes, frame.bodies, strict=True):
+        vertices = transform(pose(x, y, z, yaw=yaw), bodies[body].vertices.astype(np.float64))
+        scene.add_triangles(vertices.astype(np.float32), bodies[body].triangles.astype(np.uint32))
+    direction = sensor.model.rays() @ sensor.pose[:3, :3].T
+    origin = sensor.position + NEAR * direction
+    hit = scene.cast_rays(np.concatenate([origin, direction], axis=-1).astype(np.float32))
+    depth = hit["t_hit"].numpy() + NEAR
+    depth[~(depth < sensor.model.max_range)] = 0
+    hits = hit["geometry_ids"].numpy().astype(np.int64) - 1
+    return depth, np.where((depth > 0) & (hits < 1000), hits, -1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_agrees_with_casting_everything_at_once(seed):
+    rng = np.random.default_rng(seed)
+    bodies = catalogue()
+    house = Solid(np.array([[5.0, 5], [12, 5], [12, 9], [5, 9]]), -0.3, 5.0, "building")
+    tree = Solid(np.array([[-8.0, -8], [-5, -8], [-5, -5], [-8, -5]]), 2.0, 6.0, "tree")
+    site = Site("mixed", AREA, solids=(house, tree), relief=Relief(0.05, 1))
+    rows = [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(25)]
+    frame = snapshot(bodies, *rows)
+    x, y = frame.objects.boxes[0, :2]
+    sensors = (
+        camera((-25.0, 3.0, 5.0), 0.1, 0.15, DepthCamera(200, 150, 1)),
+        camera((0.0, 0.0, 1.0), 2.0, -0.2, DepthCamera(160, 120, 2, max_range=15.0)),
+        camera((x, y, 4.5), 1.0, 1.2, DepthCamera(100, 75, 1, fov=2.2)),  # close above an object, which reaches behind
+        lidar((2.0, -3.0, 3.0), rng.uniform(-4, 4), channels=32),
+        lidar((x + 1.0, y, 2.5), 0.5, channels=16, azimuth_fov=2.0, max_range=12.0),
+    )
+    rendered = Renderer(site, bodies, sensors).render(frame)
+    for sensor, depth, hits in zip(sensors, *rendered, strict=True):
+        whole, ids = everything_at_once(site, bodies, frame, sensor)
+        same = np.isclose(depth, whole, atol=2e-3)
+        assert same.mean() > 0.9995, sensor  # a grazing ray may pass an edge on either side
+        assert (hits == ids).mean() > 0.9995, sensor
+        assert depth.dtype == np.float32
+        assert hits.dtype == np.int32
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi, 3.0])
+def test_lidar_sees_a_box_across_the_seam_of_its_turn(heading):
+    sensor = lidar((0.0, 0.0, 1.0), heading, channels=32)
+    hits = Renderer(FLAT, (CUBE,), (sensor,)).render(snapshot((CUBE,), (0, -6.0, 0.0, 0.0))).hits[0]
+    seen = np.flatnonzero((hits == 0).any(axis=0)) * sensor.model.azimuth_step
+    assert len(seen) * sensor.model.azimuth_step == pytest.approx(2 * np.arctan(1 / 5), abs=0.02)
+
+
+def test_nothing_returns_beyond_the_range_or_too_near():
+    short = camera((0.0, 0.0, 1.0), model=DepthCamera(80, 60, 1, max_range=8.0))
+    measured, hits = Renderer(FLAT, (CUBE,), (short,)).render(snapshot((CUBE,), (0, 11.0, 0.0, 0.0)))
+    assert not (hits[0] >= 0).any()
+    assert measured[0].max() < 8.0
+    around = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 1.0)),)).render(
+        snapshot((CUBE,), (0, 1.0 + 0.5 * NEAR, 0.0, 0.0))
+    )
+    assert np.allclose(
+        around.measurements[0][30, 40], 2.0 + 0.5 * NEAR, atol=1e-4
+    )  # through the near face to the far one
+
+
+def test_a_sensor_does_not_see_the_post_it_hangs_on():
+    angle = np.arange(8) * np.pi / 4
+    post = Solid(0.1 * np.column_stack([np.cos(angle), np.sin(angle)]), 0.0, 8.0, "post")
+    seen = Renderer(Site("post", AREA, solids=(post,)), (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background
+    assert np.allclose(seen[0], Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.4),)).background[0], atol=1e-4)
+
+
+def test_no_objects_gives_the_background():
+    renderer = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0), 0.0, 0.2), lidar((0.0, 0.0, 5.0))))
+    rendered = renderer.render(Snapshot(Objects.empty(), np.zeros(0, np.int64)))
+    for measured, hits, background in zip(*rendered, renderer.background, strict=True):
+        assert np.array_equal(measured, background)
+        assert (hits == -1).all()
+
+
+def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
+    renderer = Renderer(FLAT, catalogue(), (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
+    before = renderer.background[0].copy()
+    frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4), (30, 2.0, 4.0, 1.0))
+    first, again, elsewhere = (r.render(frame) for r in (renderer, renderer, pickle.loads(pickle.dumps(renderer))))
+    for other in (again, elsewhere):
+        assert np.array_equal(first.measurements[0], other.measurements[0])
+        assert np.array_equal(first.hits[0], other.hits[0])
+    assert np.array_equal(before, renderer.background[0])
+
+
+def test_own_scenery_replaces_the_sites():
+    mesh = merge([moved(box((1.0, 40.0, 20.0)), 9.0)])
+    depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
+    assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
+
+
+def test_boxes_of_other_bodies_are_refused():
+    renderer = Renderer(FLAT, catalogue(), (camera((0.0, 0.0, 5.0)),))
+    frame = snapshot(catalogue(), (3, 0.0, 0.0, 0.4))
+    with pytest.raises(ValueError, match=r"object 0 has a box of .*simulate and render with the same bodies"):
+        renderer.render(Snapshot(frame.objects, np.array([4])))
+
+
+def test_windows_are_small_and_leave_out_what_is_behind():
+    sensor = camera((0.0, 0.0, 1.0))
+    boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [5, 40, 1, 2, 2, 2, 0]])
+    found = windows(sensor.model, transform(invert(sensor.pose), corners(boxes)))
+    assert found[:, 0].tolist() == [0]
+    _, top, bottom, left, right = found[0]
+    assert (bottom - top) * (right - left) < 60
+
+
+def test_objects_are_where_their_boxes_are_also_above_the_ground():
+    lifted = snapshot((CUBE,), (0, 12.0, 0.0, 0.0), lift=3.0)
+    (depth,), (hits,) = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 4.0)),)).render(lifted)
+    assert (hits == 0).sum() > 30
+    assert depth[30, 40] == pytest.approx(11.0, abs=1e-4)

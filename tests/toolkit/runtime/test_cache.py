@@ -1,0 +1,163 @@
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from toolkit.runtime.cache import Memo, decoded, encoded, key_of
+
+KEYS = [key_of("number", k) for k in range(40)]
+
+
+def value(k):
+    return np.full((k % 5, 3), k / 7), np.array([k], np.int16), np.zeros(0, bool)
+
+
+def same(found, expected):
+    return all(
+        a.dtype == b.dtype and a.shape == b.shape and (a == b).all() for a, b in zip(found, expected, strict=True)
+    )
+
+
+@pytest.fixture
+def memo(tmp_path):
+    memo = Memo(tmp_path / "folder" / "memo.sqlite")
+    memo.put({key: value(k) for k, key in enumerate(KEYS[:30])})
+    return memo
+
+
+def test_what_was_put_is_found_again_also_by_another(memo):
+    for reader in (memo, Memo(memo.path), pickle.loads(pickle.dumps(memo))):
+        found = reader.get(KEYS)
+        assert all(same(each, value(k)) for k, each in enumerate(found[:30]))
+        assert found[30:] == [None] * 10
+        assert len(reader) == 30
+
+
+def test_many_keys_at_once():
+    memo, keys = Memo(), [key_of(k) for k in range(1234)]
+    memo.put({key: (np.array([k]),) for k, key in enumerate(keys[:-1])})
+    found = memo.get(keys)
+    assert [int(each[0][0]) for each in found[:-1]] == list(range(1233))
+    assert found[-1] is None
+    assert memo.get([]) == []
+
+
+def test_keys_tell_apart_what_differs():
+    parts = [("a",), ("a", 1), ("a", "1"), ("a", [1]), ("a", [1, 2]), ("a", 0.7), ("a", 0.7000000000000001), (["a"], 1)]
+    assert len({key_of(*each) for each in parts}) == len(parts)
+    assert key_of({"b": 1, "a": 2}) == key_of({"a": 2, "b": 1})
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 7))
+def test_no_changed_bit_is_believed(place, bit):
+    whole = encoded(KEYS[0], value(3))
+    changed = bytearray(whole)
+    changed[place % len(whole)] ^= 1 << bit
+    assert decoded(KEYS[0], bytes(changed)) is None
+    assert decoded(KEYS[1], whole) is None
+    assert decoded(KEYS[0], whole[: place % len(whole)]) is None
+    assert same(decoded(KEYS[0], whole), value(3))
+
+
+def damage(path, kind):
+    content = path.read_bytes()
+    match kind:
+        case "header":
+            path.write_bytes(b"no database at all" * 400)
+        case "short":
+            path.write_bytes(content[:3000])
+        case "pages":
+            path.write_bytes(content[:100] + bytes(len(content) - 100))
+        case "noise":
+            noise = np.random.default_rng(0).integers(0, 256, len(content) - 4096, np.uint8).tobytes()
+            path.write_bytes(content[:4096] + noise)
+
+
+@pytest.mark.parametrize("kind", ["header", "short", "pages", "noise"])
+def test_a_damaged_file_is_put_aside_and_begun_anew(memo, kind):
+    memo.put({key: (np.random.default_rng(k).random(300),) for k, key in enumerate(KEYS)})
+    memo.close()
+    damage(memo.path, kind)
+    again = Memo(memo.path)
+    with pytest.warns(UserWarning, match="damaged"):
+        found = again.get(KEYS)
+    again.put({KEYS[0]: value(0)})
+    assert all(each is None or same(each, (np.random.default_rng(k).random(300),)) for k, each in enumerate(found))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert same(again.get(KEYS[:1])[0], value(0))
+    assert any("damaged" in path.name for path in memo.path.parent.iterdir())
+
+
+def test_another_process_s_new_file_stays_where_it_is(memo):
+    assert len(memo) == 30
+    os.replace(memo.path, memo.path.with_name("aside"))
+    other = Memo(memo.path)
+    other.put({KEYS[0]: value(0)})
+    memo._put_aside("damaged")
+    assert len(other) == len(Memo(memo.path)) == 1
+
+
+def test_where_nothing_can_be_kept_it_warns_and_goes_on(tmp_path):
+    memo = Memo(tmp_path)  # a folder
+    with pytest.warns(UserWarning, match="cannot be used"):
+        memo.put({KEYS[0]: value(0)})
+    with pytest.warns(UserWarning, match="cannot be used"):
+        assert memo.get(KEYS[:1]) == [None]
+
+
+def put_slowly(path, first, gate):
+    gate.wait()
+    memo = Memo(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for k in range(100):
+            memo.put({key_of(first, k): (np.array([k]),), key_of("both", k): (np.array([k]),)})
+            assert memo.get([key_of(first, k)])[0][0] == k
+
+
+def test_processes_share_a_file_that_none_of_them_has_made(tmp_path):
+    context = multiprocessing.get_context("fork")
+    gate = context.Barrier(4)
+    path = tmp_path / "memo.sqlite"
+    workers = [context.Process(target=put_slowly, args=(path, first, gate)) for first in range(4)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert [worker.exitcode for worker in workers] == [0] * 4
+    assert len(Memo(path)) == 500
+
+
+ENDLESS = """
+import sys, numpy as np
+from placement_env.memo import Memo, key_of
+memo, k = Memo(sys.argv[1]), 0
+while True:
+    memo.put({key_of("pair", k, side): (np.full(5000, k),) for side in "ab"})
+    k += 1
+"""
+
+
+def test_a_process_killed_in_mid_write_leaves_whole_values(tmp_path):
+    path = tmp_path / "memo.sqlite"
+    for _ in range(2):
+        process = subprocess.Popen([sys.executable, "-c", ENDLESS, str(path)])
+        while not path.exists() or len(Memo(path)) < 20:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        keys = [[key_of("pair", k, side) for k in range(5000)] for side in "ab"]
+        a, b = (Memo(path).get(some) for some in keys)
+        assert [each is None for each in a] == [each is None for each in b]
+        assert all((each[0] == k).all() for k, each in enumerate(a) if each is not None)

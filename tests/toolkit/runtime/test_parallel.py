@@ -1,0 +1,223 @@
+"""Whoever does the work, and whoever dies over it, the results are those of a plain loop."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from toolkit.runtime import parallel as processes
+from toolkit.runtime.parallel import RETRIES, spread
+
+
+def square(x: int) -> int:
+    if x == 13:
+        raise ValueError("unlucky")
+    return x * x
+
+
+def dies(x: int) -> int:
+    os._exit(7)
+
+
+@dataclass(frozen=True)
+class DiesOnce:
+    """Squares, but the first process that gets `victim` is killed over it; `big` is what a scene would be."""
+
+    folder: Path
+    victim: int
+    big: bytes = bytes(1_000_000)
+
+    def __call__(self, x: int) -> int:
+        mark = self.folder / "killed"
+        if x == self.victim and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return x * x
+
+
+@dataclass
+class Stuck:
+    """Squares, noting in a file on which node and in which process each was begun; on one node it never ends."""
+
+    log: Path
+    node: str
+
+    def __call__(self, x: int) -> int:
+        import ray
+
+        node = ray.get_runtime_context().get_node_id()
+        with self.log.open("a") as file:
+            file.write(f"{x} {node} {os.getpid()}\n")
+        time.sleep(3600 if node == self.node else 0.1)
+        return x * x
+
+
+def test_serial_is_lazy_and_in_order():
+    seen: list[int] = []
+    results = spread(square, iter(range(1, 5)), progress=seen.append)
+    assert next(results) == 1
+    assert seen == [1]
+    assert list(results) == [4, 9, 16]
+    assert seen == [1, 2, 3, 4]
+    assert list(spread(square, [])) == []
+
+
+def test_processes_give_what_a_loop_gives():
+    seen: list[int] = []
+    results = spread(square, iter([3, 1, 2, 5, 4, 6, 7, 13, 8]), workers=2, progress=seen.append)
+    assert [next(results) for _ in range(7)] == [9, 1, 4, 25, 16, 36, 49]
+    assert seen == list(range(1, 8))
+    with pytest.raises(ValueError, match="unlucky"):
+        next(results)
+    assert list(spread(square, [], workers=2)) == []
+
+
+def test_work_of_a_process_that_is_killed_is_done_again(tmp_path):
+    assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
+    assert (tmp_path / "killed").exists()
+
+
+def worker(_: int) -> int:
+    return os.getpid()
+
+
+def test_the_same_job_finds_its_processes_waiting(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "IDLE_S", 1.5)
+    first = set(spread(worker, range(8), workers=2))
+    again = set(spread(worker, range(8), workers=2))
+    assert again <= first or first <= again
+    assert len(first | again) <= 2
+    assert list(spread(square, [2], workers=2)) == [4]
+    for process in first | again:
+        assert ends(process)
+    last = set(spread(worker, range(8), workers=2))
+    assert all(ends(process) for process in last)  # when nothing came for a while
+    waiting = set(spread(worker, range(8), workers=2))
+    os.kill(waiting.pop(), signal.SIGKILL)
+    assert len(list(spread(worker, range(8), workers=2))) == 8
+
+
+def ends(process: int) -> bool:
+    for _ in range(150):
+        if not is_running(process):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_work_that_kills_every_process_is_given_up():
+    with pytest.raises(RuntimeError, match=f"died {RETRIES + 1} times in a row, at or near input 1") as error:
+        list(spread(dies, [1], workers=2))
+    assert "\n" not in str(error.value)
+
+
+def test_nobody_is_left_when_the_rest_is_not_wanted(tmp_path):
+    results = spread(time.sleep, [0.0, 60.0, 60.0], workers=2)
+    next(results)
+    before = time.monotonic()
+    results.close()
+    assert time.monotonic() - before < 10.0
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import os, signal, sys\n"
+        "from toolkit.runtime.parallel import spread\n"
+        "class Job:\n"
+        "    def __call__(self, x):\n"
+        "        import os, time\n"
+        "        if x: time.sleep(60)\n"
+        "        return os.getpid()\n"
+        "if __name__ == '__main__':\n"
+        "    print(next(spread(Job(), [0, 1, 1], workers=2)), flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    root = Path(__file__).parents[3]
+    told = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(root)}
+    )
+    assert ends(int(told.stdout)), "the worker outlived its parent"
+
+
+def is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{process}/stat")
+    return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_wrong_numbers_and_missing_ray_are_told_in_one_line(monkeypatch):
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        spread(square, [1], workers=0)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ImportError, match=r"pip install coview\[scale\]"):
+        next(spread(square, [1], ray="auto"))
+
+
+@pytest.fixture(scope="module")
+def two_nodes():
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 100_000_000}
+    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    yield cluster, cluster.add_node(**node)
+    cluster.shutdown()
+
+
+@pytest.mark.slow
+def test_ray_gives_what_a_loop_gives(two_nodes):
+    cluster, _ = two_nodes
+    assert list(spread(square, range(12), ray=cluster.address)) == [x * x for x in range(12)]
+    with pytest.raises(ValueError, match=r"^unlucky$"):
+        list(spread(square, [1, 13, 2], ray=cluster.address))
+
+
+@pytest.mark.slow
+def test_ray_does_the_work_of_a_killed_process_again(two_nodes, tmp_path):
+    cluster, _ = two_nodes
+    assert list(spread(DiesOnce(tmp_path, 5), range(9), ray=cluster.address)) == [x * x for x in range(9)]
+    assert (tmp_path / "killed").exists()
+
+
+@pytest.mark.slow
+def test_ray_goes_on_when_one_of_two_nodes_is_killed_in_mid_run(two_nodes, tmp_path):
+    cluster, second = two_nodes
+    log = tmp_path / "begun"
+
+    def kill_second() -> None:  # as when the power fails, when it has begun to work
+        while not (there := [int(pid) for _, node, pid in begun(log) if node == second.node_id]):
+            time.sleep(0.01)
+        for pid in (second.all_processes["raylet"][0].process.pid, *there):
+            os.kill(pid, signal.SIGKILL)
+
+    threading.Thread(target=kill_second, daemon=True).start()
+    assert list(spread(Stuck(log, second.node_id), range(30), ray=cluster.address)) == [x * x for x in range(30)]
+    numbers = [x for x, _, _ in begun(log)]
+    assert len(numbers) > len(set(numbers)) == 30  # something was done again
+
+
+def begun(log: Path) -> list[list[str]]:
+    return [line.split() for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def test_an_address_without_a_cluster_is_told_in_one_line():
+    pytest.importorskip("ray")
+    with pytest.raises(ConnectionError, match="ray start --head") as error:
+        next(spread(square, [1], ray="127.0.0.1:1"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_a_cluster_of_this_machine_alone():
+    pytest.importorskip("ray")
+    assert list(spread(square, range(5), ray="local")) == [0, 1, 4, 9, 16]

@@ -1,0 +1,119 @@
+import libsumo
+import numpy as np
+import pytest
+import shapely
+
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.geojson import document, dumps, parse
+from toolkit.sites.random import random_sensors, random_site
+from toolkit.sites.site import Site
+
+QUICK = range(5)
+MANY = range(100)
+
+
+def union(polygons):
+    return shapely.union_all([shapely.Polygon(p) for p in polygons])
+
+
+def check(site: Site, tmp_path) -> None:
+    """Everything a random site promises."""
+    width, depth = site.area[2:] - site.area[:2]
+    assert 59.9 <= width <= 110.1
+    assert 39.9 <= depth <= 110.1
+    lanes = union(site.lanes)
+    footways = union(site.footways).difference(lanes.buffer(0.02))
+    assert lanes.intersection(shapely.box(*site.area)).area > 200
+    assert footways.intersection(shapely.box(*site.area)).area > 50
+    for solid in site.solids:
+        assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
+    standing = union(s.footprint for s in site.solids if s.top - s.base > 0.5 and s.kind != "kerb")
+    assert standing.intersection(footways).area < 0.03 * footways.area
+    assert len(site.mounts) >= 12
+    assert 1 <= len(site.sensors) <= 10
+    for sensor in site.sensors:
+        x, y, z = sensor.position
+        assert 2.9 <= z - site.ground(np.array([[x, y]]))[0] <= 10.1
+        around = [s for s in site.solids if shapely.Polygon(s.footprint).distance(shapely.Point(x, y)) < 0.1]
+        assert not [s for s in around if s.base <= z <= s.top], sensor.name
+    bays = [shapely.Point(x, y).buffer(1.0) for x, y, _ in site.parking]
+    assert standing.intersection(shapely.union_all(bays)).area < 1e-3
+    assert parse(document(site)) == site
+    check_traffic(site, tmp_path)
+
+
+def check_traffic(site: Site, tmp_path) -> None:
+    """SUMO loads the network; a car and a pedestrian get onto it and move."""
+    network = tmp_path / "net.xml"
+    network.write_text(site.network)
+    quiet = ["--no-warnings", "--no-step-log", "--duration-log.disable"]
+    libsumo.start(["sumo", "-n", str(network), *quiet])
+    try:
+        incoming = [e for e in libsumo.edge.getIDList() if e.startswith("in")]
+        outgoing = [e for e in libsumo.edge.getIDList() if e.startswith("out")]
+        found = [libsumo.simulation.findRoute(a, b, "DEFAULT_VEHTYPE").edges for a in incoming for b in outgoing]
+        routes = [route for route in found if route]
+        assert len(routes) >= len(incoming)
+        libsumo.route.add("drive", routes[0])
+        libsumo.vehicle.add("car", "drive", departPos="5")
+        libsumo.person.add("walker", incoming[0], 10.0)
+        libsumo.person.appendWalkingStage("walker", [incoming[0]], 60.0)
+        for _ in range(5):
+            libsumo.simulationStep()
+        assert "car" in libsumo.vehicle.getIDList()
+        assert libsumo.vehicle.getDistance("car") > 1
+        assert "walker" in libsumo.person.getIDList()
+    finally:
+        libsumo.close()
+
+
+@pytest.mark.parametrize("seed", QUICK)
+def test_site_is_valid(seed, tmp_path):
+    check(random_site(seed), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", MANY)
+def test_many_sites_are_valid(seed, tmp_path):
+    check(random_site(np.random.default_rng(1000 + seed)), tmp_path)
+
+
+def test_same_seed_same_site():
+    assert dumps(random_site(3)) == dumps(random_site(np.random.default_rng(3)))
+    assert dumps(random_site(3)) != dumps(random_site(4))
+
+
+def test_sensors_are_of_both_sorts_and_in_order_of_name():
+    site = random_site(1)
+    rng = np.random.default_rng(0)
+    drawn = [random_sensors(site, rng) for _ in range(60)]
+    assert {len(sensors) for sensors in drawn} == set(range(1, 11))
+    models = [sensor.model for sensors in drawn for sensor in sensors]
+    assert {type(model) for model in models} == {DepthCamera, SpinningLidar}
+    assert all(np.deg2rad(60) <= m.fov <= np.deg2rad(100) for m in models if isinstance(m, DepthCamera))
+    assert {m.channels for m in models if isinstance(m, SpinningLidar)} == {16, 32, 64, 128}
+    for sensors in drawn:
+        names = [sensor.name for sensor in sensors]
+        assert names == sorted(names)
+
+
+def test_most_cameras_look_at_the_area():
+    site = random_site(2)
+    rng = np.random.default_rng(0)
+    middle = (site.area[:2] + site.area[2:]) / 2
+    sensors = [s for _ in range(40) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)]
+    towards = np.array([middle - s.position[:2] for s in sensors])
+    ahead = np.array([s.pose[:2, 2] for s in sensors])
+    cosine = (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
+    assert np.mean(cosine > np.cos(np.pi / 4)) > 0.6
+
+
+def test_number_of_sensors():
+    site = random_site(0)
+    assert len(random_sensors(site, 5, 7)) == 7
+    assert len(random_sensors(site, 5, len(site.mounts) + 3)) == len(site.mounts) + 3
+    with pytest.raises(ValueError, match="count must be at least 1, got 0"):
+        random_sensors(site, 5, 0)
+    with pytest.raises(ValueError, match="no mounts"):
+        random_sensors(Site("bare", np.array([0.0, 0, 1, 1])), 5)

@@ -1,0 +1,276 @@
+import sys
+from collections import Counter
+from dataclasses import replace
+from importlib.util import find_spec
+from itertools import count, pairwise
+
+import numpy as np
+import pytest
+import shapely
+
+from toolkit.bodies.fleet import catalogue
+from toolkit.boxes import footprints, iou_bev
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.sites.files import load_site
+from toolkit.sites.network import build_network, street
+from toolkit.sites.site import Site
+from toolkit.traffic import spawner as population_module
+from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, simulate
+from toolkit.traffic.spawner import LIFE, Population
+from toolkit.traffic.sumo import running
+from toolkit.traffic.vehicle_types import RoadUsers
+
+pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
+
+BODIES = catalogue()
+FRAMES = 120
+
+
+@pytest.fixture(scope="module")
+def site():
+    return load_site("tjunction")
+
+
+@pytest.fixture(scope="module")
+def snapshots(site):
+    return list(simulate(site, BODIES, frames=FRAMES, seed=7))
+
+
+@pytest.fixture(scope="module")
+def road_without_footways():
+    nodes = [{"id": "a", "x": -100, "y": 0}, {"id": "b", "x": 0, "y": 0}, {"id": "c", "x": 90, "y": 60}]
+    edges = [
+        {"id": start + end, "from": start, "to": end, "lanes": street(1, footway=0.0)}
+        for start, end in ("ab", "bc", "cb", "ba")
+    ]
+    return Site("road", np.array([-30.0, -30, 30, 30]), network=build_network(nodes, edges))
+
+
+@pytest.fixture(scope="module")
+def lights_and_one_way_streets():
+    places = {
+        "n": (0, 120),
+        "e": (130, 10),
+        "s": (5, -120),
+        "w": (-120, 0),
+        "stub": (12, 40),
+        "x": (900, 900),
+        "y": (950, 900),
+    }
+    nodes = [{"id": name, "x": x, "y": y} for name, (x, y) in places.items()]
+    nodes.append({"id": "middle", "x": 0, "y": 0, "type": "traffic_light"})
+    ways = [("n", "middle"), ("middle", "s"), ("w", "middle"), ("middle", "w"), ("e", "middle"), ("middle", "e")]
+    ways += [("middle", "stub"), ("x", "y")]  # a dead end inside the area, a road that meets no other
+    edges = [{"id": f"{a}-{b}", "from": a, "to": b, "lanes": street(2, footway=2.0)} for a, b in ways]
+    return Site("lights", np.array([-40.0, -40, 40, 40]), network=build_network(nodes, edges))
+
+
+def same(a, b):
+    return all(
+        np.array_equal(x, y)
+        for x, y in (
+            (a.objects.boxes, b.objects.boxes),
+            (a.objects.ids, b.objects.ids),
+            (a.objects.labels, b.objects.labels),
+            (a.bodies, b.bodies),
+        )
+    )
+
+
+def test_snapshots_describe_their_bodies(snapshots):
+    assert [s.time for s in snapshots[:3]] == [0.0, 5.0, 10.0]
+    for snapshot in snapshots:
+        objects = snapshot.objects
+        assert len(objects) <= MOST_OBJECTS
+        assert len(set(objects.ids.tolist())) == len(objects)
+        assert objects.labels.tolist() == [BODIES[row].label for row in snapshot.bodies]
+        assert np.allclose(
+            objects.boxes[:, 3:6], np.array([BODIES[row].size for row in snapshot.bodies]).reshape(-1, 3)
+        )
+
+
+def test_boxes_stand_on_the_ground_near_the_area(site, snapshots):
+    near = shapely.box(*site.area).buffer(MARGIN, join_style="mitre")
+    for boxes in (s.objects.boxes for s in snapshots):
+        floor = boxes[:, 2] - boxes[:, 5] / 2
+        assert np.abs(floor - site.ground(boxes[:, :2])).max() < 0.05
+        assert (np.abs(boxes[:, 6]) <= np.pi).all()
+        assert shapely.intersects(shapely.polygons(footprints(boxes)), near).all()
+
+
+def test_bodies_keep_apart_and_out_of_what_stands_still(site, snapshots):
+    walls = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.top > 0.5 and s.base < 0.3])
+    for boxes in (s.objects.boxes for s in snapshots):
+        overlap = iou_bev(boxes, boxes)
+        assert (overlap[~np.eye(len(boxes), dtype=bool)] < 1e-12).all()
+        assert not shapely.intersects(shapely.polygons(footprints(boxes)), walls).any()
+
+
+def test_repairs_are_counted(snapshots):
+    repaired = np.array([s.repaired for s in snapshots])
+    assert 0 < (repaired > 0).mean() < 0.4
+    assert repaired.sum() < 0.02 * sum(len(s.objects) for s in snapshots)
+
+
+def test_the_scene_is_as_crowded_as_the_papers(site, snapshots):
+    inside = [
+        s.objects[((s.objects.boxes[:, :2] > site.area[:2]) & (s.objects.boxes[:, :2] < site.area[2:])).all(axis=1)]
+        for s in snapshots
+    ]
+    vehicles = np.mean([np.isin(o.labels, [VEHICLE, HEAVY]).sum() for o in inside])
+    assert 12 < np.mean([len(o) for o in inside]) < 24
+    assert 0.45 < vehicles / np.mean([len(o) for o in inside]) < 0.75
+
+
+def test_each_moving_object_is_seen_at_most_four_times(site, snapshots):
+    seen = Counter(name for s in snapshots for name in s.objects.ids.tolist())
+    where = {name: s.objects.boxes[i, :2] for s in snapshots for i, name in enumerate(s.objects.ids.tolist())}
+    bays = shapely.MultiPoint(site.parking[:, :2]).buffer(1.5)
+    long_seen = [name for name, times in seen.items() if times > LIFE]
+    assert all(bays.contains(shapely.Point(where[name])) for name in long_seen)
+    assert long_seen, "some vehicles park"
+    assert len(seen) > FRAMES * 3, "objects are replaced"
+
+
+def test_spawned_classes_come_in_the_papers_shares(snapshots):
+    label = {}
+    for objects in (s.objects for s in snapshots):
+        label.update(zip(objects.ids.tolist(), objects.labels.tolist(), strict=True))
+    shares = {kind: times / len(label) for kind, times in Counter(label.values()).items()}
+    assert shares[VEHICLE] + shares[HEAVY] == pytest.approx(0.6, abs=0.1)
+    assert shares[CYCLIST] == pytest.approx(0.2, abs=0.07)
+    assert shares[PEDESTRIAN] == pytest.approx(0.2, abs=0.07)
+    assert 0.01 < shares[HEAVY] < 0.1
+
+
+def test_traffic_keeps_to_its_ways(site, snapshots):
+    road, footway = (shapely.union_all([shapely.Polygon(p) for p in layer]) for layer in (site.lanes, site.footways))
+    boxes, labels = (np.concatenate([getattr(s.objects, k) for s in snapshots]) for k in ("boxes", "labels"))
+    points = shapely.points(boxes[:, :2])
+    inside = shapely.contains(shapely.box(*site.area), points)
+    parked = shapely.contains(shapely.MultiPoint(site.parking[:, :2]).buffer(1.5), points)
+    assert shapely.contains(road, points[inside & ~parked & (labels != PEDESTRIAN)]).mean() > 0.99
+    assert shapely.contains(footway, points[inside & (labels == PEDESTRIAN)]).mean() > 0.8
+
+
+def test_headings_turn_continuously_and_point_where_it_goes(site, monkeypatch):
+    for module in ("sumo", "spawner"):
+        monkeypatch.setattr(f"toolkit.traffic.{module}.STEP", 0.1)
+    users, rng = RoadUsers.of(BODIES), np.random.default_rng(3)
+    track = {}
+    with running(site.network, users.sumo_types(rng), seed=3) as sumo:
+        population = Population(sumo, site, users, rng, count(), 20)
+        for _ in range(400):
+            population.advance(0.1)
+            for name, body, pose in zip(*population.state(), strict=True):
+                if users.labels[body] != PEDESTRIAN:
+                    track.setdefault(int(name), []).append((users.sizes[body, 0], *pose))
+    turned = []
+    for steps in track.values():
+        for (length, x, y, yaw), (_, x2, y2, yaw2) in pairwise(steps[5:]):
+            gone, turn = np.hypot(x2 - x, y2 - y), abs((yaw2 - yaw + np.pi) % (2 * np.pi) - np.pi)
+            assert turn <= 2.5 * gone / length + 0.03, "no body turns faster than its front can move sideways"
+            if gone > 0.3:
+                course = np.arctan2(y2 - y, x2 - x)
+                assert np.cos(course - yaw2) > np.cos(np.deg2rad(35))
+        turned.append(abs((steps[-1][3] - steps[0][3] + np.pi) % (2 * np.pi) - np.pi))
+    assert np.sum(np.array(turned) > 1.2) >= 5, "some went round the corner"
+
+
+def test_same_seed_same_bytes_whatever_ran_before(site, snapshots):
+    list(simulate(site, BODIES, frames=2, seed=99))
+    again = list(simulate(site, BODIES, frames=10, seed=7))
+    assert all(same(a, b) for a, b in zip(snapshots, again, strict=False))
+    assert not same(next(simulate(site, BODIES, frames=1, seed=8)), snapshots[0])
+
+
+def test_frames_are_far_enough_apart(snapshots):
+    stays = []
+    for a, b in pairwise(s.objects for s in snapshots):
+        common, i, j = np.intersect1d(a.ids, b.ids, return_indices=True)
+        moved = np.hypot(*(a.boxes[i, :2] - b.boxes[j, :2]).T) > 1
+        stays.append(1 - moved.sum() / max(len(a), 1) - (len(a) - len(common)) / max(len(a), 1))
+    assert np.mean(stays) < 0.5, "most objects of a frame have moved or left by the next"
+
+
+def test_one_simulation_at_a_time(site):
+    first = simulate(site, BODIES, frames=3, seed=1)
+    next(first)
+    with pytest.raises(RuntimeError, match="one is open"):
+        next(simulate(site, BODIES, frames=3, seed=1))
+    assert len(list(first)) == 2
+    abandoned = simulate(site, BODIES, frames=3, seed=1)
+    next(abandoned)
+    abandoned.close()
+    assert len(list(simulate(site, BODIES, frames=1, seed=1))) == 1
+
+
+def test_silent(site, capfd):
+    list(simulate(site, BODIES, frames=3, seed=1))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_classes_without_ways_or_bodies_are_left_out(road_without_footways):
+    labels = {
+        label for s in simulate(road_without_footways, BODIES, frames=10, seed=1) for label in s.objects.labels.tolist()
+    }
+    assert labels <= {VEHICLE, HEAVY, CYCLIST}
+    assert {VEHICLE, CYCLIST} <= labels
+    cars = [body for body in BODIES if body.label == VEHICLE]
+    assert all(set(s.objects.labels) == {VEHICLE} for s in simulate(road_without_footways, cars, frames=5, seed=1))
+
+
+def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
+    snapshots = list(simulate(lights_and_one_way_streets, BODIES, frames=20, seed=3))
+    assert np.mean([len(s.objects) for s in snapshots]) > 6
+    assert {VEHICLE, CYCLIST, PEDESTRIAN} <= {label for s in snapshots for label in s.objects.labels.tolist()}
+    assert max(s.repaired for s in snapshots) <= 3
+
+
+def test_parked_vehicles_stay_in_their_bays(site, snapshots):
+    bays = site.parking[:, None, :2]
+    for boxes in (s.objects.boxes for s in snapshots):
+        distances = np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1))
+        bay, row = np.nonzero(distances < 0.5)
+        assert len(set(bay)) == len(bay), "one vehicle to a bay"
+        assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
+        assert len(bay) <= MOST_OBJECTS // 5
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "says"),
+    [
+        ({"network": ""}, {}, "no network"),
+        ({"area": np.array([900.0, 900, 990, 990])}, {}, "no lane open to cars within 25 m"),
+        ({}, {"frames": -1}, "frames must be at least 0"),
+        ({}, {"interval": 0.5}, "whole number of SUMO's steps"),
+        ({}, {"interval": float("nan")}, "whole number of SUMO's steps"),
+        ({}, {"bodies": [b for b in BODIES if b.label == PEDESTRIAN]}, "at least one vehicle"),
+    ],
+)
+def test_refuses(site, changes, arguments, says):
+    arguments = {"bodies": BODIES, "frames": 1, "seed": 0, **arguments}
+    with pytest.raises(ValueError, match=says):
+        list(simulate(replace(site, **changes), arguments.pop("bodies"), **arguments))
+
+
+def test_says_why_sumo_refuses_a_network(site):
+    broken = site.network.replace('from="junction"', 'from="nowhere"', 1)
+    assert broken != site.network
+    with pytest.raises(ValueError, match=r"SUMO refuses .*nowhere"):
+        next(simulate(replace(site, network=broken), BODIES, frames=1, seed=0))
+    assert next(simulate(site, BODIES, frames=1, seed=0)), "and SUMO runs again afterwards"
+
+
+def test_missing_sumo_is_named(site, monkeypatch):
+    monkeypatch.setitem(sys.modules, "libsumo", None)
+    with pytest.raises(ImportError, match=r'pip install "coview\[sim\]"'):
+        next(simulate(site, BODIES, frames=1, seed=0))
+
+
+def test_no_frames(site):
+    assert list(simulate(site, BODIES, frames=0, seed=0)) == []
+
+
+def test_population_reaches_as_far_as_documented():
+    assert population_module.REACH > MARGIN

@@ -1,0 +1,1 @@
+"""Recordings: the published layout, simulated ones, other people's files."""

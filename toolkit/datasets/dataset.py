@@ -1,0 +1,287 @@
+"""A recorded dataset as a sequence of frames: files of `coview simulate` and the published ones alike."""
+
+from __future__ import annotations
+
+import json
+import operator
+import os
+import re
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, SupportsIndex, overload
+
+import h5py
+import numpy as np
+
+from toolkit.datasets import published_layout as published
+from toolkit.frame import Frame
+from toolkit.objects import Objects
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+
+class CoopDataset(Sequence[Frame]):
+    """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
+
+    path: a file of `coview simulate` or one in the published layout. site: which place it shows; ours say so
+    themselves, published ones are recognised where they show a built-in site.
+    Opened when needed and again in every process it is sent to; usable in a `with` statement.
+
+    Raises FileNotFoundError; OSError where the file is no HDF5 file or cut off; ValueError, which names what in the
+    file is wrong, where it has another layout; IndexError where there is no such frame.
+    """
+
+    def __init__(self, path: str | Path, site: Site | None = None) -> None:
+        self.path = Path(path)
+        self._open: tuple[int, h5py.File] | None = None
+        file = self._file()
+        try:
+            check_kinds(file)
+            self.site = site if site is not None else _site(file)
+            self.channels = _channels(file, self.site)
+            self.sensors: tuple[Sensor, ...] = tuple(sensor for sensor, _, _ in self.channels)
+            self._times = _own(file, "coview/time")
+            self._starts = _own(file, "coview/object_start")
+            self._length = _length(file, [name for _, name, _ in self.channels])
+        except ValueError as error:
+            self.close()
+            raise ValueError(f"{path}: {error}") from None
+
+    def __len__(self) -> int:
+        return self._length
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Frame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Frame]: ...
+    def __getitem__(self, index: SupportsIndex | slice) -> Frame | list[Frame]:
+        if isinstance(index, slice):
+            return [self._frame(k) for k in range(*index.indices(len(self)))]
+        k = operator.index(index)
+        if not -len(self) <= k < len(self):
+            raise IndexError(f"frame {k} is out of range: {self.path} has {len(self)} frames, 0 to {len(self) - 1}")
+        return self._frame(k % len(self))
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self._frame(k) for k in range(len(self)))
+
+    def close(self) -> None:
+        """Close the file; the next access opens it again."""
+        if self._open is not None and self._open[0] == os.getpid():
+            self._open[1].close()
+        self._open = None
+
+    def images(self, name: str) -> h5py.Dataset:
+        """The measurements of one of `channels` as they are stored."""
+        return self._file()[name]
+
+    def __enter__(self) -> CoopDataset:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_open": None}
+
+    def __repr__(self) -> str:
+        return (
+            f"CoopDataset({str(self.path)!r}): {len(self)} frames of {len(self.sensors)} sensors at {self.site.name!r}"
+        )
+
+    def _file(self) -> h5py.File:
+        if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle
+            self._open = os.getpid(), open_file(self.path)
+        return self._open[1]
+
+    def _frame(self, k: int) -> Frame:
+        file = self._file()
+        try:
+            measurements = tuple(_measurement(file, *channel, k) for channel in self.channels)
+            objects = self._objects(file, k)
+        except (OSError, KeyError) as error:
+            raise OSError(f"{self.path}: frame {k} cannot be read ({error}): the file is damaged, restore it") from None
+        time = 0.0 if self._times is None else float(self._times[k])
+        return Frame(self.sensors, measurements, objects, time, k)
+
+    def _objects(self, file: h5py.File, k: int) -> Objects:
+        if f"objects/{k}" not in file:
+            raise ValueError(f"{self.path}: objects/{k} is missing: every frame needs its objects, no rows for none")
+        ids = None if self._starts is None else file["coview/object_ids"][self._starts[k] : self._starts[k + 1]]
+        name = f"{self.path}: objects/{k}"
+        rows = file[f"objects/{k}"]
+        rows = rows[()] if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
+        if ids is not None and len(ids) != len(rows):
+            raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
+        return published.objects_of(rows, self.site.map_SE3_site, ids, name)
+
+
+def noisy(frame: Frame, seed: int) -> Frame:
+    """`frame` with every sensor's noise added, drawn from the seed, the frame's index and the sensor's name alone, so
+    that a sensor measures the same whichever others are used."""
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    measurements = []
+    for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
+        rng = np.random.default_rng([seed, frame.index, zlib.crc32(sensor.name.encode())])
+        measurements.append(sensor.model.noisy(measurement, rng))
+    return replace(frame, measurements=tuple(measurements))
+
+
+def open_file(path: str | Path) -> h5py.File:
+    """An HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line what is wrong with it."""
+    path = Path(path)
+    if not path.exists():
+        unfinished = path.with_name(path.name + ".parts").is_dir()
+        hint = "its simulation is not finished, start it again to go on" if unfinished else "check the path"
+        raise FileNotFoundError(f"no dataset {path}: {hint}")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder: give the HDF5 file itself")
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        cut = re.search(r"eof = (\d+).*stored_eof = (\d+)", str(error))
+        if cut:
+            raise OSError(
+                f"{path} is cut off: {cut[1]} of {cut[2]} bytes are there; copy or simulate it again"
+            ) from None
+        if path.stat().st_size == 0:
+            raise OSError(f"{path} is empty: copy or simulate it again") from None
+        if "signature" in str(error):
+            raise OSError(f"{path} is not an HDF5 file: give a file of coview simulate or a published one") from None
+        raise OSError(f"{path} cannot be read as HDF5 ({error}): copy or simulate it again") from None
+
+
+def check_kinds(file: h5py.File) -> None:
+    """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset."""
+    kinds: dict[str, type] = {"dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group}
+    for name, kind in kinds.items():
+        if name in file and not isinstance(file[name], kind):
+            raise ValueError(
+                f"{name} must be an HDF5 {kind.__name__.lower()}, got {file[name]}: see toolkit.datasets.recording"
+            )
+    for name in published_cameras(file):
+        if not isinstance(file["cameras"][name], h5py.Group):
+            raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
+
+
+def published_cameras(file: h5py.File) -> tuple[str, ...]:
+    """The names of the depth cameras in the order of `dslices`: those that start with d, by the alphabet."""
+    return tuple(sorted(name for name in file.get("cameras", ()) if name.startswith("d")))
+
+
+Channel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
+
+
+def _site(file: h5py.File) -> Site:
+    if "coview/site" in file:
+        from toolkit.sites.geojson import parse
+
+        try:
+            return parse(json.loads(file["coview/site"].asstr()[()]))
+        except (json.JSONDecodeError, TypeError) as error:
+            raise ValueError(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
+    return _recognised(file)
+
+
+def _recognised(file: h5py.File) -> Site:
+    """The built-in site that most cameras, or most objects, of a published file stand in or beside."""
+    from toolkit.sites import BUILT_IN
+
+    cameras = [file[f"cameras/{name}/extrinsic"][()] for name in published_cameras(file)]
+    usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
+    positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
+    some = islice(file.get("objects", {}).values(), 20)
+    centres = [objects[:, :2] for objects in some if objects.ndim == 2 and len(objects)]
+    for site in map(load_site, BUILT_IN):
+        carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
+        for places in (positions, centres):
+            xy = np.concatenate([np.zeros((0, 2)), *places]) @ carla_to_site[:2, :2].T + carla_to_site[:2, 3]
+            inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
+            if len(xy) and inside.mean() > 0.5:
+                return site
+    raise ValueError(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
+
+
+def _channels(file: h5py.File, site: Site) -> tuple[Channel, ...]:
+    own = _own_channels(file)
+    if "dslices" not in file and not own:
+        raise ValueError(
+            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {list(file) or 'nothing'}"
+        )
+    cameras = _published_channels(file, site) if "dslices" in file else []
+    channels = {sensor.name: (sensor, name, place) for sensor, name, place in [*cameras, *own]}
+    order = json.loads(file["coview"].attrs.get("sensors", "[]")) if "coview" in file else []
+    if order and sorted(order) != sorted(channels):
+        raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
+    return tuple(channels[name] for name in order or channels)
+
+
+def _published_channels(file: h5py.File, site: Site) -> list[Channel]:
+    depth, names = file["dslices"], published_cameras(file)
+    if depth.ndim != 4 or depth.dtype.kind != "f":
+        raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
+    if len(names) != depth.shape[1]:
+        raise ValueError(
+            f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {len(names)} whose name starts"
+            f" with d: {', '.join(names) or 'none'}"
+        )
+    return [(_camera(file[f"cameras/{name}"], depth.shape[2:], site), "dslices", i) for i, name in enumerate(names)]
+
+
+def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
+    where = group.name.lstrip("/")
+    for matrix in ("intrinsic", "extrinsic"):
+        if matrix not in group:
+            raise ValueError(f"{where}/{matrix} is missing")
+    model = published.camera_of(group["intrinsic"][()], *shape, name=f"{where}/intrinsic")
+    pose = published.pose_of(group["extrinsic"][()], site.map_SE3_site, f"{where}/extrinsic")
+    if "site_SE3_sensor" not in group.attrs:
+        return Sensor(where.removeprefix("cameras/"), model, pose)
+    ours = _own_sensor(DepthCamera, group.attrs)
+    as_written = np.allclose(published.intrinsic(ours.model), published.intrinsic(model)) and np.allclose(
+        ours.pose, pose
+    )
+    return ours if as_written else Sensor(ours.name, replace(model, stride=ours.model.stride), pose)
+
+
+def _own_channels(file: h5py.File) -> list[Channel]:
+    channels: list[Channel] = []
+    for kind, model in (("depth", DepthCamera), ("ranges", SpinningLidar)):
+        for name, images in file.get(f"coview/{kind}", {}).items():
+            sensor = _own_sensor(model, images.attrs)
+            if images.shape[1:] != sensor.model.shape:
+                raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
+            channels.append((sensor, f"coview/{kind}/{name}", None))
+    return channels
+
+
+def _own_sensor(model: type[Any], attributes: Mapping[str, Any]) -> Any:
+    numbers = {field.name: attributes[field.name].tolist() for field in fields(model) if field.name in attributes}
+    if "centre" in numbers:
+        numbers["centre"] = tuple(numbers["centre"])
+    return Sensor(str(attributes["name"]), model(**numbers), attributes["site_SE3_sensor"])
+
+
+def _own(file: h5py.File, name: str) -> np.ndarray | None:
+    return file[name][()] if name in file else None
+
+
+def _length(file: h5py.File, images: list[str]) -> int:
+    lengths = {name: len(file[name]) for name in (*images, "coview/time") if name in file}
+    if len(set(lengths.values())) != 1:
+        raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
+    return next(iter(lengths.values()))
+
+
+def _measurement(file: h5py.File, sensor: Sensor, name: str, place: int | None, k: int) -> np.ndarray:
+    if place is None:
+        return np.asarray(file[name][k], np.float32)
+    stride = sensor.model.stride  # type: ignore[union-attr]  # only cameras have a place in dslices
+    return published.measured(file[name][k, place], stride)

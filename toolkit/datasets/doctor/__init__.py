@@ -1,0 +1,1 @@
+"""The doctor: classic mistakes of recordings, found and explained."""

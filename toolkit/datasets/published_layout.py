@@ -1,0 +1,159 @@
+"""The published dataset's conventions: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
+
+    world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same place
+    camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f, Z = -(v - cv) d / f
+    K       [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]
+    object  x y z (centre), pitch roll yaw (degrees), half extents (m), class
+
+Nothing foreign leaves this file: on our side stand poses `world_SE3_sensor` in the site's frame and `Objects`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toolkit.arrays import Float, Float32, Float64, Shaped
+from toolkit.geometry import check_pose, invert
+from toolkit.objects import LABELS, Objects
+from toolkit.sensors.depth_camera import DepthCamera
+
+OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
+NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures
+DEPTH_STEP = 1 / 1024  # m, what stored depth is rounded to, so that it compresses
+
+MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so not an SE3
+_OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+
+
+def extrinsic(
+    site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
+) -> Float64[np.ndarray, "4 4"]:
+    """The published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
+    carla_from_camera = MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED
+    return invert(carla_from_camera)
+
+
+def pose_of(
+    published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
+) -> Float64[np.ndarray, "4 4"]:
+    """The pose site_SE3_sensor behind a published extrinsic. Raises ValueError where that is no rigid motion.
+
+    >>> pose = np.diag([1.0, -1, -1, 1])
+    >>> np.allclose(pose_of(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
+    True
+    """
+    matrix = np.asarray(published, np.float64)
+    if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
+        raise ValueError(f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera")
+    carla_from_camera = invert(check_pose(matrix, name))
+    return invert(map_SE3_site) @ MAP_FROM_CARLA @ carla_from_camera @ _OPENCV_FROM_PUBLISHED.T
+
+
+def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
+    """The published, forward-first intrinsic matrix of a camera."""
+    (focal, _, cu), (_, _, cv), _ = camera.intrinsic
+    return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
+
+
+def camera_of(
+    published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
+) -> DepthCamera:
+    """The camera behind a published intrinsic matrix and its image size, measured on every second pixel.
+
+    Raises ValueError where the matrix is not a forward-first one with one focal length.
+
+    >>> camera_of(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
+    True
+    """
+    matrix = np.asarray(published, np.float64)
+    form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
+        raise ValueError(f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}")
+    centre = (float(matrix[0, 0]), float(matrix[1, 0]))
+    if not (0 <= centre[0] <= width and 0 <= centre[1] <= height):
+        raise ValueError(f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got {centre}")
+    central = np.allclose(centre, (width / 2, height / 2))
+    fov = 2 * float(np.arctan(width / 2 / matrix[0, 1]))
+    camera = DepthCamera(width, height, fov=fov, centre=None if central else centre)
+    if not np.allclose(matrix, intrinsic(camera), rtol=1e-3):
+        raise ValueError(
+            f"{name} must be {form}, forward first and one f for both axes, got {matrix.round(3).tolist()}"
+        )
+    return camera
+
+
+def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
+    """Objects of the site frame as the published rows, see `OBJECT_COLUMNS`."""
+    rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
+    rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
+    rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
+    rows[:, 6:9] = objects.boxes[:, 3:6] / 2
+    rows[:, 9] = objects.labels
+    return rows
+
+
+def objects_of(
+    rows: Shaped[np.ndarray, "..."],
+    map_SE3_site: Float[np.ndarray, "4 4"],
+    ids: np.ndarray | None = None,
+    name: str = "objects",
+) -> Objects:
+    """Published rows as objects of the site frame; pitch and roll are dropped, yaw is brought to -pi..pi.
+
+    Raises ValueError where the rows have another width or hold NaN, infinity or an unknown class.
+
+    >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
+    0
+    """
+    if np.asarray(rows).dtype.kind not in "fiub":
+        raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
+    rows = np.asarray(rows, np.float64)
+    if rows.size == 0:
+        return Objects.empty()
+    if rows.ndim != 2 or rows.shape[1] != len(OBJECT_COLUMNS):
+        raise ValueError(
+            f"{name} must have {len(OBJECT_COLUMNS)} columns ({', '.join(OBJECT_COLUMNS)}), got {rows.shape}"
+        )
+    damaged = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(damaged):
+        raise ValueError(f"{name} row {damaged[0]} holds NaN or infinity: {rows[damaged[0]].tolist()}")
+    if not np.isin(rows[:, 9], range(len(LABELS))).all():
+        raise ValueError(
+            f"{name} must have classes 0..{len(LABELS) - 1} {LABELS}, got {np.unique(rows[:, 9]).tolist()}"
+        )
+    centres = moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
+    yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
+    yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
+    ids = np.arange(len(rows)) if ids is None else ids
+    return Objects(np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids)
+
+
+def stored_image(
+    depth: Float32[np.ndarray, "rows columns"], camera: DepthCamera
+) -> Float32[np.ndarray, "height width"]:
+    """The full published image of the measured pixels: those at every stride-th place, 0 in between."""
+    image = np.zeros((camera.height, camera.width), np.float32)
+    depth = rounded(depth)
+    image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
+    return image
+
+
+def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
+    """The measured pixels of a published depth image, 0 where nothing returned."""
+    depth = np.asarray(image[::stride, ::stride], np.float32)
+    return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
+
+
+def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
+    """The measurement rounded to `DEPTH_STEP`; NaN and infinity, which are no return, become 0."""
+    finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
+    return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
+
+
+def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Points (n, 3) through a 4×4 matrix that may mirror them."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _turn(map_SE3_site: np.ndarray) -> float:
+    return float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))

@@ -1,0 +1,122 @@
+"""Recordings of junctions drawn at random, a few frames of each: what a detector for any junction is trained on.
+
+Every recording has a junction, sensors, and bodies of its own; a seed and its number say which.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.arrays import Float32
+from toolkit.frame import Frame
+
+if TYPE_CHECKING:
+    from toolkit.sites.site import Site
+
+FEWEST_SENSORS, MOST_SENSORS = 3, 10
+
+
+@dataclass(frozen=True)
+class RandomRecording:
+    """frames of a site, and what each of their sensors measures when nothing moves there, (rows, columns) m."""
+
+    site: Site
+    frames: tuple[Frame, ...]
+    empty: tuple[Float32[np.ndarray, "_ _"], ...]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A recording that could not be made, and why."""
+
+    number: int
+    reason: str
+
+
+def random_recording(seed: int, number: int, frames: int, threads: int = 1) -> RandomRecording:
+    """Recording `number` of a seed: a random junction, three to ten random sensors, the bodies of training each a
+    little stretched, traffic, noise-free measurements.
+
+    threads: of the ray casting. Raises what drawing the site and SUMO raise.
+    """
+    from toolkit.bodies.body import vary
+    from toolkit.bodies.fleet import catalogue
+    from toolkit.rendering.renderer import Renderer
+    from toolkit.sites.random import random_sensors, random_site
+    from toolkit.traffic.snapshots import simulate
+
+    rng = np.random.default_rng([seed, number])
+    site = random_site(rng)
+    sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
+    bodies = tuple(vary(body, rng) for body in catalogue())
+    renderer = Renderer(site, bodies, sensors, threads=threads)
+    recorded = tuple(
+        Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
+        for index, snapshot in enumerate(simulate(site, bodies, frames=frames, seed=rng))
+    )
+    return RandomRecording(site, recorded, renderer.background)
+
+
+def random_recordings(
+    count: int,
+    frames: int,
+    seed: int,
+    encode: Callable[[RandomRecording], Any],
+    *,
+    workers: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Any]:
+    """`count` random recordings of `frames` frames, in order, each as `encode` makes it in the process it was made in.
+
+    A recording that fails is left out with a warning that says why. workers: processes, one per core when None; their
+    number changes nothing but the time. progress: told how many recordings are done. Few results wait in memory.
+    """
+    if min(count, frames) < 1 or seed < 0:
+        raise ValueError(f"need at least one site and one frame, and seed >= 0, got {count}, {frames} and {seed}")
+    job = _Job(seed, frames, encode)
+    for done, result in enumerate(_in_order(job, count, os.cpu_count() or 1 if workers is None else workers), 1):
+        if progress:
+            progress(done)
+        if isinstance(result, Failed):
+            warnings.warn(f"random site {result.number} of seed {seed} left out: {result.reason}", stacklevel=2)
+        else:
+            yield result
+
+
+@dataclass(frozen=True)
+class _Job:
+    seed: int
+    frames: int
+    encode: Callable[[RandomRecording], Any]
+
+    def __call__(self, number: int) -> Any:
+        try:
+            return self.encode(random_recording(self.seed, number, self.frames))
+        except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+            return Failed(number, f"{type(error).__name__}: {error}")
+
+
+def _in_order(job: _Job, count: int, workers: int) -> Iterator[Any]:
+    if workers == 1:
+        yield from map(job, range(count))
+        return
+    context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's threads
+    with ProcessPoolExecutor(min(workers, count), context) as pool:
+        numbers = iter(range(count))
+        pending: deque[Future[Any]] = deque(pool.submit(job, n) for n in islice(numbers, 2 * workers))
+        try:
+            while pending:
+                yield pending.popleft().result()
+                pending.extend(pool.submit(job, n) for n in islice(numbers, 1))
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,191 @@
+"""Frames as an HDF5 file: the published layout, our fields beside it in the group `coview`, parts joined into one file.
+
+dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned; only every
+                                             stride-th pixel is measured, the others hold 0
+slices                 uint8 [T, 0, H, W, 3] no colour images; the published viewer asks for their number
+cameras/{d00..}        intrinsic, extrinsic  in the published convention; attributes name, stride, sigma, ...
+objects/{k}            float64 [n, 10]       see `toolkit.datasets.published_layout`
+coview                 attributes schema, version, plan, sensors (names, in the order of a Frame's measurements)
+coview/site            the site as GeoJSON text;  coview/bodies  names of the bodies, JSON list
+coview/time            float64 [T]           seconds
+coview/object_start    int64 [T + 1]         frame k has objects object_start[k]:object_start[k + 1] of the next two
+coview/object_ids, coview/object_bodies      int64 [N]
+coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned
+coview/depth/{name}    the same of cameras, where they differ in size and so cannot share `dslices`
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from toolkit.arrays import Int64
+from toolkit.datasets import published_layout as published
+from toolkit.frame import Frame
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+SCHEMA = 1
+_GZIP_LEVEL = 1
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is the same in all frames of a recording. plan: what it was made from, see `toolkit.datasets.simulation`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    bodies: tuple[str, ...] = ()
+    plan: str = "{}"
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Where each sensor's measurements are stored: the cameras of one common size share `dslices`."""
+        cameras = [s.model for s in self.sensors if isinstance(s.model, DepthCamera)]
+        shared = len({(camera.height, camera.width) for camera in cameras}) == 1
+        return tuple(
+            f"coview/ranges/{s.name}"
+            if not isinstance(s.model, DepthCamera)
+            else "dslices"
+            if shared
+            else f"coview/depth/{s.name}"
+            for s in self.sensors
+        )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame to be recorded; bodies: (n,) which body each object has, an index into `Header.bodies`."""
+
+    frame: Frame
+    bodies: Int64[np.ndarray, " n"]
+
+
+def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
+    """The bytes of a complete file of `scenes`; made in memory, so that they can be written all or not at all."""
+    objects = [len(scene.frame.objects) for scene in scenes]
+    with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
+        _create(file, header, len(scenes), sum(objects))
+        start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
+        file["coview/object_start"][:] = start
+        for k, scene in enumerate(scenes):
+            frame = scene.frame
+            file["coview/time"][k] = frame.time
+            _add(file, f"objects/{k}", published.rows_of(frame.objects, header.site.map_SE3_site))
+            file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
+            file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
+            _write_measurements(file, header, k, frame)
+        file.flush()
+        return file.id.get_file_image()
+
+
+def join(header: Header, parts: Sequence[Path], out: Path) -> None:
+    """Write the frames of all parts, in order, as one file; compressed images are copied as they are."""
+    lengths, objects = [], []
+    for part in parts:
+        with h5py.File(part) as file:
+            lengths.append(len(file["coview/time"]))
+            objects.append(len(file["coview/object_ids"]))
+    with h5py.File(out, "w") as joined:
+        _create(joined, header, sum(lengths), sum(objects))
+        first_frame = first_object = 0
+        for part, frames, count in zip(parts, lengths, objects, strict=True):
+            with h5py.File(part) as file:
+                _append(joined, file, header, first_frame, first_object)
+            first_frame, first_object = first_frame + frames, first_object + count
+
+
+def _append(joined: h5py.File, part: h5py.File, header: Header, frame: int, first_object: int) -> None:
+    frames, objects = len(part["coview/time"]), len(part["coview/object_ids"])
+    joined["coview/time"][frame : frame + frames] = part["coview/time"][:]
+    joined["coview/object_start"][frame : frame + frames + 1] = first_object + part["coview/object_start"][:]
+    for column in ("coview/object_ids", "coview/object_bodies"):
+        joined[column][first_object : first_object + objects] = part[column][:]
+    for k in range(frames):
+        _add(joined, f"objects/{frame + k}", part[f"objects/{k}"][:])
+    for name in dict.fromkeys(header.images):
+        source, target = part[name].id, joined[name].id
+        for i in range(source.get_num_chunks()):
+            place = source.get_chunk_info(i).chunk_offset
+            mask, compressed = source.read_direct_chunk(place)
+            target.write_direct_chunk((frame + place[0], *place[1:]), compressed, mask)
+
+
+def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
+    own = file.create_group("coview")
+    own.attrs.update(schema=SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
+    _add(own, "site", _text(header.site))
+    _add(own, "bodies", json.dumps(header.bodies))
+    for name, length, dtype in (
+        ("time", frames, np.float64),
+        ("object_start", frames + 1, np.int64),
+        ("object_ids", objects, np.int64),
+        ("object_bodies", objects, np.int64),
+    ):
+        own.create_dataset(name, (length,), dtype, track_times=False)
+    own["time"].attrs["unit"] = "s"
+    file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
+    file.create_group("cameras")
+    digits = max(2, len(str(len(header.sensors))))
+    channel = 0
+    for sensor, name in zip(header.sensors, header.images, strict=True):
+        if name == "dslices":
+            _create_camera(file, f"cameras/d{channel:0{digits}d}", sensor, header.site)
+            channel += 1
+        else:
+            images = _create_images(file, name, (frames, *sensor.model.shape))
+            images.attrs.update(_attributes(sensor))
+    if channel:
+        camera = next(s.model for s in header.sensors if isinstance(s.model, DepthCamera))
+        images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
+        images.attrs.update(unit="m", no_return=published.NO_RETURN)
+        file.create_dataset("slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False)
+
+
+def _create_camera(file: h5py.File, name: str, sensor: Sensor, site: Site) -> None:
+    assert isinstance(sensor.model, DepthCamera)
+    group = file.create_group(name)
+    _add(group, "intrinsic", published.intrinsic(sensor.model))
+    _add(group, "extrinsic", published.extrinsic(sensor.pose, site.map_SE3_site))
+    group.attrs.update(_attributes(sensor))
+
+
+def _attributes(sensor: Sensor) -> dict[str, Any]:
+    """What makes the sensor again, to the last bit; `toolkit.datasets.dataset` reads it."""
+    numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
+    return {"name": sensor.name, "model": type(sensor.model).__name__, "site_SE3_sensor": sensor.pose, **numbers}
+
+
+def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
+    return file.create_dataset(
+        name, shape, np.float32, chunks=chunks, compression="gzip", compression_opts=_GZIP_LEVEL, shuffle=True,
+        track_times=False,
+    )  # fmt: skip
+
+
+def _write_measurements(file: h5py.File, header: Header, k: int, frame: Frame) -> None:
+    channel = 0
+    for sensor, measurement, name in zip(header.sensors, frame.measurements, header.images, strict=True):
+        if name == "dslices":
+            file[name][k, channel] = published.stored_image(measurement, sensor.model)  # type: ignore[arg-type]
+            channel += 1
+        else:
+            file[name][k] = published.rounded(measurement)
+
+
+def _add(group: h5py.Group, name: str, content: Any) -> None:
+    group.create_dataset(name, data=content, track_times=False)
+
+
+def _text(site: Site) -> str:
+    from toolkit.sites.geojson import dumps
+
+    return dumps(site)

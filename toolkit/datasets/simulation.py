@@ -1,0 +1,187 @@
+"""Simulated datasets: traffic, rendered frame by frame, written so that it may be killed at any moment.
+
+Frames are made in blocks of `BLOCK`, each with a seed of its own, so that neither the number of workers nor where a run
+was broken off changes a byte. A finished block is one part file, a complete small dataset, in `FILE.parts/`. The last
+step joins the parts into FILE.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+
+from toolkit.datasets.recording import SCHEMA, Header, Scene, encode, join
+from toolkit.frame import Frame
+from toolkit.objects import Objects
+from toolkit.runtime.resumable import PartFolder, describe_differences, make_parts
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from toolkit.bodies.body import Body
+
+BLOCK = 50  # frames
+
+
+def simulate_dataset(
+    site: Site | str | Path,
+    *,
+    frames: int,
+    seed: int,
+    out: str | Path,
+    workers: int | None = None,
+    meshes: str | Path | None = None,
+    sensors: Sequence[Sensor] | None = None,
+    bodies: Sequence[Body] | None = None,
+    progress: Callable[[int], None] | None = None,
+    overwrite: bool = False,
+) -> int:
+    """Simulate `frames` frames at a site and write them to `out`, an HDF5 file for
+    `toolkit.datasets.dataset.CoopDataset`.
+
+    Broken off at any moment and called again, it goes on with the block it was at and ends with the same bytes. With
+    several workers, which are processes, a script must call it under `if __name__ == "__main__":`.
+
+    site: or the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
+    sensors: None for the site's own; bodies: None for `catalogue(meshes)`; progress: told how many frames are done;
+    overwrite: replace a file, or drop an unfinished simulation, that was made from something else.
+    Returns how many frames were simulated now: 0 where `out` was complete already.
+
+    Raises ValueError for arguments that do not fit; FileExistsError where `out`, or what is left of an unfinished run,
+    was made from something else; OSError, which says how many frames are safe, where the disk is full.
+    """
+    from toolkit.bodies.fleet import catalogue
+
+    site = site if isinstance(site, Site) else load_site(site)
+    chosen = tuple(site.sensors if sensors is None else sensors)
+    job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), frames, seed)
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}: leave it out for one per core")
+    out = Path(out)
+    parts = PartFolder(out.with_name(out.name + ".parts"), job.plan)
+    if out.exists() and not overwrite:
+        _check_same(out, job.plan)
+        if parts.path.is_dir():  # killed while it cleaned up
+            with parts.locked():
+                parts.remove()
+        return 0
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with parts.locked(), parts.disk_errors_explained(out, job.count):
+        parts.open(overwrite)
+        safe = parts.verified()
+        todo = [block for block in range(job.blocks) if block not in safe]
+        made_before = job.count(safe)
+        count = os.cpu_count() or 1 if workers is None else workers
+        tell = (lambda done: None) if progress is None else (lambda done: progress(made_before + done))
+        make_parts(job, parts, todo, workers=count, progress=tell)
+        parts.publish(out, lambda paths, target: join(job.header, paths, target))
+    return frames - made_before
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a dataset is made from; sent to every worker."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    bodies: tuple[Body, ...]
+    frames: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        if self.frames < 1 or self.seed < 0:
+            raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
+        if not self.sensors:
+            raise ValueError(f"site {self.site.name!r} has no sensors: pass some, or add them to the site")
+        names = [sensor.name for sensor in self.sensors]
+        for name in names:
+            if names.count(name) > 1 or "/" in name or name in ("", "."):
+                raise ValueError(f"sensors must have different names without '/', got {names}")
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks the frames come in; the last may be shorter."""
+        return -(-self.frames // BLOCK)
+
+    def frames_of(self, block: int) -> range:
+        """The frames of a block."""
+        return range(block * BLOCK, min((block + 1) * BLOCK, self.frames))
+
+    def count(self, blocks: Iterable[int]) -> int:
+        """How many frames these blocks hold."""
+        return sum(len(self.frames_of(block)) for block in blocks)
+
+    @cached_property
+    def plan(self) -> dict[str, Any]:
+        """What must be equal for two runs to give the same bytes, to be compared and shown to people."""
+        from toolkit.sites.geojson import dumps
+
+        sensors = [[s.name, type(s.model).__name__, asdict(s.model), s.pose.tolist()] for s in self.sensors]
+        bodies = sha256()
+        for body in self.bodies:
+            bodies.update(f"{body.name} {body.label}".encode() + body.vertices.tobytes() + body.triangles.tobytes())
+        return {
+            "site": f"{self.site.name} {_digest(dumps(self.site))}",
+            "frames": self.frames,
+            "seed": self.seed,
+            "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
+            "bodies": f"{len(self.bodies)} {bodies.hexdigest()[:12]}",
+            "schema": SCHEMA,
+        }
+
+    @property
+    def header(self) -> Header:
+        """What all frames share, for the file."""
+        return Header(self.site, self.sensors, tuple(body.name for body in self.bodies), json.dumps(self.plan))
+
+    def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
+        """Build what stands still, once a process; returns the function that makes the scenes of a block."""
+        from toolkit.rendering.renderer import Renderer
+        from toolkit.traffic.snapshots import INTERVAL, simulate
+
+        renderer = Renderer(self.site, self.bodies, self.sensors, threads=threads)
+
+        def scenes(block: int) -> Iterator[Scene]:
+            seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
+            frames = self.frames_of(block)
+            snapshots = simulate(self.site, self.bodies, frames=len(frames), seed=seed)
+            for index, snapshot in zip(frames, snapshots, strict=True):
+                seen = snapshot.objects
+                objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)  # other blocks, other tracks
+                measurements = renderer.render(snapshot).measurements
+                time = block * BLOCK * INTERVAL + snapshot.time
+                yield Scene(Frame(self.sensors, measurements, objects, time, index), snapshot.bodies)
+
+        return scenes
+
+    def encode(self, scenes: Sequence[Scene]) -> bytes:
+        """A part file of these scenes."""
+        return encode(self.header, scenes)
+
+
+def _check_same(out: Path, plan: dict[str, Any]) -> None:
+    """FileExistsError unless the finished file `out` was made from `plan`."""
+    try:
+        with h5py.File(out) as file:
+            made_from = json.loads(file["coview"].attrs["plan"])
+    except (OSError, KeyError, ValueError):
+        raise FileExistsError(
+            f"{out} exists and is no complete file of coview simulate: write to another file, or overwrite it"
+        ) from None
+    differences = describe_differences(made_from, plan)
+    if differences:
+        raise FileExistsError(f"{out} exists, made from {differences}: write to another file, or overwrite it")
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()[:12]

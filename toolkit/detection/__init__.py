@@ -1,0 +1,1 @@
+"""Detection by several sensors: fusion schemes, the clustering detector, metrics, evaluation."""

@@ -1,0 +1,225 @@
+"""What every sensor would measure of a moment, noise-free, and which object each of its rays meets.
+
+What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
+of its own, in its own frame, built once. Per frame only the rays that can meet an object's box are turned into the
+frame of its body and cast there, so nothing is rebuilt between frames. The nearest hit counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import open3d as o3d
+
+from toolkit.arrays import Float32, Float64, Int32, Int64
+from toolkit.bodies.body import Body
+from toolkit.boxes import corners
+from toolkit.geometry import invert, pose, transform
+from toolkit.mesh import Mesh
+from toolkit.rendering.static_scene import scenery as build_scenery
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import Snapshot
+
+NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
+
+_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
+
+Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene and the pose body_SE3_world
+
+
+class Rendered(NamedTuple):
+    """Per sensor an image: measurement (m, depth of a camera, range of a lidar, 0 no return), and the row of the object
+    in the snapshot that was hit (-1: none, or what stands still)."""
+
+    measurements: tuple[Float32[np.ndarray, "_ _"], ...]
+    hits: tuple[Int32[np.ndarray, "_ _"], ...]
+
+
+class Renderer:
+    """Casts the rays of sensors at a site.
+
+    bodies: what `Snapshot.bodies` counts; scenery: the mesh of what stands still, made from the site unless given;
+    threads: of Open3D, 0 for all cores. `background` is what each sensor measures of the empty site; with it, a sensor
+    takes 4 bytes a pixel and no rays are kept, so thousands of sensors fit. Pickles as its arguments; the scenes are
+    built again where it is unpickled.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        bodies: Sequence[Body],
+        sensors: Sequence[Sensor],
+        scenery: Mesh | None = None,
+        threads: int = 0,
+    ) -> None:
+        self.sensors = tuple(sensors)
+        self.bodies = tuple(bodies)
+        scenery = build_scenery(site) if scenery is None else scenery
+        self._arguments = (site, self.bodies, self.sensors, scenery, threads)
+        self._threads = threads
+        self._scenes: dict[int, o3d.t.geometry.RaycastingScene] = {}
+        self._sizes = np.array([body.size for body in bodies]).reshape(-1, 3)
+        self._still = _scene(scenery.vertices, scenery.triangles, threads)
+        self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Renderer, self._arguments
+
+    def looking(self, sensors: Sequence[Sensor]) -> Renderer:
+        """The same site and bodies through other sensors; the scenes are shared, so nothing is built again."""
+        other = object.__new__(Renderer)
+        other.__dict__.update(self.__dict__, sensors=tuple(sensors))
+        site, bodies, _, scenery, threads = self._arguments
+        other._arguments = (site, bodies, other.sensors, scenery, threads)
+        other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
+        return other
+
+    def render(self, snapshot: Snapshot) -> Rendered:
+        """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
+        self._check(snapshot.objects.boxes, snapshot.bodies)
+        world_corners = corners(snapshot.objects.boxes)
+        movers = [
+            (self._scene_of(body), invert(pose(x, y, z, yaw=yaw)))
+            for body, (x, y, z, *_, yaw) in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+        ]
+        images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
+        return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
+
+    def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
+        """How many times its direction each line (start, direction; body frame) goes until it meets the body, infinite
+        where it does not."""
+        return self._lengths(self._scene_of(body), lines)
+
+    def _render(
+        self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
+    ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
+        sensor, still = self.sensors[index], self.background[index]
+        depth, hits = still.copy(), np.full(still.shape, -1, np.int32)
+        rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
+        sensor_corners = transform(invert(sensor.pose), world_corners)
+        for row, top, bottom, left, right in windows(sensor.model, sensor_corners).tolist():
+            scene, body_SE3_world = movers[row]
+            pixels = slice(top, bottom), slice(left, right)
+            found = self._cast(scene, rays[pixels], body_SE3_world @ sensor.pose)
+            nearer = found < np.where(depth[pixels] > 0, depth[pixels], max_range)
+            np.copyto(depth[pixels], found, where=nearer)
+            np.copyto(hits[pixels], np.int32(row), where=nearer)
+        return depth, hits
+
+    def _cast_all(self, scene: o3d.t.geometry.RaycastingScene, sensor: Sensor) -> np.ndarray:
+        found = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
+        return np.where(found < sensor.model.max_range, found, np.float32(0))
+
+    def _cast(
+        self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
+    ) -> Float32[np.ndarray, "_ _"]:
+        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
+        start_and_direction = np.zeros((4, 6), np.float32)
+        start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
+        start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
+        start_and_direction[3, :3] = scene_SE3_sensor[:3, 3]
+        lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
+        return self._lengths(scene, lines) + np.float32(NEAR)
+
+    def _lengths(
+        self, scene: o3d.t.geometry.RaycastingScene, lines: Float32[np.ndarray, "*shape 6"]
+    ) -> Float32[np.ndarray, "*shape"]:
+        return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
+
+    def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
+        if body not in self._scenes:
+            self._scenes[body] = _scene(self.bodies[body].vertices, self.bodies[body].triangles, self._threads)
+        return self._scenes[body]
+
+    def _check(self, boxes: np.ndarray, chosen: np.ndarray) -> None:
+        misfit = np.abs(boxes[:, 3:6] - self._sizes[chosen]).max(axis=1, initial=0) > 0.02
+        if misfit.any():
+            row = int(np.flatnonzero(misfit)[0])
+            body = self.bodies[chosen[row]]
+            raise ValueError(
+                f"object {row} has a box of {boxes[row, 3:6].round(3).tolist()} m, but its body {body.name!r} measures "
+                f"{np.round(body.size, 3).tolist()}: simulate and render with the same bodies"
+            )
+
+
+def windows(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+    """(row, top, bottom, left, right) of a rectangle of pixels for every box, given by its corners in the sensor frame,
+    that some ray may meet: no ray outside the rectangle meets it. A box across the seam of a lidar comes twice."""
+    if isinstance(model, DepthCamera):
+        found = _camera_bounds(model, sensor_corners)
+    else:
+        found = _lidar_bounds(model, sensor_corners)
+    rows, columns = model.shape
+    low, high = np.clip(found[:, [1, 3]], 0, None), np.minimum(found[:, [2, 4]], [rows, columns])
+    some = (low < high).all(axis=1)
+    return np.column_stack([found[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
+
+
+def _camera_bounds(camera: DepthCamera, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
+    """Rectangles round the corners of the part of each box that lies in front of the camera."""
+    start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
+    rise = end[..., 2:] - start[..., 2:]
+    share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
+    points = np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
+    depth = points[..., 2:]
+    ahead = depth >= NEAR - 1e-6
+    focal, centre = camera.intrinsic[0, 0], camera.intrinsic[:2, 2]
+    pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / camera.stride
+    first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
+    last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
+    near = sensor_corners[..., 2].min(axis=1) < camera.max_range
+    rows = np.arange(len(sensor_corners))
+    return np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])[near & ahead.any(axis=(1, 2))]
+
+
+def _lidar_bounds(lidar: SpinningLidar, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
+    """Rectangles round the sphere through the corners of each box, at up to three turns of the azimuth."""
+    rows, columns = lidar.shape
+    middle = sensor_corners.mean(axis=1)
+    radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
+    distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
+    elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
+    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+    per_row = (lidar.fov_up - lidar.fov_down) / max(rows - 1, 1) or np.inf
+    per_column = lidar.azimuth_fov / columns
+    half_rows = _half_angle(radius, distance) / per_row
+    half_columns = np.minimum(_half_angle(radius, across), np.pi) / per_column
+    row = (lidar.fov_up - elevation) / per_row
+    turns = []
+    for turn in (-2 * np.pi, 0.0, 2 * np.pi):
+        column = (azimuth + turn) / per_column + (columns - 1) / 2
+        bounds = (
+            np.floor(row - half_rows),
+            np.ceil(row + half_rows) + 1,
+            np.floor(column - half_columns),
+            np.ceil(column + half_columns) + 1,
+        )
+        turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < lidar.max_range])
+    return np.concatenate(turns)
+
+
+def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Half the angle under which a sphere appears; a full turn from inside it."""
+    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
+
+
+@lru_cache(maxsize=64)
+def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
+    """Rays with a one appended, so that one product gives a ray's start and direction in any frame."""
+    rays = model.rays()
+    return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
+
+
+def _scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
+    scene = o3d.t.geometry.RaycastingScene(threads)
+    tensor = o3d.core.Tensor.from_numpy
+    scene.add_triangles(
+        tensor(np.ascontiguousarray(vertices, np.float32)), tensor(np.ascontiguousarray(triangles, np.uint32))
+    )
+    return scene

@@ -1,0 +1,113 @@
+"""Which pixels of many sensors meet an object, how far off, and where: the windows of all of them in one cast of rays.
+
+As in `toolkit.rendering.renderer`, a body has a scene of its own and only the rays in the window of its box are cast.
+Here the windows of all sensors go into one call, since a call costs more by itself than the rays of one window do, and
+rays that end before they can reach the box are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float32, Float64, Int64
+from toolkit.boxes import corners
+from toolkit.geometry import pose
+from toolkit.rendering.renderer import NEAR, Renderer, windows
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
+
+
+class Silhouette(NamedTuple):
+    """Pixels that meet an object nearer than what stands still, numbered row after row, sensor after sensor; the sensor
+    of each; what it measures (m); and where, world frame."""
+
+    pixels: Int64[np.ndarray, " n"]
+    sensors: Int64[np.ndarray, " n"]
+    depth: Float32[np.ndarray, " n"]
+    points: Float32[np.ndarray, "n 3"]
+
+
+class Gaze:
+    """The rays of some sensors, and how far they go at the site when nothing moves there.
+
+    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) what they measure of the empty site (m, 0 for
+    nothing); first: (S + 1,) where the pixels of each sensor begin.
+    """
+
+    def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        self.sensors, self._renderer = tuple(sensors), renderer
+        images = renderer.looking(sensors).background
+        self.still = np.concatenate([image.ravel() for image in images])
+        self.first = np.cumsum([0, *(image.size for image in images)])
+        self.rays = np.concatenate([_world_rays(sensor) for sensor in sensors])
+        self._poses = np.array([sensor.pose for sensor in sensors])
+        most = np.repeat([sensor.model.max_range for sensor in sensors], np.diff(self.first)).astype(np.float32)
+        self._reach = np.where(self.still > 0, self.still, most)
+        self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
+        models = [sensor.model for sensor in sensors]
+        self._alike = [
+            (model, np.array([i for i, each in enumerate(models) if each == model])) for model in dict.fromkeys(models)
+        ]
+
+    def silhouette(self, body: int, box: Float64[np.ndarray, "7"]) -> Silhouette:
+        """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves."""
+        pixels, sensors = self._in_windows(corners(box[None])[0])
+        x, y, z, *_, yaw = box.tolist()
+        world_SE3_body = pose(x, y, z, yaw=yaw)
+        turn = world_SE3_body[:3, :3].astype(np.float32)
+        starts = ((self._poses[:, :3, 3] - world_SE3_body[:3, 3]) @ world_SE3_body[:3, :3]).astype(np.float32)
+        lines = np.empty((len(pixels), 6), np.float32)
+        np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
+        np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])
+        lines[:, :3] += starts.take(sensors, axis=0)
+        depth = self._renderer.cast_body(body, lines) + np.float32(NEAR)
+        met = np.flatnonzero(depth < self._reach.take(pixels))
+        pixels, sensors, depth = pixels[met], sensors[met], depth[met]
+        points = self.rays.take(pixels, axis=0) * depth[:, None]
+        points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
+        return Silhouette(pixels, sensors, depth, points)
+
+    def _in_windows(self, world_corners: Float64[np.ndarray, "8 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels that may meet a box, and their sensors."""
+        rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
+        in_sensor = (world_corners - positions) @ rotations
+        least = np.zeros(len(self.sensors), np.float32)
+        found = []
+        for model, alike in self._alike:
+            least[alike] = _nearest(model, in_sensor[alike])
+            windowed = windows(model, in_sensor[alike])
+            windowed[:, 0] = alike[windowed[:, 0]]
+            found.append(windowed)
+        sensor, top, bottom, left, right = np.concatenate(found).T
+        rows = bottom - top
+        sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
+        row = _counting(rows) + np.repeat(top, rows)
+        begin = self.first[sensor] + row * self._columns[sensor] + left
+        pixels, sensors = _counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
+        reached = np.flatnonzero(self._reach.take(pixels) > least.take(sensors))
+        pixels, sensors = pixels[reached], sensors[reached]
+        if len(np.unique(np.concatenate(found)[:, 0])) == sum(map(len, found)):
+            return pixels, sensors
+        pixels, once = np.unique(pixels, return_index=True)  # a lidar's windows may meet beyond its seam
+        return pixels, sensors[once]
+
+
+def _nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
+    """A measurement (m) that no point of each box falls short of."""
+    if isinstance(model, DepthCamera):
+        return sensor_corners[..., 2].min(axis=1) - 1e-3
+    middle = sensor_corners.mean(axis=1, keepdims=True)
+    radius = np.linalg.norm(sensor_corners - middle, axis=2).max(axis=1)
+    return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
+
+
+def _world_rays(sensor: Sensor) -> Float32[np.ndarray, "pixels 3"]:
+    return sensor.model.rays().reshape(-1, 3) @ sensor.pose[:3, :3].T.astype(np.float32)
+
+
+def _counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
+    """0, 1, 2 ... of each length, one after the other."""
+    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)

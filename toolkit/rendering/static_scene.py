@@ -1,0 +1,176 @@
+"""What stands still at a site, as one triangle mesh: ground, buildings, hedges, trees and street furniture.
+
+The ground follows `Site.ground`, which is what feet and wheels stand on too; footways are level with the street behind
+their kerbstones. Every solid is worked out by its kind: houses get windows set into their walls, hedges a rough
+surface, crowns of trees leaves one can see between, and a pond is a hole in the ground with its surface below. Chance
+is seeded by the site: the same site gives the same mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.mesh import Mesh, extrude, merge, moved, triangulate
+from toolkit.sites.site import Site, Solid
+
+CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
+FINE, FAR = 15.0, 150.0
+
+STOREY, BAY = 3.0, 2.6  # m between windows, upwards and along a wall
+WINDOW_HEIGHT, WINDOW_WIDTH, SILL, RECESS = 1.4, 1.2, 0.9, 0.14  # m
+ROUGHNESS = 0.09  # m, of a hedge
+_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral
+LEAF, LEAVES = 0.42, 11.0  # m, size of a spray of leaves; how many there are per m² of a crown's outline
+
+
+def scenery(site: Site) -> Mesh:
+    """The mesh of everything at the site that does not move.
+
+    >>> import numpy as np
+    >>> scenery(Site("field", np.array([-10.0, -10, 10, 10]))).vertices.shape[1]
+    3
+    """
+    rng = np.random.default_rng(sum(site.name.encode()))
+    return merge([ground(site), *(_SHAPES.get(solid.kind, _plain)(solid, rng) for solid in site.solids), *_banks(site)])
+
+
+def ground(site: Site) -> Mesh:
+    """The ground up to `FAR` beyond the area, open where a pond is."""
+    ponds = shapely.union_all([shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"])
+    shapely.prepare(ponds)
+    cells = _cells(site.area)
+    wet = shapely.intersects(ponds, cells)
+    shores = shapely.difference(cells[wet], ponds)
+    flat = merge([_quads(cells[~wet]), triangulate(shores)])
+    return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2])]), flat.triangles)
+
+
+def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
+    """Squares in and about the area, oblongs growing with the distance from it, as shapely boxes."""
+    steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
+    outside = FINE + steps[steps < FAR]
+
+    def lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
+        inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
+        return np.concatenate([low - outside[::-1], inside, high + outside])
+
+    x, y = lines(area[0], area[2]), lines(area[1], area[3])
+    (x0, y0), (x1, y1) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
+    return shapely.box(x0.ravel(), y0.ravel(), x1.ravel(), y1.ravel())
+
+
+def _quads(cells: np.ndarray) -> Mesh:
+    """Two triangles per shapely box."""
+    corners = shapely.get_coordinates(cells).reshape(-1, 5, 2)[:, :4].reshape(-1, 2)
+    first = np.arange(0, len(corners), 4)[:, None]
+    vertices = np.column_stack([corners, np.zeros(len(corners))])
+    return Mesh(vertices, np.concatenate([first + _HALVES[0], first + _HALVES[1]]))
+
+
+def _banks(site: Site) -> list[Mesh]:
+    """From the edge of each pond down to its surface."""
+    banks = []
+    for solid in site.solids:
+        if solid.kind == "pond":
+            edge = _outline(solid.footprint, CELL)
+            rim = np.column_stack([edge, site.ground(edge)])
+            water = np.column_stack([edge, np.full(len(edge), solid.top)])
+            banks.append(_strip(np.stack([rim, water])))
+    return banks
+
+
+def _plain(solid: Solid, rng: np.random.Generator) -> Mesh:
+    return extrude(solid.footprint, solid.base, solid.top)
+
+
+def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
+    """Walls with windows, and a flat roof."""
+    corners = _outline(solid.footprint, np.inf)
+    walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    roof = triangulate(shapely.Polygon(corners))
+    return merge([*walls, moved(roof, z=solid.top)])
+
+
+def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
+    """The wall from start to end, seen from the right of that way, with windows wherever one fits."""
+    length = float(np.hypot(*(end - start)))
+    bays, storeys = int(length // BAY), max(int((top - base - 0.3) // STOREY), 0)
+    middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
+    sills = base + 0.3 + STOREY * np.arange(storeys) + SILL
+    x = np.sort(np.concatenate([[0, length], middles - WINDOW_WIDTH / 2, middles + WINDOW_WIDTH / 2]))
+    z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT]))
+    along = (end - start) / max(length, 1e-9)
+    inwards = np.array([-along[1], along[0]]) * RECESS
+
+    def at(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
+        return np.concatenate([start + x[i][..., None] * along + depth * inwards, z[j][..., None]], axis=-1)
+
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1)))
+    pane = (i % 2 == 1) & (j % 2 == 1)
+    around = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    wall = np.stack([at(i[~pane] + di, j[~pane] + dj, 0.0) for di, dj in around], axis=1)
+    i, j = i[pane], j[pane]
+    outer, inner = (np.stack([at(i + di, j + dj, depth) for di, dj in around], axis=1) for depth in (0.0, 1.0))
+    sides = [
+        np.stack([outer[:, k], outer[:, (k + 1) % 4], inner[:, (k + 1) % 4], inner[:, k]], axis=1) for k in range(4)
+    ]
+    return _quadrilaterals(np.concatenate([wall, inner, *sides]))
+
+
+def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
+    """A prism with a bumpy skin, a little narrower at the top, beyond its footprint by the roughness at most."""
+    outline = _outline(solid.footprint, 0.4)
+    middle = outline.mean(axis=0)
+    levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
+    rings = []
+    for level, narrow in zip(levels, np.linspace(1.0, 0.9, len(levels)), strict=True):
+        ring = middle + (outline - middle) * narrow + rng.uniform(-ROUGHNESS, ROUGHNESS, outline.shape)
+        rings.append(np.column_stack([ring, level + rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)]))
+    top = np.concatenate([rings[-1], [[*middle, solid.top]]])
+    lid = np.arange(len(outline))
+    cap = np.stack([lid, np.roll(lid, -1), np.full(len(lid), len(lid))], axis=1)
+    return merge([_strip(np.stack(rings)), Mesh(top, cap)])
+
+
+def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
+    """Sprays of leaves, most near the outline of the crown, so that some rays pass."""
+    polygon = shapely.Polygon(solid.footprint)
+    height = solid.top - solid.base
+    count = max(12, round(LEAVES * (polygon.length * height + polygon.area)))
+    edge = shapely.line_interpolate_point(polygon.exterior, rng.uniform(0, 1, count), normalized=True)
+    middle = shapely.get_coordinates(polygon.centroid)[0]
+    out = rng.uniform(0.25, 1, count) ** 0.4
+    xy = middle + (shapely.get_coordinates(edge) - middle) * out[:, None]
+    z = solid.base + height * rng.uniform(0, 1, count)
+    sprays = rng.normal(size=(count, 3, 3))
+    sprays *= LEAF / np.linalg.norm(sprays, axis=2, keepdims=True) * rng.uniform(0.5, 1.0, (count, 1, 1))
+    vertices = (np.column_stack([xy, z])[:, None] + sprays).reshape(-1, 3)
+    return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+_SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
+    "building": _building,
+    "hedge": _hedge,
+    "tree": _crown,
+}
+
+
+def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:
+    """The corners of a footprint counter-clockwise, and points between those that are more than `spacing` apart."""
+    ring = shapely.geometry.polygon.orient(shapely.Polygon(footprint)).exterior
+    return shapely.get_coordinates(shapely.segmentize(ring, spacing) if np.isfinite(spacing) else ring)[:-1]
+
+
+def _strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
+    """The skin between closed rings of equally many points, without ends."""
+    ahead = np.roll(rings, -1, axis=1)
+    return _quadrilaterals(np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2).reshape(-1, 4, 3))
+
+
+def _quadrilaterals(corners: Float64[np.ndarray, "q 4 3"]) -> Mesh:
+    first = np.arange(0, 4 * len(corners), 4)[:, None]
+    return Mesh(corners.reshape(-1, 3), np.concatenate([first + _HALVES[0], first + _HALVES[1]]))

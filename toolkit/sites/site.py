@@ -1,0 +1,224 @@
+"""A junction as it stands: detection area, road, what is built beside it, where sensors hang, the network traffic uses.
+
+Site frame: right-handed, metres, z up, zero at the mean height of the street. `map_SE3_site` turns it into the frame of
+the map the site was taken from, which is right-handed too (a CARLA map: x, -y_carla, z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.geometry import check_pose
+from toolkit.sensors.sensor import Sensor
+
+KINDS = (
+    *("building", "wall", "fence", "hedge", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
+    *("kerb", "island", "pond"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A prism that stands still: footprint (k, 2) polygon, from `base` up to `top` (m, site frame), `kind` of `KINDS`.
+
+    A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a hole: there is no ground inside its footprint,
+    but a surface at `top`, below the street.
+    """
+
+    footprint: Float64[np.ndarray, "k 2"]
+    base: float
+    top: float
+    kind: str = "building"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "footprint", check_polygon(self.footprint, "solid.footprint"))
+        if self.kind not in KINDS:
+            raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        if not (np.isfinite([self.base, self.top]).all() and self.base < self.top):
+            raise ValueError(f"solid.top must lie above its base, got base {self.base} and top {self.top}")
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A pole or corner where one sensor may hang, between min_height and max_height (m above `position`).
+
+    position: (3,) foot on the ground; price: of building there, in units of one ordinary mount; capacity: of its link
+    to the fusion centre (kbit per frame).
+    """
+
+    name: str
+    position: Float64[np.ndarray, "3"]
+    min_height: float = 3.0
+    max_height: float = 8.0
+    price: float = 1.0
+    capacity: float = 2000.0
+
+    def __post_init__(self) -> None:
+        position = np.asarray(self.position, np.float64)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ValueError(f"mount.position must be three finite numbers x, y, z, got {self.position}")
+        object.__setattr__(self, "position", position)
+        if not 0 <= self.min_height <= self.max_height < np.inf:
+            raise ValueError(f"mount.min_height must lie in 0..max_height {self.max_height}, got {self.min_height}")
+        if not 0 <= self.price < np.inf or not self.capacity > 0:
+            raise ValueError(f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}")
+
+
+@dataclass(frozen=True)
+class Relief:
+    """How uneven the ground is: it stays within ±amplitude (m) of zero; the seed says where it is high."""
+
+    amplitude: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.amplitude < np.inf:
+            raise ValueError(f"relief.amplitude must be finite and not negative, got {self.amplitude}")
+        if self.seed != int(self.seed) or self.seed < 0:
+            raise ValueError(f"relief.seed must be a whole number from 0 up, got {self.seed}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Site:
+    """A junction. Two sites are equal when they are saved as the same file.
+
+    area: (4,) xmin ymin xmax ymax of the detection area; height: what is higher is cropped (m);
+    lanes, footways: (k, 2) polygons of what wheels and feet may use, in and around the area;
+    solids, mounts, sensors: what stands there, where sensors may hang, which sensors hang there now;
+    parking: (n, 3) bays x, y, yaw where vehicles stand for good; network: SUMO net.xml text, "" for a site without
+    traffic, in site coordinates; geo_reference: PROJ string of the map frame, None when it has none.
+
+    Raises ValueError that names the field where something does not fit.
+    """
+
+    name: str
+    area: Float64[np.ndarray, "4"]
+    height: float = 4.0
+    lanes: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
+    footways: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
+    solids: tuple[Solid, ...] = ()
+    mounts: tuple[Mount, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    network: str = ""
+    map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    geo_reference: str | None = None
+    relief: Relief = Relief()
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {"area": check_area(self.area)}
+        if not 0 < self.height < np.inf:
+            raise ValueError(f"height must be positive, got {self.height}")
+        for layer in ("lanes", "footways"):
+            checked[layer] = tuple(check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer)))
+        for layer in ("solids", "mounts", "sensors"):
+            checked[layer] = tuple(getattr(self, layer))
+        check_unique([mount.name for mount in checked["mounts"]], "mounts")
+        check_unique([sensor.name for sensor in checked["sensors"]], "sensors")
+        checked["parking"] = check_parking(self.parking)
+        checked["network"] = check_network(self.network)
+        checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def __eq__(self, other: object) -> bool:
+        from toolkit.sites.geojson import document
+
+        return isinstance(other, Site) and document(self) == document(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        xmin, ymin, xmax, ymax = self.area
+        return (
+            f"Site({self.name!r}): {xmax - xmin:g} x {ymax - ymin:g} m, {len(self.lanes)} lane polygons, "
+            f"{len(self.solids)} solids, {len(self.mounts)} mounts, {len(self.parking)} parking bays, sensors "
+            + (", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors) or "none")
+        )
+
+    def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
+        """Height of the ground (m) at places (..., 2) of the site: a smooth, seeded sum of plane waves 7 to 160 m long
+        whose mean over a large place is zero. It does not know ponds, kerbs or islands, which are solids."""
+        xy = np.asarray(xy, np.float64)
+        if self.relief.amplitude == 0:
+            return np.zeros(xy.shape[:-1])
+        wave_vectors, phases, weights = _waves(self.relief)
+        return np.asarray(np.cos(xy @ wave_vectors + phases) @ weights)
+
+
+def check_area(area: Any, where: str = "area") -> Float64[np.ndarray, "4"]:
+    """`area` as xmin ymin xmax ymax, or ValueError where it is empty."""
+    box = np.asarray(area, np.float64)
+    if box.shape != (4,) or not np.isfinite(box).all():
+        raise ValueError(f"{where} must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
+    if not (box[0] < box[2] and box[1] < box[3]):
+        raise ValueError(f"{where} is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
+    return box
+
+
+def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
+    """`vertices` as (k, 2), or ValueError where they make no simple polygon."""
+    try:
+        polygon = np.asarray(vertices, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{where} must be a list of [x, y] pairs of numbers, got {str(vertices)[:60]}") from None
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
+        raise ValueError(f"{where} must be at least three [x, y] corners, got shape {polygon.shape}")
+    if not np.isfinite(polygon).all():
+        raise ValueError(
+            f"{where} holds NaN or infinite numbers at corner {int(np.argwhere(~np.isfinite(polygon))[0, 0])}"
+        )
+    shape = shapely.Polygon(polygon)
+    if not shape.is_valid:
+        at = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
+        raise ValueError(f"{where}: polygon crosses itself near ({at}): put its corners in order round the outline")
+    if shape.area < 1e-6:
+        raise ValueError(f"{where}: polygon has no area, its corners lie on one line near {polygon[0].tolist()}")
+    return polygon
+
+
+def check_unique(names: Sequence[str], where: str) -> None:
+    """ValueError where a name is empty or occurs twice."""
+    for i, name in enumerate(names):
+        if not name or not isinstance(name, str):
+            raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
+        if name in names[:i]:
+            raise ValueError(f"{where}[{i}].name {name!r} is taken by {where}[{names.index(name)}]: rename one of them")
+
+
+def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
+    """`bays` as (n, 3) x, y, yaw."""
+    rows = np.asarray(bays, np.float64).reshape(-1, 3) if np.size(bays) == 0 else np.asarray(bays, np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
+        raise ValueError(f"parking must be finite rows x, y, yaw, got shape {rows.shape}")
+    return rows
+
+
+def check_network(network: str) -> str:
+    """`network` if it is empty or the text of a SUMO network."""
+    if not network:
+        return ""
+    try:
+        root = ElementTree.fromstring(network)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"network is damaged XML ({error}): build it again with toolkit.sites.network") from None
+    if root.tag != "net" or root.find("edge") is None:
+        raise ValueError(f"network must be a SUMO <net> with edges, got <{root.tag}>: pass the text of a .net.xml")
+    return network
+
+
+def _waves(relief: Relief) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wave vectors (2, w) in rad/m, phases (w,) and weights (w,) whose sum is the amplitude."""
+    rng = np.random.default_rng(relief.seed)
+    lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])
+    directions = rng.uniform(0, 2 * np.pi, len(lengths))
+    wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
+    weights = np.array([5.0, 4, 4, 3, 2, 1, 1])
+    return wave_vectors, rng.uniform(0, 2 * np.pi, len(lengths)), relief.amplitude * weights / weights.sum()

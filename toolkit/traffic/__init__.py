@@ -1,0 +1,1 @@
+"""Traffic: SUMO, what it spawns and parks, and the snapshots that come of it."""
