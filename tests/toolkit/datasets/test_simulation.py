@@ -30,7 +30,7 @@ SCRIPT = """
 import resource, sys
 from pathlib import Path
 from tests.toolkit.test_simulation import small_job
-from toolkit.simulation import simulate_dataset
+from toolkit.datasets.simulation import simulate_dataset
 
 if __name__ == "__main__":
     out, workers, limit = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])

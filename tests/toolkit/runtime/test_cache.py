@@ -141,7 +141,7 @@ def test_processes_share_a_file_that_none_of_them_has_made(tmp_path):
 
 ENDLESS = """
 import sys, numpy as np
-from placement_env.memo import Memo, key_of
+from toolkit.runtime.cache import Memo, key_of
 memo, k = Memo(sys.argv[1]), 0
 while True:
     memo.put({key_of("pair", k, side): (np.full(5000, k),) for side in "ab"})

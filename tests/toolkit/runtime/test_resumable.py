@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).parents[3]
 SCRIPT = """
 import random, sys, time
 from pathlib import Path
-from toolkit.parts import PartFolder, make_parts
+from toolkit.runtime.resumable import PartFolder, make_parts
 
 class Letters:
     def start(self, threads):
