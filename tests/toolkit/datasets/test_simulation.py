@@ -29,7 +29,7 @@ FRAMES = 2 * BLOCK + 10
 SCRIPT = """
 import resource, sys
 from pathlib import Path
-from tests.toolkit.test_simulation import small_job
+from tests.toolkit.datasets.test_simulation import small_job
 from toolkit.datasets.simulation import simulate_dataset
 
 if __name__ == "__main__":
