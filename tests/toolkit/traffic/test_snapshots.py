@@ -14,11 +14,11 @@ from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.files import load_site
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site
-from toolkit.traffic import spawner as population_module
+from toolkit.traffic import spawner as spawner_module
 from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, simulate
-from toolkit.traffic.spawner import LIFE, Population
+from toolkit.traffic.spawner import LIFE, Spawner
 from toolkit.traffic.sumo import running
-from toolkit.traffic.vehicle_types import RoadUsers
+from toolkit.traffic.vehicle_types import VehicleTypes
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 
@@ -156,15 +156,15 @@ def test_traffic_keeps_to_its_ways(site, snapshots):
 def test_headings_turn_continuously_and_point_where_it_goes(site, monkeypatch):
     for module in ("sumo", "spawner"):
         monkeypatch.setattr(f"toolkit.traffic.{module}.STEP", 0.1)
-    users, rng = RoadUsers.of(BODIES), np.random.default_rng(3)
+    types, rng = VehicleTypes.of(BODIES), np.random.default_rng(3)
     track = {}
-    with running(site.network, users.sumo_types(rng), seed=3) as sumo:
-        population = Population(sumo, site, users, rng, count(), 20)
+    with running(site.network, types.sumo_types(rng), seed=3) as sumo:
+        spawner = Spawner(sumo, site, types, rng, count(), 20)
         for _ in range(400):
-            population.advance(0.1)
-            for name, body, pose in zip(*population.state(), strict=True):
-                if users.labels[body] != PEDESTRIAN:
-                    track.setdefault(int(name), []).append((users.sizes[body, 0], *pose))
+            spawner.advance(0.1)
+            for name, body, pose in zip(*spawner.state(), strict=True):
+                if types.labels[body] != PEDESTRIAN:
+                    track.setdefault(int(name), []).append((types.sizes[body, 0], *pose))
     turned = []
     for steps in track.values():
         for (length, x, y, yaw), (_, x2, y2, yaw2) in pairwise(steps[5:]):
@@ -273,4 +273,4 @@ def test_no_frames(site):
 
 
 def test_population_reaches_as_far_as_documented():
-    assert population_module.REACH > MARGIN
+    assert spawner_module.SPAWN_REACH > MARGIN
