@@ -20,14 +20,11 @@ def tree(face):
 
 def typed(face):
     """The names imported under TYPE_CHECKING, by module below the face."""
-    block = next(
-        node for node in tree(face).body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-    )
-    assert all(isinstance(node, ast.ImportFrom) for node in block.body)
-    assert all(name.asname == name.name for node in block.body for name in node.names), (
-        "import X as X, or mypy hides it"
-    )
-    return {node.module.removeprefix(f"{face}."): tuple(name.name for name in node.names) for node in block.body}
+    block = next(n for n in tree(face).body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    assert len(imports) == len(block.body)
+    assert all(name.asname == name.name for node in imports for name in node.names), "import X as X, or mypy hides it"
+    return {str(node.module).removeprefix(f"{face}."): tuple(name.name for name in node.names) for node in imports}
 
 
 def lazy(face):

@@ -9,7 +9,7 @@ drawn for the bays; they count among the 30 and stay longer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
@@ -59,7 +59,7 @@ def simulate(
     seed: int | np.random.Generator,
     interval: float = INTERVAL,
     most: int = MOST_OBJECTS,
-) -> Iterator[Snapshot]:
+) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
 
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
@@ -80,7 +80,7 @@ def simulate(
 
 def _run(
     site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, interval: float, most: int
-) -> Iterator[Snapshot]:
+) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
     parked = Parked.draw(site, obstacles, types, rng, ids, most // 5)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
