@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from models.packing import Recording
     from placement_env.candidates.candidates import Candidates
     from placement_env.objective import Objective, Score
-    from placement_env.search.result import Found
+    from placement_env.search.result import Result
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.datasets.random_recordings import RandomRecording
     from toolkit.objects import Detector
@@ -600,7 +600,7 @@ def search(
     return OK
 
 
-def _chosen(objective: Objective, found: Found) -> list[str]:
+def _chosen(objective: Objective, found: Result) -> list[str]:
     """Names of the sensors found, with where they were moved to, if they were."""
     from placement_env.candidates.aim import aims
 
@@ -613,7 +613,7 @@ def _chosen(objective: Objective, found: Found) -> list[str]:
     return [told.format(name, *numbers) for name, numbers in zip(names, where, strict=True)]
 
 
-def _verified(cheap: Objective, dear: Objective, found: Found) -> tuple[Score, str]:
+def _verified(cheap: Objective, dear: Objective, found: Result) -> tuple[Score, str]:
     """The best set by a dear objective of what a search on a cheap one found and its neighbours, and how it was chosen.
     Sensors that were moved have no neighbours."""
     from placement_env.search.verification import rescored, verified

@@ -5,11 +5,7 @@ python examples/01_fuse_two_clouds.py
 
 import numpy as np
 
-from toolkit.bodies.fleet import catalogue
-from toolkit.clouds import crop, from_depth, fuse, points_per_box, sensor_numbers
-from toolkit.rendering.renderer import Renderer
-from toolkit.sites.files import load_site
-from toolkit.traffic.snapshots import simulate
+from toolkit import Renderer, catalogue, crop, from_depth, fuse, load_site, points_per_box, sensor_numbers, simulate
 
 
 def main() -> None:

@@ -8,10 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.survey import survey
-from toolkit.plots import draw_density_cdf
+from toolkit import CoopDataset, draw_density_cdf, simulate_dataset, survey
 
 SETS = ((4,), (3, 4), (0, 2, 5), (1, 3, 4, 5), (0, 1, 2, 3, 4, 5))
 

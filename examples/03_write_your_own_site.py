@@ -8,13 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
-from toolkit.sites.files import load_site, save_site
-from toolkit.sites.network import build_network, road_polygons, street
-from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit import (
+    DepthCamera,
+    Mount,
+    Relief,
+    Sensor,
+    Site,
+    Solid,
+    SpinningLidar,
+    build_network,
+    load_site,
+    look,
+    road_polygons,
+    save_site,
+    street,
+)
 
 AREA = (-30.0, -30.0, 30.0, 30.0)  # xmin, ymin, xmax, ymax: metres, x east, y north
 

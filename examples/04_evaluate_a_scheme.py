@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.evaluation import evaluate_dataset, format_table
-from toolkit.frame import empty_scene
-from toolkit.points import frame_points
+from toolkit import (
+    ClusterDetector,
+    CoopDataset,
+    empty_scene,
+    evaluate_dataset,
+    format_table,
+    frame_points,
+    simulate_dataset,
+)
 
 
 def main(frames: int = 20) -> None:

@@ -5,9 +5,7 @@ python examples/05_greedy_in_ten_lines.py
 
 import numpy as np
 
-from placement_env.candidates.pool import pool
-from placement_env.objective import Objective
-from placement_env.search import greedy
+from placement_env import Objective, greedy, pool
 from toolkit import load_site
 
 

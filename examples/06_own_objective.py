@@ -5,12 +5,7 @@ python examples/06_own_objective.py
 
 import numpy as np
 
-from placement_env.candidates.pool import paper_candidates
-from placement_env.fidelity.protocol import Estimate
-from placement_env.fidelity.traffic import traffic
-from placement_env.fidelity.visibility import Visibility, see
-from placement_env.objective import Objective, Weights
-from placement_env.search import exhaustive, greedy
+from placement_env import Estimate, Objective, Visibility, Weights, exhaustive, greedy, paper_candidates, see, traffic
 from toolkit import load_site
 
 

@@ -3,8 +3,7 @@
 python examples/07_pareto_front.py
 """
 
-from placement_env.objective import Objective
-from placement_env.search import nsga2
+from placement_env import Objective, nsga2
 
 
 def main(frames: int = 6) -> None:

@@ -6,10 +6,7 @@ python examples/08_train_maskable_ppo.py
 import tempfile
 from pathlib import Path
 
-from placement_env.envs.select import SensorSelectEnv
-from placement_env.objective import Objective
-from placement_env.rl.training import rollout, train_policy
-from placement_env.search import exhaustive, greedy
+from placement_env import Objective, SensorSelectEnv, exhaustive, greedy, rollout, train_policy
 
 
 def main(frames: int = 6, steps: int = 2048, budget: int = 3) -> None:

@@ -5,7 +5,8 @@ python examples/09_what_each_sensor_is_worth.py
 
 import numpy as np
 
-from placement_env.analysis.values import (
+from placement_env import (
+    Objective,
     exact_worth,
     failures,
     format_failures,
@@ -14,7 +15,6 @@ from placement_env.analysis.values import (
     marginal,
     sampled_worth,
 )
-from placement_env.objective import Objective
 
 
 def main(site: str = "tjunction") -> None:

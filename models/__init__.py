@@ -1,15 +1,30 @@
 """What is seen: VoxelNet, its training and its weights. Needs torch, numpy, h5py and shapely only, each when used."""
 
+from typing import TYPE_CHECKING
+
 from toolkit.runtime.lazy import lazily
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "VoxelNetConfig": "config",
-        "Voxels": "voxels", "voxelise": "voxels", "collate": "voxels",
-        "VoxelNet": "voxelnet", "Prediction": "voxelnet", "SparseVoxelNet": "sparse",
-        "VoxelNetDetector": "detector", "load_detector": "detector",
-        "PublishedDetector": "published", "load_published": "published",
-        "Header": "weights", "load_weights": "weights", "save_weights": "weights",
-    },
-)  # fmt: skip
+# isort: off
+if TYPE_CHECKING:
+    from models.config import VoxelNetConfig as VoxelNetConfig
+    from models.detector import VoxelNetDetector as VoxelNetDetector, load_detector as load_detector
+    from models.packing import pack as pack
+    from models.published import PublishedDetector as PublishedDetector, load_published as load_published
+    from models.sparse import SparseVoxelNet as SparseVoxelNet
+    from models.voxelnet import Prediction as Prediction, VoxelNet as VoxelNet
+    from models.voxels import Voxels as Voxels, collate as collate, voxelise as voxelise
+    from models.weights import Header as Header, load_weights as load_weights, save_weights as save_weights
+else:
+    __getattr__, __dir__, __all__ = lazily(
+        __name__,
+        {
+            "config": ("VoxelNetConfig",),
+            "detector": ("VoxelNetDetector", "load_detector"),
+            "packing": ("pack",),
+            "published": ("PublishedDetector", "load_published"),
+            "sparse": ("SparseVoxelNet",),
+            "voxelnet": ("Prediction", "VoxelNet"),
+            "voxels": ("Voxels", "collate", "voxelise"),
+            "weights": ("Header", "load_weights", "save_weights"),
+        },
+    )

@@ -1,23 +1,91 @@
 """What to build: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
 
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from placement_env.envs.registration import register
 from toolkit.runtime.lazy import lazily
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "Candidates": "candidates.candidates", "pool": "candidates.pool", "paper_candidates": "candidates.pool",
-        "load_poles": "candidates.poles",
-        "Objective": "objective", "Weights": "objective", "Score": "objective", "Scores": "objective",
-        "Visibility": "fidelity.visibility",
-        "see": "fidelity.visibility", "traffic": "fidelity.traffic", "Renders": "fidelity.renders",
-        "Coverage": "fidelity.coverage", "Surrogate": "fidelity.surrogate", "Detected": "fidelity.detector",
-        "TableFidelity": "fidelity.table", "load_table": "fidelity.table",
-        "SensorSelectEnv": "envs.select", "SensorSubsetEnv": "envs.subset", "SensorPoseEnv": "envs.pose",
-    },
-)  # fmt: skip
+# isort: off
+if TYPE_CHECKING:
+    from placement_env.analysis.failures import (
+        Failures as Failures,
+        failures as failures,
+        format_failures as format_failures,
+    )
+    from placement_env.analysis.marginal import (
+        Marginal as Marginal,
+        format_marginal as format_marginal,
+        marginal as marginal,
+    )
+    from placement_env.analysis.shapley import (
+        Worth as Worth,
+        exact_worth as exact_worth,
+        format_worth as format_worth,
+        sampled_worth as sampled_worth,
+        shapley as shapley,
+        synergy as synergy,
+    )
+    from placement_env.candidates.candidates import Candidates as Candidates
+    from placement_env.candidates.poles import load_keep_out as load_keep_out, load_poles as load_poles
+    from placement_env.candidates.pool import paper_candidates as paper_candidates, pool as pool
+    from placement_env.envs.pose import SensorPoseEnv as SensorPoseEnv
+    from placement_env.envs.select import SensorSelectEnv as SensorSelectEnv
+    from placement_env.envs.subset import SensorSubsetEnv as SensorSubsetEnv
+    from placement_env.fidelity.coverage import Coverage as Coverage
+    from placement_env.fidelity.detector import Detected as Detected
+    from placement_env.fidelity.protocol import Estimate as Estimate, Fidelity as Fidelity
+    from placement_env.fidelity.renders import Renders as Renders
+    from placement_env.fidelity.surrogate import Surrogate as Surrogate
+    from placement_env.fidelity.table import TableFidelity as TableFidelity, load_table as load_table
+    from placement_env.fidelity.traffic import traffic as traffic
+    from placement_env.fidelity.visibility import Visibility as Visibility, see as see
+    from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
+    from placement_env.rl.training import (
+        Learning as Learning,
+        load_policy as load_policy,
+        rollout as rollout,
+        train_policy as train_policy,
+    )
+    from placement_env.search import (
+        annealing as annealing,
+        cmaes as cmaes,
+        cpsat as cpsat,
+        exhaustive as exhaustive,
+        greedy as greedy,
+        nsga2 as nsga2,
+        swap as swap,
+    )
+    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.verification import rescored as rescored, verified as verified
+else:
+    __getattr__, __dir__, __all__ = lazily(
+        __name__,
+        {
+            "analysis.failures": ("Failures", "failures", "format_failures"),
+            "analysis.marginal": ("Marginal", "format_marginal", "marginal"),
+            "analysis.shapley": ("Worth", "exact_worth", "format_worth", "sampled_worth", "shapley", "synergy"),
+            "candidates.candidates": ("Candidates",),
+            "candidates.poles": ("load_keep_out", "load_poles"),
+            "candidates.pool": ("paper_candidates", "pool"),
+            "envs.pose": ("SensorPoseEnv",),
+            "envs.select": ("SensorSelectEnv",),
+            "envs.subset": ("SensorSubsetEnv",),
+            "fidelity.coverage": ("Coverage",),
+            "fidelity.detector": ("Detected",),
+            "fidelity.protocol": ("Estimate", "Fidelity"),
+            "fidelity.renders": ("Renders",),
+            "fidelity.surrogate": ("Surrogate",),
+            "fidelity.table": ("TableFidelity", "load_table"),
+            "fidelity.traffic": ("traffic",),
+            "fidelity.visibility": ("Visibility", "see"),
+            "objective": ("Objective", "Score", "Scores", "Weights"),
+            "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
+            "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),
+            "search.result": ("Certificate", "History", "Result"),
+            "search.verification": ("rescored", "verified"),
+        },
+    )
 
 if find_spec("gymnasium"):
     register()

@@ -1,16 +1,84 @@
 """What is there: sites, traffic, sensors, clouds, fusion and metrics. Nothing heavy loads until it is used."""
 
+from typing import TYPE_CHECKING
+
 from toolkit.runtime.lazy import lazily
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "Objects": "objects", "Detections": "objects", "Detector": "objects",
-        "DepthCamera": "sensors.depth_camera", "SpinningLidar": "sensors.spinning_lidar", "Sensor": "sensors.sensor",
-        "Frame": "frame", "Site": "sites.site", "load_site": "sites.files", "save_site": "sites.files",
-        "CoopDataset": "datasets.dataset",
-        "from_depth": "clouds", "fuse": "clouds", "crop": "clouds",
-        "early": "detection.fusion", "late": "detection.fusion", "hybrid": "detection.fusion",
-        "ClusterDetector": "detection.cluster", "evaluate": "detection.metrics",
-    },
-)  # fmt: skip
+# isort: off
+if TYPE_CHECKING:
+    from toolkit.bodies.body import Body as Body
+    from toolkit.bodies.fleet import catalogue as catalogue
+    from toolkit.bodies.meshes import load_meshes as load_meshes
+    from toolkit.clouds import (
+        crop as crop,
+        from_depth as from_depth,
+        fuse as fuse,
+        points_per_box as points_per_box,
+        sensor_numbers as sensor_numbers,
+    )
+    from toolkit.datasets.cloud_files import fuse_files as fuse_files
+    from toolkit.datasets.dataset import CoopDataset as CoopDataset
+    from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
+    from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
+    from toolkit.detection.cluster import ClusterDetector as ClusterDetector
+    from toolkit.detection.evaluation import (
+        evaluate_dataset as evaluate_dataset,
+        format_table as format_table,
+        save_evaluation as save_evaluation,
+    )
+    from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
+    from toolkit.detection.metrics import (
+        average_precision as average_precision,
+        evaluate as evaluate,
+        precision_recall as precision_recall,
+    )
+    from toolkit.detection.survey import survey as survey
+    from toolkit.frame import Frame as Frame, empty_scene as empty_scene
+    from toolkit.geometry import look as look, pose as pose
+    from toolkit.objects import Detections as Detections, Detector as Detector, Objects as Objects
+    from toolkit.plots import draw_density_cdf as draw_density_cdf, draw_frame as draw_frame, draw_site as draw_site
+    from toolkit.points import frame_points as frame_points, select_sensors as select_sensors
+    from toolkit.rendering.renderer import Renderer as Renderer
+    from toolkit.sensors.depth_camera import DepthCamera as DepthCamera
+    from toolkit.sensors.sensor import Sensor as Sensor
+    from toolkit.sensors.spinning_lidar import SpinningLidar as SpinningLidar
+    from toolkit.sites.files import load_site as load_site, save_site as save_site
+    from toolkit.sites.maps import import_opendrive as import_opendrive, import_osm as import_osm
+    from toolkit.sites.network import build_network as build_network, road_polygons as road_polygons, street as street
+    from toolkit.sites.random import random_site as random_site
+    from toolkit.sites.site import Mount as Mount, Relief as Relief, Site as Site, Solid as Solid
+    from toolkit.traffic.snapshots import Snapshot as Snapshot, simulate as simulate
+else:
+    __getattr__, __dir__, __all__ = lazily(
+        __name__,
+        {
+            "bodies.body": ("Body",),
+            "bodies.fleet": ("catalogue",),
+            "bodies.meshes": ("load_meshes",),
+            "clouds": ("crop", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
+            "datasets.cloud_files": ("fuse_files",),
+            "datasets.dataset": ("CoopDataset",),
+            "datasets.doctor.diagnosis": ("diagnose",),
+            "datasets.simulation": ("simulate_dataset",),
+            "detection.cluster": ("ClusterDetector",),
+            "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
+            "detection.fusion": ("early", "hybrid", "late"),
+            "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
+            "detection.survey": ("survey",),
+            "frame": ("Frame", "empty_scene"),
+            "geometry": ("look", "pose"),
+            "objects": ("Detections", "Detector", "Objects"),
+            "plots": ("draw_density_cdf", "draw_frame", "draw_site"),
+            "points": ("frame_points", "select_sensors"),
+            "rendering.renderer": ("Renderer",),
+            "sensors.depth_camera": ("DepthCamera",),
+            "sensors.sensor": ("Sensor",),
+            "sensors.spinning_lidar": ("SpinningLidar",),
+            "sites.files": ("load_site", "save_site"),
+            "sites.maps": ("import_opendrive", "import_osm"),
+            "sites.network": ("build_network", "road_polygons", "street"),
+            "sites.random": ("random_site",),
+            "sites.site": ("Mount", "Relief", "Site", "Solid"),
+            "traffic.snapshots": ("Snapshot", "simulate"),
+        },
+    )

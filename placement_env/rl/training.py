@@ -21,7 +21,7 @@ from placement_env.envs.env import GameEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.objective import Objective, Score
 from placement_env.search.progress import Limits
-from placement_env.search.result import Certificate, Found
+from placement_env.search.result import Certificate, Result
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 CHECKPOINT = "policy.pt"
 STEPS = 50_000  # that `search` trains for where no limit is given
-EPISODES = 20  # it then plays
+EPISODES = 20  # of the trained policy, after that
 UPDATES = 4  # of a round
 
 
 @dataclass(frozen=True)
 class Learning:
-    """How a policy is trained. envs: played side by side; rollout: steps of each between updates; width: of the two
+    """How a policy is trained. envs: stepped side by side; rollout: steps of each between updates; width: of the two
     hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
     al. 2017). Episodes are short, so nothing is discounted.
 
@@ -54,7 +54,7 @@ class Learning:
 
 
 PLAIN = Learning()
-CURIOUS = Learning(entropy=0.3)  # a search keeps the best set it comes by, so it may try more
+EXPLORING = Learning(entropy=0.3)  # a search keeps the best set it meets, so it may explore more
 
 
 def search(
@@ -64,10 +64,10 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    learning: Learning = CURIOUS,
-) -> Found:
+    learning: Learning = EXPLORING,
+) -> Result:
     """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
-    that it came by in training.
+    that it met in training.
 
     Every step counts as an evaluation; without a limit `STEPS` are trained.
     """
@@ -83,19 +83,19 @@ def search(
         for info in infos:
             if "episode" in info and info["episode"]["r"] > best:
                 best, chosen = info["episode"]["r"], info["subset"]
-                limits.improved(best)
+                limits.record(best)
 
     with TemporaryDirectory() as folder:
         policy = train_policy(
             make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning, watch=watch
         )
-    played = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
-    limits.count += played.evaluations
+    rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
+    limits.count += rolled_out.evaluations
     trained = objective.score(np.flatnonzero(chosen))
-    found = played.best if played.best.reward > trained.reward else trained
-    note = f"the trained policy comes to {played.best.reward:.4f} by itself"
-    certificate = Certificate("none", found.reward, note=note)
-    return Found("policy", found, limits.history(found.reward), certificate, limits.count, limits.passed)
+    best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
+    note = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
+    certificate = Certificate("none", best_score.reward, note=note)
+    return Result("policy", best_score, limits.history(best_score.reward), certificate, limits.count, limits.elapsed)
 
 
 def train_policy(
@@ -112,11 +112,11 @@ def train_policy(
 ) -> OnPolicyAlgorithm:
     """Train until `steps` environment steps are done in all, or `seconds` have passed in this call.
 
-    `out/policy.pt` is kept; called again with the folder it goes on where that was. Whole rounds are played, so there
+    `out/policy.pt` is kept; called again with the folder training resumes. Whole rounds are trained, so there
     may be some more steps.
 
-    progress: told the steps done and the mean return of the last 100 episodes, NaN before there is one; watch: told the
-    infos of each step, see `placement_env.rl.adapter`.
+    progress: called with the steps done and the mean return of the last 100 episodes, NaN before there is one; watch:
+    called with the infos of each step, see `placement_env.rl.adapter`.
     Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
     libraries.
     """
@@ -135,7 +135,7 @@ def train_policy(
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
         _begin_round(model, seed, model.num_timesteps // per_round)
-        model.learn(per_round, callback=_told(watch), reset_num_timesteps=False)
+        model.learn(per_round, callback=_callback(watch), reset_num_timesteps=False)
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
@@ -146,15 +146,15 @@ def train_policy(
     return model
 
 
-def _told(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
+def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
     """As a callback of Stable-Baselines3, whose training goes on while it returns True."""
 
-    def told(local: dict[str, Any], _: Any) -> bool:
+    def callback(local: dict[str, Any], _: Any) -> bool:
         assert watch is not None
         watch(local["infos"])
         return True
 
-    return None if watch is None else told
+    return None if watch is None else callback
 
 
 def load_policy(
@@ -177,8 +177,8 @@ def rollout(
     seed: int = 0,
     seconds: float | None = None,
     options: dict[str, Any] | None = None,
-) -> Found:
-    """The best set that a policy comes by in some episodes, of the same start: the likeliest actions in the first,
+) -> Result:
+    """The best set that a policy meets in some episodes from the same reset: the likeliest actions in the first,
     drawn from its distribution in the others. Every step counts as an evaluation.
 
     Raises ValueError below 1 episode.
@@ -202,12 +202,14 @@ def rollout(
             score = _score(info)
             if best is None or score.reward > best.reward:
                 best, sensors = score, _sensors(env)
-                limits.improved(best.reward)
+                limits.record(best.reward)
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     certificate = Certificate("none", best.reward, note="a policy promises nothing")
-    return Found("policy", best, limits.history(best.reward), certificate, limits.count, limits.passed, sensors=sensors)
+    return Result(
+        "policy", best, limits.history(best.reward), certificate, limits.count, limits.elapsed, sensors=sensors
+    )
 
 
 def _score(info: dict[str, Any]) -> Score:

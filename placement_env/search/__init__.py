@@ -1,17 +1,20 @@
 """Searches for the best set of sensors, all on one `Objective`, each with evidence of how good its answer is.
 
-Every module has `search(objective, budget, *, seed=0, seconds=None, evaluations=None) -> Found`: at most `budget`
-sensors, one per mount, each within the capacity of its mount's link. `Found` holds the best set, its history and a
-`Certificate` of what is known about it.
+Each search is a module with `search(objective, budget, *, seed=0, seconds=None, evaluations=None) -> Result`: at most
+`budget` sensors, one per mount, each within the capacity of its mount's link. Some take further options of their own.
+`Result` holds the best set, its history and a `Certificate` of what is known about it.
 
     exhaustive   every set of up to 16 candidates: the optimum, the best of each size, the exact AP-kbit-price front
-    greedy       `search`, `lazy` and `stochastic`: one sensor after another
+    greedy       one sensor after another; also `lazy`, `stochastic` and `raced`, with the same arguments
     swap         change one sensor at a time until nothing improves, from several starts
     annealing    simulated annealing, many chains at once
     cpsat        coverage and k-coverage with a proven bound (OR-Tools)
     cmaes        height, heading and tilt of each sensor, continuous (CMA-ES)
     nsga2        the AP-kbit-price front over sets (pymoo)
-    learning     MaskablePPO and PPO on the environments (Stable-Baselines3)
+
+`placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what
+searches share: `result`, `progress` (limits, history, incumbent), `neighbourhood` (sets that differ in one sensor),
+`submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
 
 **AP is not submodular**, so greedy's (1 - 1/e) does not hold for it: it holds for coverage only. A set function is
 submodular if what a sensor adds never grows as others join. In the paper's table of sensor sets (early fusion, IoU
@@ -22,9 +25,16 @@ too. Late fusion: sensor 3 alone has 0.2512, on {2, 5} it gains 0.5834 - 0.3309 
 T-junction it starts from {4}, the best one, and {3, 4}, the best two; the best three, {0, 2, 5}, hold neither.
 """
 
+from typing import TYPE_CHECKING
+
 from toolkit.runtime.lazy import lazily
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {"Found": "result", "History": "result", "Certificate": "result"},
-)
+# isort: off
+if TYPE_CHECKING:
+    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.verification import rescored as rescored, verified as verified
+else:
+    __getattr__, __dir__, __all__ = lazily(
+        __name__,
+        {"result": ("Certificate", "History", "Result"), "verification": ("rescored", "verified")},
+    )

@@ -10,11 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.neighbourhood import Moves
-from placement_env.search.progress import Progress, rows_of
-from placement_env.search.result import Found
-
-SETS = 20_000  # scored where no limit is given
+from placement_env.search.neighbourhood import Neighbourhood
+from placement_env.search.progress import DEFAULT_EVALUATIONS, Progress, rows_of
+from placement_env.search.result import Result
 
 
 def search(
@@ -27,7 +25,7 @@ def search(
     chains: int = 32,
     hot: float = 0.05,
     cold: float = 0.0005,
-) -> Found:
+) -> Result:
     """The best set that any of the chains met. Without a limit 20 000 sets are scored.
 
     hot, cold: temperature at the start and at the end, in units of the reward. The same seed and `evaluations` give
@@ -37,19 +35,19 @@ def search(
     if not hot >= cold > 0 or chains < 1:
         raise ValueError(f"need hot >= cold > 0 and at least 1 chain, got {hot}, {cold} and {chains}")
     if seconds is None and evaluations is None:
-        evaluations = SETS
+        evaluations = DEFAULT_EVALUATIONS
     progress = Progress(objective, budget, seconds, evaluations)
-    moves, rng = Moves(objective, budget), np.random.default_rng(seed)
+    neighbourhood, rng = Neighbourhood(objective, budget), np.random.default_rng(seed)
     note = "simulated annealing proves nothing"
-    if not moves.free.size:
-        return progress.found("annealing", progress.unknown(note))
-    sets = [moves.some(rng) for _ in range(chains)]
+    if not neighbourhood.free.size:
+        return progress.result("annealing", progress.unknown(note))
+    sets = [neighbourhood.sample(rng) for _ in range(chains)]
     rewards = progress.rewards(rows_of(sets, progress.size))
     while not progress.spent:
         temperature = hot * (cold / hot) ** progress.limits.share
-        proposed = [moves.change(chosen, rng) for chosen in sets]
+        proposed = [neighbourhood.neighbour(chosen, rng) for chosen in sets]
         fresh = progress.rewards(rows_of(proposed, progress.size))
         accepted = fresh - rewards >= temperature * np.log(1 - rng.random(chains))
         sets = [new if yes else old for new, old, yes in zip(proposed, sets, accepted, strict=True)]
         rewards = np.where(accepted, fresh, rewards)
-    return progress.found("annealing", progress.unknown(note))
+    return progress.result("annealing", progress.unknown(note))

@@ -3,9 +3,9 @@
 `search` begins at greedy's set; `improve` at any, scored by any function.
 
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
-without bounds), tilt between `TILTS` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts (0 to
-1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so every
-vector is rendered: some hundred are all that one affords, and the start should be good, greedy's for instance.
+without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
+(0 to 1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so
+every vector is rendered: a few hundred are affordable, and the start should be good, greedy's for instance.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.objective import Objective, Score, Weights
 from placement_env.search import greedy
 from placement_env.search.progress import Limits
-from placement_env.search.result import Certificate, Found
+from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
@@ -30,12 +30,12 @@ from toolkit.sites.site import Mount
 if TYPE_CHECKING:
     from placement_env.fidelity.preparation import Preparation
 
-TILTS = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
+TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # scored where no limit is given
 STEP = 0.15  # standard deviation of the first vectors around the start
-UNFIT = 1e6  # cost of a set that may not be built
+INFEASIBLE_COST = 1e6  # cost of a set that may not be built
 Poses = tuple[Sensor, ...]
-Place = Callable[[Sequence[Poses]], Sequence[Score | None]]  # scores sets of sensors; None: may not be built
+PoseScorer = Callable[[Sequence[Poses]], Sequence[Score | None]]  # scores sets of sensors; None: may not be built
 FREE = Weights()
 
 
@@ -47,12 +47,12 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     roam: bool = False,
-) -> Found:
+) -> Result:
     """Greedy's set, then every sensor of it turned, tilted and lifted to where it serves best.
 
-    `Found.sensors` are the poses and `Found.best` is their score; its subset names the candidates they were moved from.
+    `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from.
     The limits hold for the moved sets, seconds for both; roam: see `improve`. Where greedy search finds that no sensor
-    pays, that is the answer. Raises ValueError for an objective made from parts, which cannot tell what a moved sensor
+    pays, that is the answer. Raises ValueError for an objective without a site, which cannot tell what a moved sensor
     sees.
     """
     if objective.preparation is None:
@@ -62,14 +62,14 @@ def search(
         return first
     left = None if seconds is None else max(0.0, seconds - first.seconds)
     start = objective.candidates.select(first.best.subset)
-    place = placing(objective.preparation, objective.fidelity, objective.weights)
-    found = improve(place, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
-    best = replace(found.best, subset=first.best.subset)
-    return replace(found, best=best, seconds=first.seconds + found.seconds)
+    score_poses = pose_scorer(objective.preparation, objective.fidelity, objective.weights)
+    result = improve(score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
+    best = replace(result.best, subset=first.best.subset)
+    return replace(result, best=best, seconds=first.seconds + result.seconds)
 
 
 def improve(
-    place: Place,
+    score_poses: PoseScorer,
     start: Candidates,
     *,
     seed: int = 0,
@@ -77,13 +77,13 @@ def improve(
     evaluations: int | None = None,
     roam: bool = False,
     population: int | None = None,
-) -> Found:
-    """Turn, tilt and lift the sensors of `start`, all of which are placed, to where `place` scores most.
+) -> Result:
+    """Turn, tilt and lift the sensors of `start`, all of which are placed, to where `score_poses` scores most.
 
-    start: such as `objective.candidates.select(found.best.subset)`, on mounts of their own; roam: whether a sensor may
+    start: such as `objective.candidates.select(result.best.subset)`, on mounts of their own; roam: whether a sensor may
     go to another of `start.mounts`; population: vectors to a step, None for 4 + 3 ln n; without a limit 300 are scored.
     The answer is never worse than the start, which is scored first; when the search has settled it begins anew at the
-    best with twice the population. `Found.sensors` are the poses, `Found.best.subset` just counts them. Raises
+    best with twice the population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises
     ValueError where there is no sensor, two share a mount or the start may not be built, ImportError without `cma`.
     """
     if not len(start) or len(np.unique(start.mount)) < len(start):
@@ -96,11 +96,11 @@ def improve(
     limits, rng = Limits(seconds, evaluations), np.random.default_rng(seed)
     coding = Coding(start, roam)
     sensors = start.sensors
-    score = place([sensors])[0]
+    score = score_poses([sensors])[0]
     if score is None:
         raise ValueError("the sensors to start from may not be built: choose a feasible set")
     limits.count += 1
-    limits.improved(score.reward)
+    limits.record(score.reward)
     best = coding.encode()
     size = population or 4 + int(3 * np.log(len(best)))
     while not limits.spent:
@@ -109,24 +109,24 @@ def improve(
             vectors = strategy.ask()
             room = int(min(len(vectors), limits.evaluations - limits.count))
             sets = [coding.decode(vector) for vector in vectors[:room]]
-            scores = place(sets)
+            scores = score_poses(sets)
             limits.count += room
-            costs = [UNFIT if s is None else -s.reward for s in scores]
+            costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
             leader = int(np.argmin(costs))
             if -costs[leader] > score.reward:
                 score, sensors, best = scores[leader] or score, sets[leader], vectors[leader]
-                limits.improved(score.reward)
+                limits.record(score.reward)
             if room == len(vectors):
                 strategy.tell(vectors, costs)
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
-    return Found(
-        "CMA-ES", score, limits.history(score.reward), certificate, limits.count, limits.passed, sensors=sensors
+    return Result(
+        "CMA-ES", score, limits.history(score.reward), certificate, limits.count, limits.elapsed, sensors=sensors
     )
 
 
-def placing(preparation: Preparation, fidelity: str, weights: Weights = FREE) -> Place:
+def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE) -> PoseScorer:
     """Scores sets of sensors by rendering all of them at once, in the traffic of an objective's preparation.
 
     A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
@@ -135,9 +135,9 @@ def placing(preparation: Preparation, fidelity: str, weights: Weights = FREE) ->
 
     mounts = preparation.candidates.mounts
 
-    def place(sets: Sequence[Poses]) -> list[Score | None]:
+    def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
-        candidates = hung(sensors, mounts)
+        candidates = as_candidates(sensors, mounts)
         seen = see(preparation.traffic, candidates, workers=preparation.workers, ray=preparation.ray)
         scored_by = preparation.at(candidates, seen).fidelity(fidelity)
         objective = Objective.of(candidates, scored_by, preparation.scheme, weights, visibility=seen)
@@ -151,10 +151,10 @@ def placing(preparation: Preparation, fidelity: str, weights: Weights = FREE) ->
             for row, fit in zip(subsets, fits, strict=True)
         ]
 
-    return place
+    return score_poses
 
 
-def hung(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candidates:
+def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candidates:
     """Any sensors as candidates, each on the mount whose foot is nearest seen from above; names are numbered."""
     feet = np.array([mount.position[:2] for mount in mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
@@ -190,7 +190,7 @@ class Coding:
             height, _, tilt = angles(sensor)
             low, high = _range(self.start.mounts[mount])
             lift = (height - self.feet[mount, 2] - low) / max(high - low, 1e-9)
-            row = [lift, 0.0, (tilt - TILTS[0]) / (TILTS[1] - TILTS[0])]
+            row = [lift, 0.0, (tilt - TILT_RANGE[0]) / (TILT_RANGE[1] - TILT_RANGE[0])]
             rows.append([*row, *((self.feet[mount, :2] - self.corner) / self.span)] if self.roam else row)
         vector = np.array(rows)
         turns = np.arange(self.width) == 1
@@ -206,7 +206,7 @@ class Coding:
             low, high = _range(self.start.mounts[mount])
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = angles(self.start.sensors[c])[1] + np.pi * turn
-            aim = float(heading), float(TILTS[0] + tilt * (TILTS[1] - TILTS[0]))
+            aim = float(heading), float(TILT_RANGE[0] + tilt * (TILT_RANGE[1] - TILT_RANGE[0]))
             sensors.append(aimed(self.start.sensors[c], position, *aim))
         return tuple(sensors)
 

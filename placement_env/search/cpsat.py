@@ -18,7 +18,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search.progress import Progress
-from placement_env.search.result import Certificate, Found
+from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Int64
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def search(
     least: float = LEAST,
     views: int = 1,
     workers: int = 1,
-) -> Found:
+) -> Result:
     """The set that covers most, whatever else the objective asks for, and its score there.
 
     The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
@@ -77,7 +77,7 @@ def search(
         f"{{{', '.join(map(str, cover.chosen))}}}, and no set covers more than {cover.bound}",
         "coverage",
     )
-    return progress.found("CP-SAT", certificate)
+    return progress.result("CP-SAT", certificate)
 
 
 def cover_most(

@@ -6,7 +6,7 @@ import numpy as np
 
 from placement_env.objective import Objective, Score
 from placement_env.search.progress import Figures, Progress
-from placement_env.search.result import Certificate, Found
+from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Float, Float64
 
 LARGEST = 16  # candidates, 65 536 sets
@@ -19,7 +19,7 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-) -> Found:
+) -> Result:
     """The best set of at most `budget` sensors (None: any number), proven by scoring all of them.
 
     Where a limit stops it early nothing is proven. Among equals the smaller set wins, then the one that comes first.
@@ -40,7 +40,7 @@ def search(
     )
     scored = np.flatnonzero(np.isfinite(figures.reward))
     figures, subsets = Figures(*(column[scored] for column in figures)), subsets[scored]
-    return progress.found(
+    return progress.result(
         "exhaustive", certificate, front(objective, subsets, figures), _by_size(objective, subsets, figures)
     )
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search import submodular as theory
-from placement_env.search.progress import Progress, joined, rows_of
-from placement_env.search.result import Certificate, Found
+from placement_env.search.progress import Progress, rows_of, with_each
+from placement_env.search.result import Certificate, Result
 
 DECIMALS = 12  # of gains that are compared with each other: what lies behind is rounding
 
@@ -29,7 +29,7 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     submodular: bool | None = None,
-) -> Found:
+) -> Result:
     """Plain greedy: about budget × C sets, scored thousands at once.
 
     A submodular objective gets a certificate, for C more sets, unless a gain was seen to grow. `seed` is not used: of
@@ -37,18 +37,18 @@ def search(
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
-    return progress.found("greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
+    return progress.result("greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
 
 
 def grow(progress: Progress) -> tuple[list[int], float]:
     """Greedy's set of `progress.budget` sensors, fewer where no more fit or a limit came first, in the order they were
-    taken; and by how much the gain of any candidate was seen to grow as others joined."""
+    taken; and by how much the gain of any candidate was seen to grow as others with_each."""
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
     while len(chosen) < progress.budget:
         options = np.flatnonzero(progress.objective.allowed(chosen))
-        rewards = progress.rewards(joined(chosen, options, progress.size))
+        rewards = progress.rewards(with_each(chosen, options, progress.size))
         if not np.isfinite(rewards).any():
             break
         scored = np.isfinite(rewards)
@@ -69,7 +69,7 @@ def lazy(
     evaluations: int | None = None,
     submodular: bool | None = None,
     batch: int = 1,
-) -> Found:
+) -> Result:
     """Greedy that takes a candidate's last known gain for an upper bound of its gain now and scores only the leaders
     (Minoux 1978; CELF). An answer as good as that of `search` for far fewer sets where the objective is submodular;
     else an answer without promise, and the certificate says so where a gain was seen to grow.
@@ -99,7 +99,7 @@ def lazy(
         reward += float(bound[best])
     if complete:
         rise = max(rise, _rise_at_end(progress, chosen, bound))
-    return progress.found("lazy greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
+    return progress.result("lazy greedy", _certificate(progress, chosen, submodular, theory.guarantee(objective), rise))
 
 
 def stochastic(
@@ -111,7 +111,7 @@ def stochastic(
     evaluations: int | None = None,
     submodular: bool | None = None,
     epsilon: float = 0.1,
-) -> Found:
+) -> Result:
     """Greedy over a fresh random sample of C/budget · ln(1/epsilon) candidates for each sensor, so C · ln(1/epsilon)
     sets in all (Mirzasoleiman et al., AAAI 2015).
 
@@ -127,13 +127,13 @@ def stochastic(
     while len(chosen) < budget:
         options = np.flatnonzero(objective.allowed(chosen))
         options = np.sort(rng.choice(options, min(sample, len(options)), replace=False))
-        rewards = progress.rewards(joined(chosen, options, progress.size))
+        rewards = progress.rewards(with_each(chosen, options, progress.size))
         if not np.isfinite(rewards).any():
             break
         chosen.append(int(options[rewards.argmax()]))
     alone = theory.guarantee(objective) > 0.5
     ratio = max(0.0, 1 - 1 / math.e - epsilon) if alone else 0.0
-    return progress.found("stochastic greedy", _certificate(progress, chosen, submodular, ratio, 0.0))
+    return progress.result("stochastic greedy", _certificate(progress, chosen, submodular, ratio, 0.0))
 
 
 def raced(
@@ -143,7 +143,7 @@ def raced(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-) -> Found:
+) -> Result:
     """Greedy whose candidates race for each place (`Objective.race`): the weak ones are dropped after few frames.
 
     For the fidelity of the detector, where a frame takes long. Evaluations are counted in sets on all frames, rounded
@@ -156,13 +156,13 @@ def raced(
         options = np.flatnonzero(objective.allowed(chosen))
         if not len(options):
             break
-        sets = joined(chosen, options, progress.size)
+        sets = with_each(chosen, options, progress.size)
         ran = objective.race(sets, seed=seed)
         winner = int(ran.winners[0])
         progress.limits.count += math.ceil(len(sets) * ran.spent / ran.full) - 1
         progress.rewards(sets[winner][None])
         chosen.append(int(options[winner]))
-    return progress.found("raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss"))
+    return progress.result("raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss"))
 
 
 def _certificate(
@@ -172,7 +172,7 @@ def _certificate(
         return theory.certificate(progress, chosen, ratio if len(chosen) == progress.budget else 0.0, rise)
     if rise > theory.TOLERANCE:
         return progress.unknown(
-            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
+            f"gains grew by up to {rise:.2g} as sensors with_each: not submodular, nothing is promised"
         )
     return progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
 
@@ -190,7 +190,7 @@ def _leader(
         stale: list[int] = []
         while queue and len(stale) < batch and queue[0][1] not in fresh:
             stale.append(heapq.heappop(queue)[1])
-        rewards = progress.rewards(joined(chosen, np.array(stale), progress.size))
+        rewards = progress.rewards(with_each(chosen, np.array(stale), progress.size))
         if not np.isfinite(rewards).all():
             break
         gains = np.round(rewards - reward, DECIMALS)
@@ -205,6 +205,6 @@ def _leader(
 def _rise_at_end(progress: Progress, chosen: list[int], bound: np.ndarray) -> float:
     """How far the gain of any free candidate on top of the answer is above the bound that was believed."""
     options = np.flatnonzero(progress.objective.allowed(chosen))
-    rewards = progress.rewards(np.vstack([rows_of([chosen], progress.size), joined(chosen, options, progress.size)]))
+    rewards = progress.rewards(np.vstack([rows_of([chosen], progress.size), with_each(chosen, options, progress.size)]))
     rises = rewards[1:] - rewards[0] - bound[options]
     return float(rises[np.isfinite(rises)].max(initial=0.0))

@@ -1,4 +1,4 @@
-"""`Moves`: feasible sets at random, and feasible sets that differ from a set in one sensor."""
+"""`Neighbourhood`: feasible sets at random, and feasible sets that differ from a given one in one sensor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ DROP = 0.05  # share of changes that drop a sensor
 TURN = 0.5  # share of the others that stay on a mount of the set
 
 
-class Moves:
+class Neighbourhood:
     """Sets of at most `budget` of an objective's candidates: one per mount, each within the capacity of its link."""
 
     def __init__(self, objective: Objective, budget: int) -> None:
@@ -18,12 +18,12 @@ class Moves:
         self.free = np.flatnonzero(objective.allowed([]))
         self._of_mount = {int(m): self.free[self.mount[self.free] == m] for m in np.unique(self.mount[self.free])}
 
-    def some(self, rng: np.random.Generator) -> list[int]:
+    def sample(self, rng: np.random.Generator) -> list[int]:
         """A set of `budget` candidates, or as many as there are mounts: mounts at random, then a candidate of each."""
         mounts = rng.permutation(list(self._of_mount))[: self.budget] if self._of_mount else ()
         return [int(rng.choice(self._of_mount[int(mount)])) for mount in mounts]
 
-    def change(self, chosen: list[int], rng: np.random.Generator) -> list[int]:
+    def neighbour(self, chosen: list[int], rng: np.random.Generator) -> list[int]:
         """The set with one sensor dropped, added or replaced; the same set where one was drawn that it has, or where no
         candidate may stand. A sensor replaces the one on its mount, or in a full set any."""
         if not self.free.size or (chosen and rng.random() < DROP):
@@ -39,7 +39,7 @@ class Moves:
         return [*kept, new]
 
     def repair(self, chosen: list[int], rng: np.random.Generator) -> list[int]:
-        """A feasible part of a set: in random order, what fits beside those before."""
+        """A feasible subset of a set: members in random order, without those that do not fit beside earlier ones."""
         kept: dict[int, int] = {}
         for candidate in rng.permutation(np.intersect1d(chosen, self.free)).tolist():
             if len(kept) < self.budget:

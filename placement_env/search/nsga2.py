@@ -12,14 +12,12 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search import exhaustive
-from placement_env.search.neighbourhood import Moves
-from placement_env.search.progress import Figures, Progress, rows_of
-from placement_env.search.result import Found
+from placement_env.search.neighbourhood import Neighbourhood
+from placement_env.search.progress import DEFAULT_EVALUATIONS, Figures, Progress, rows_of
+from placement_env.search.result import Result
 
 if TYPE_CHECKING:
     from pymoo.algorithms.moo.nsga2 import NSGA2
-
-SETS = 20_000  # scored where no limit is given
 
 
 def search(
@@ -30,7 +28,7 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     population: int = 100,
-) -> Found:
+) -> Result:
     """The front of AP against kbit of the whole set against price, with at most `budget` sensors, and the set of most
     reward. Up to 16 candidates it is exact, with nothing random; beyond, without a limit, 20 000 sets are scored.
 
@@ -41,9 +39,9 @@ def search(
     if len(objective.candidates) <= exhaustive.LARGEST:
         return exhaustive.search(objective, budget, seconds=seconds, evaluations=evaluations)
     if seconds is None and evaluations is None:
-        evaluations = SETS
+        evaluations = DEFAULT_EVALUATIONS
     progress = Progress(objective, budget, seconds, evaluations)
-    algorithm = _nsga2(Moves(objective, budget), progress.size, population, seed)
+    algorithm = _nsga2(Neighbourhood(objective, budget), progress.size, population, seed)
     subsets, figures = np.zeros((0, progress.size), bool), Figures(*(np.zeros(0) for _ in range(4)))
     while not progress.spent:
         generation = algorithm.ask()
@@ -58,7 +56,7 @@ def search(
         kept = exhaustive.undominated(exhaustive.costs(figures))
         subsets, figures = subsets[kept], Figures(*(column[kept] for column in figures))
     note = "NSGA-II proves nothing: other sets may beat those of its front"
-    return progress.found("NSGA-II", progress.unknown(note), exhaustive.front(objective, subsets, figures))
+    return progress.result("NSGA-II", progress.unknown(note), exhaustive.front(objective, subsets, figures))
 
 
 def _tell(algorithm: NSGA2, generation: Any, figures: Figures) -> None:
@@ -70,7 +68,7 @@ def _tell(algorithm: NSGA2, generation: Any, figures: Figures) -> None:
     algorithm.tell(infills=generation)
 
 
-def _nsga2(moves: Moves, size: int, population: int, seed: int) -> NSGA2:
+def _nsga2(neighbourhood: Neighbourhood, size: int, population: int, seed: int) -> NSGA2:
     try:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.crossover import Crossover
@@ -85,20 +83,20 @@ def _nsga2(moves: Moves, size: int, population: int, seed: int) -> NSGA2:
         def _do(self, _: Any, parents: np.ndarray, **__: Any) -> np.ndarray:
             either = rng.random(parents.shape[1:]) < 0.5
             children = np.where(either, parents, parents[::-1]).reshape(-1, size)
-            feasible = [moves.repair(np.flatnonzero(child).tolist(), rng) for child in children]
+            feasible = [neighbourhood.repair(np.flatnonzero(child).tolist(), rng) for child in children]
             return rows_of(feasible, size).reshape(parents.shape)
 
     class Change(Mutation):  # type: ignore[misc]
         def _do(self, _: Any, children: np.ndarray, **__: Any) -> np.ndarray:
-            return rows_of([moves.change(np.flatnonzero(child).tolist(), rng) for child in children], size)
+            return rows_of([neighbourhood.neighbour(np.flatnonzero(child).tolist(), rng) for child in children], size)
 
-    start = rows_of([_part(moves.some(rng), rng) for _ in range(population)], size)
+    start = rows_of([_prefix(neighbourhood.sample(rng), rng) for _ in range(population)], size)
     algorithm = NSGA2(population, sampling=start, crossover=Inherit(2, 2), mutation=Change())
     problem = Problem(n_var=size, n_obj=3, xl=0, xu=1, vtype=bool)
     algorithm.setup(problem, termination=NoTermination(), seed=seed)
     return algorithm
 
 
-def _part(chosen: list[int], rng: np.random.Generator) -> list[int]:
+def _prefix(chosen: list[int], rng: np.random.Generator) -> list[int]:
     """The first few of a set, of any number from 1 up, so that cheap sets are there from the start."""
     return chosen[: int(rng.integers(1, len(chosen) + 1))] if chosen else []

@@ -1,4 +1,4 @@
-"""`Progress`: scores sets for one search within its limits and remembers the best feasible one."""
+"""`Progress`: scores sets for one search within its limits and keeps the incumbent, the best feasible one."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.objective import Objective, Score
-from placement_env.search.result import Certificate, Found, History
+from placement_env.search.result import Certificate, History, Result
 from toolkit.arrays import Bool, Float64, Int
 
-BLOCK = 4096  # sets scored between two looks at the clock, at most
-BLOCK_S = 0.5  # seconds of scoring between two looks at the clock, about
+DEFAULT_EVALUATIONS = 20_000  # sets that searches without an end of their own score where no limit is given
+MOST_AT_ONCE = 4096  # sets scored between two looks at the clock, at most
+PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
 
 class Figures(NamedTuple):
@@ -40,34 +41,34 @@ class Limits:
         self.rows: list[tuple[int, float, float]] = []
 
     @property
-    def passed(self) -> float:
+    def elapsed(self) -> float:
         """Seconds since the search began."""
         return time.monotonic() - self.started
 
     @property
     def spent(self) -> bool:
         """Whether a limit is reached."""
-        return self.count >= self.evaluations or self.passed >= self.seconds
+        return self.count >= self.evaluations or self.elapsed >= self.seconds
 
     @property
     def share(self) -> float:
         """How much of the nearer limit is used, 0 to 1; 0 without limits."""
-        return min(1.0, max(self.count / self.evaluations, self.passed / self.seconds))
+        return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
-    def improved(self, reward: float) -> None:
-        """The best is now this."""
-        self.rows.append((self.count, self.passed, reward))
+    def record(self, reward: float) -> None:
+        """Note that the best reward is now this."""
+        self.rows.append((self.count, self.elapsed, reward))
 
     def history(self, reward: float) -> History:
         """The improvements, and where it ends."""
-        count, seconds, rewards = zip(*self.rows, (self.count, self.passed, reward), strict=True)
+        count, seconds, rewards = zip(*self.rows, (self.count, self.elapsed, reward), strict=True)
         return History(np.array(count, np.int64), np.array(seconds, np.float64), np.array(rewards, np.float64))
 
 
 class Progress:
     """Scores sets of an objective's candidates and keeps the best of those with at most `budget` sensors.
 
-    The best starts as the empty set, reward 0. A limit in seconds is kept to about `BLOCK_S`, or the time of one set.
+    The best starts as the empty set, reward 0. A limit in seconds is kept to about `PACE_S`, or the time of one set.
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
@@ -111,15 +112,15 @@ class Progress:
         self.best = rows_of([chosen], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
-        self.limits.improved(self.reward)
+        self.limits.record(self.reward)
 
-    def found(
+    def result(
         self, method: str, certificate: Certificate, front: tuple[Score, ...] = (), by_size: tuple[Score, ...] = ()
-    ) -> Found:
-        """The best so far as an answer."""
+    ) -> Result:
+        """The best so far, the incumbent, as the answer."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         history = self.limits.history(self.reward)
-        return Found(method, best, history, certificate, self.limits.count, self.limits.passed, front, by_size)
+        return Result(method, best, history, certificate, self.limits.count, self.limits.elapsed, front, by_size)
 
     def unknown(self, note: str) -> Certificate:
         """The certificate that nothing is known."""
@@ -134,12 +135,12 @@ class Progress:
         if better.size:
             row = better[np.argmax(rewards[better])]
             self.best, self.reward = subsets[row].copy(), float(rewards[row])
-            self.limits.improved(self.reward)
+            self.limits.record(self.reward)
 
     def _pace(self, scored: int, took: float) -> None:
-        """Blocks as large as fit `BLOCK_S` and what is left of the time: one set may take 0.1 ms, or a minute."""
-        affordable = min(BLOCK_S, max(0.0, self.limits.seconds - self.limits.passed)) * scored / max(took, 1e-9)
-        self._block = int(np.clip(affordable, 1, min(BLOCK, 4 * self._block)))
+        """Blocks as large as fit `PACE_S` and what is left of the time: one set may take 0.1 ms, or a minute."""
+        affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * scored / max(took, 1e-9)
+        self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))
 
 
 def rows_of(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:
@@ -155,10 +156,10 @@ def rows_of(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]
     return rows
 
 
-def joined(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
+def with_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
     """The set `chosen` with each of the options added.
 
-    >>> joined([0], np.array([1, 2]), 3)
+    >>> with_each([0], np.array([1, 2]), 3)
     array([[ True,  True, False],
            [ True, False,  True]])
     """

@@ -1,4 +1,4 @@
-"""`Found`: what every search hands back: the best set, how it got there, and what is known of how good it is."""
+"""`Result`: what every search returns: the best set, how it got there, and what is known of how good it is."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ class Certificate:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Result:
     """The answer of a search.
 
     evaluations: sets scored, repeated ones too; front: the sets that no other beats in AP, kbit and price at once, of
     those that were scored, by price and kbit (searches for fronts only); by_size: the best set of 1, 2, ... sensors
-    (exhaustive only); sensors: where they hang, for continuous poses.
+    (exhaustive only); sensors: as they are mounted, for continuous poses.
     """
 
     method: str

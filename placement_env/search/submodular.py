@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search.progress import Progress, joined, rows_of
+from placement_env.search.progress import Progress, rows_of, with_each
 from placement_env.search.result import Certificate
 
 TOLERANCE = 1e-9  # a gain that rises by no more does not count against submodularity
@@ -36,7 +36,7 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
     """
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
-    subsets = np.vstack([rows_of([chosen], progress.size), joined(chosen, options, progress.size)])
+    subsets = np.vstack([rows_of([chosen], progress.size), with_each(chosen, options, progress.size)])
     ap = progress.figures(subsets).ap
     if np.isnan(ap).any():
         return np.inf
@@ -51,7 +51,7 @@ def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float
     ratio: the share of the optimum it is sure of, which cost weights void; rise: how much a gain was seen to grow.
     """
     if rise > TOLERANCE and not _costs(progress.objective):
-        return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
+        return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors with_each")
     ratio = 0.0 if _costs(progress.objective) else ratio
     bound = online_bound(progress, chosen)
     promise = f", and at least {ratio:.3f} of the optimum" if ratio else ""

@@ -13,12 +13,12 @@ import numpy as np
 
 from placement_env.objective import Objective
 from placement_env.search.greedy import grow
-from placement_env.search.neighbourhood import Moves
-from placement_env.search.progress import Progress, joined, rows_of
-from placement_env.search.result import Certificate, Found
+from placement_env.search.neighbourhood import Neighbourhood
+from placement_env.search.progress import Progress, rows_of, with_each
+from placement_env.search.result import Certificate, Result
 
 STARTS = 5
-NOBODY = -1  # a place without a sensor
+EMPTY = -1  # a place without a sensor
 
 
 def search(
@@ -29,7 +29,7 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     starts: int | None = None,
-) -> Found:
+) -> Result:
     """The best local optimum of several starts: greedy's set first, then sets drawn from `seed`.
 
     starts: how many; None for as many as the limits allow, or `STARTS` without a limit. The certificate is "local
@@ -38,7 +38,7 @@ def search(
     if starts is not None and starts < 1:
         raise ValueError(f"starts must be at least 1, got {starts}")
     progress = Progress(objective, budget, seconds, evaluations)
-    moves, rng = Moves(objective, budget), np.random.default_rng(seed)
+    neighbourhood, rng = Neighbourhood(objective, budget), np.random.default_rng(seed)
     proven = False
     if starts is None:
         starts = STARTS if seconds is None and evaluations is None else sys.maxsize
@@ -46,14 +46,14 @@ def search(
         if progress.spent and start:
             break
         before = progress.reward if start else -np.inf
-        finished = _climb(progress, moves.some(rng) if start else _greedy(progress), rng)
+        finished = _climb(progress, neighbourhood.sample(rng) if start else _greedy(progress), rng)
         proven = finished if progress.reward > before else proven
     certificate = (
         Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
         if proven
         else progress.unknown("stopped before all changes of one sensor were tried")
     )
-    return progress.found("swap", certificate)
+    return progress.result("swap", certificate)
 
 
 def _greedy(progress: Progress) -> list[int]:
@@ -64,22 +64,22 @@ def _greedy(progress: Progress) -> list[int]:
 
 def _climb(progress: Progress, start: list[int], rng: np.random.Generator) -> bool:
     """Change one place after another until none improves; whether it came so far before the limits did."""
-    places = start + [NOBODY] * (progress.budget - len(start))
+    places = start + [EMPTY] * (progress.budget - len(start))
     reward = float(progress.rewards(rows_of([start], progress.size))[0])
     waiting = list(range(len(places)))
     while waiting:
         place = waiting.pop(0)
-        others = [c for i, c in enumerate(places) if i != place and c != NOBODY]
+        others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
-        subsets = np.vstack([rows_of([others], progress.size), joined(others, options, progress.size)])
+        subsets = np.vstack([rows_of([others], progress.size), with_each(others, options, progress.size)])
         rewards = progress.rewards(subsets)
         best = int(rewards.argmax())
         if rewards[best] > reward:
             reward = float(rewards[best])
-            places[place] = NOBODY if best == 0 else int(options[best - 1])
+            places[place] = EMPTY if best == 0 else int(options[best - 1])
             waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
         if not np.isfinite(rewards).all():
             return False
     if reward == progress.reward:  # of equal sets the one whose surroundings are known
-        progress.best = rows_of([[c for c in places if c != NOBODY]], progress.size)[0]
+        progress.best = rows_of([[c for c in places if c != EMPTY]], progress.size)[0]
     return True

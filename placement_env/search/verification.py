@@ -1,4 +1,4 @@
-"""What a search found on a cheap fidelity, scored again with a dear one beside the sets that differ in one sensor."""
+"""A result of a fast fidelity scored again by an accurate one, beside the sets that differ from it in one sensor."""
 
 from __future__ import annotations
 
@@ -9,45 +9,45 @@ import numpy as np
 from placement_env.fidelity.protocol import ByFrames
 from placement_env.objective import Objective, Score
 from placement_env.racing import Verified, verify
-from placement_env.search.result import Found
+from placement_env.search.result import Result
 from toolkit.arrays import Bool, Int64
 
 
 def verified(
-    cheap: Objective, dear: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5, entrants: int = 27
+    fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5, entrants: int = 27
 ) -> Verified:
-    """The `best` of a set and its feasible neighbours, ranked by the dear reward.
+    """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
-    The cheap fidelity errs by more than what one sensor's pose changes, so that a neighbour may be the better set: as
-    many as `entrants`, the best by the cheap reward, race by the dear one where that can score some frames alone, which
-    takes little longer than scoring `best` sets on all of them.
+    The fast fidelity errs by more than what one sensor's pose changes, so that a neighbour may be the better set: as
+    many as `entrants`, the best by the fast reward, race by the accurate one where that can score some frames alone:
+    that takes little longer than scoring `best` sets on all of them.
     Raises ValueError where the two objectives choose from different candidates.
     """
-    if cheap.candidates.digest() != dear.candidates.digest():
+    if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
-    sets = neighbours(subset, len(cheap.candidates))
-    sets = sets[cheap.feasible(sets)] if cheap.feasible(sets[:1])[0] else sets[:1]
-    if isinstance(dear.scored_by, ByFrames):
-        sets = sets[np.argsort(-cheap.scores(sets).reward, kind="stable")[:entrants]]
-        sets = sets[dear.race(sets, keep=best).winners]
-    return verify(lambda s: cheap.scores(s).reward, lambda s: dear.scores(s).reward, sets, best=best)
+    sets = neighbours(subset, len(fast.candidates))
+    sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
+    if isinstance(accurate.scored_by, ByFrames):
+        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:entrants]]
+        sets = sets[accurate.race(sets, keep=best).winners]
+    return verify(lambda s: fast.scores(s).reward, lambda s: accurate.scores(s).reward, sets, best=best)
 
 
-def rescored(dear: Objective, found: Found) -> Score:
-    """What was found, by another objective of the same candidates; moved sensors (`Found.sensors`) where they stand.
+def rescored(accurate: Objective, result: Result) -> Score:
+    """A result, by another objective of the same candidates; moved sensors (`Result.sensors`) where they stand.
 
-    Raises ValueError where they were moved and the objective was made from parts, or they may not be built there.
+    Raises ValueError where they were moved and the objective has no site, or they may not be built there.
     """
-    if not found.sensors:
-        return dear.score(found.best.subset)
-    from placement_env.search.cmaes import placing
+    if not result.sensors:
+        return accurate.score(result.best.subset)
+    from placement_env.search.cmaes import pose_scorer
 
-    if dear.preparation is None:
+    if accurate.preparation is None:
         raise ValueError("moved sensors need an objective made from a site: Objective(site, ...)")
-    (score,) = placing(dear.preparation, dear.fidelity, dear.weights)([found.sensors])
+    (score,) = pose_scorer(accurate.preparation, accurate.fidelity, accurate.weights)([result.sensors])
     if score is None:
         raise ValueError("the moved sensors may not be built: one sends more than its link carries here")
-    return replace(score, subset=found.best.subset)
+    return replace(score, subset=result.best.subset)
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:

@@ -1,4 +1,4 @@
-"""Bodies of what moves: a triangle mesh per car, two-wheeler, person and lorry, in a box that fits it exactly.
+"""Bodies of what moves: a triangle mesh per car, two-wheeler, person and truck, in a box that fits it exactly.
 
 A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. The box is tight
 around the whole mesh, mirrors, umbrellas and loads included, and wheels or soles touch its floor at z = -height / 2.

@@ -9,14 +9,14 @@ from toolkit.bodies.body import Body, centred
 from toolkit.bodies.cars import CARS, car
 from toolkit.bodies.cyclists import two_wheelers
 from toolkit.bodies.pedestrians import pedestrians
-from toolkit.bodies.trucks import lorries
+from toolkit.bodies.trucks import trucks
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
-    """Every body traffic may use: cars, two-wheelers, pedestrians, lorries and buses, and the meshes of a folder.
+    """Every body traffic may use: cars, two-wheelers, pedestrians, trucks and buses, and the meshes of a folder.
 
     held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on;
     meshes: a folder of mesh files, see `toolkit.bodies.meshes`; theirs come last.
@@ -36,6 +36,6 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 def _procedural() -> tuple[Body, ...]:
     groups = (
         (VEHICLE, {shape.name: car(shape) for shape in CARS}), (CYCLIST, two_wheelers()),
-        (PEDESTRIAN, pedestrians()), (HEAVY, lorries()),
+        (PEDESTRIAN, pedestrians()), (HEAVY, trucks()),
     )  # fmt: skip
     return tuple(centred(name, label, *mesh) for label, group in groups for name, mesh in group.items())

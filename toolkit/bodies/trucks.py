@@ -1,4 +1,4 @@
-"""Lorries and buses: what hides the rest of the traffic from a sensor."""
+"""Trucks and buses: what hides the rest of the traffic from a sensor."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from toolkit.bodies.cars import wheel_at
 from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
 
 
-def lorries() -> dict[str, Mesh]:
-    """Box lorries, a tipper and buses, x forward, wheels on z = 0."""
+def trucks() -> dict[str, Mesh]:
+    """Box trucks, a tipper and buses, x forward, wheels on z = 0."""
     return {
-        "box_lorry": merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
-        "small_box_lorry": merge(
+        "box_truck": merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
+        "small_box_truck": merge(
             [_cab(6.3, 2.05, 2.25, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))]
         ),
         "tipper": merge([_cab(7.9, 2.4, 2.75), _skip(7.9, 5.5), *_axles(7.9, 2.45, 0.50, (1.35, 5.3, 6.6))]),

@@ -1,4 +1,4 @@
-"""Keeping bodies apart: no two footprints of a frame overlap, and none overlaps what stands still."""
+"""Collisions: boxes that overlap another or an obstacle are found, and moved aside or dropped."""
 
 from __future__ import annotations
 

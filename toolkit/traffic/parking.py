@@ -11,7 +11,7 @@ from toolkit.arrays import Float64, Int64
 from toolkit.objects import VEHICLE
 from toolkit.sites.site import Site
 from toolkit.traffic.collisions import Obstacles
-from toolkit.traffic.vehicle_types import RoadUsers
+from toolkit.traffic.vehicle_types import VehicleTypes
 
 STAY = 20.0  # frames, mean
 ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
@@ -31,7 +31,7 @@ class Parked:
 
     @staticmethod
     def draw(
-        site: Site, obstacles: Obstacles, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int], most: int
+        site: Site, obstacles: Obstacles, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], most: int
     ) -> Parked:
         """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`."""
         x, y, yaw = site.parking.T
@@ -40,20 +40,20 @@ class Parked:
         number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
         places = rng.permutation(len(bays))[:number]
         none = Parked(bays, places, np.zeros(number, np.int64), np.zeros(number, np.int64), np.zeros((number, 3)))
-        return none._refilled(np.ones(number, bool), users, rng, ids)
+        return none._refilled(np.ones(number, bool), types, rng, ids)
 
-    def later(self, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
+    def later(self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
         """One frame later: each vehicle has left with probability 1 / `STAY`, and another stands in a free bay."""
-        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, users, rng, ids)
+        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids)
 
-    def _refilled(self, left: np.ndarray, users: RoadUsers, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
+    def _refilled(self, left: np.ndarray, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int]) -> Parked:
         if not left.any():
             return self
         number = int(left.sum())
         parked = replace(self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")})
         free = np.setdiff1d(np.arange(len(self.bays)), self.places[~left])
         parked.places[left] = rng.permutation(free)[:number]
-        parked.bodies[left] = rng.choice(np.flatnonzero(users.labels == VEHICLE), number)
+        parked.bodies[left] = rng.choice(np.flatnonzero(types.labels == VEHICLE), number)
         parked.ids[left] = [next(ids) for _ in range(number)]
         off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
         parked.poses[left] = self.bays[parked.places[left]] + off_centre

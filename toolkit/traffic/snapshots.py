@@ -9,7 +9,7 @@ drawn for the bays; they count among the 30 and stay longer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
@@ -23,9 +23,9 @@ from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
 from toolkit.traffic.collisions import Obstacles, separate
 from toolkit.traffic.parking import Parked
-from toolkit.traffic.spawner import Population
+from toolkit.traffic.spawner import Spawner
 from toolkit.traffic.sumo import STEP, running
-from toolkit.traffic.vehicle_types import RoadUsers
+from toolkit.traffic.vehicle_types import VehicleTypes
 
 if TYPE_CHECKING:
     from toolkit.bodies.body import Body
@@ -59,7 +59,7 @@ def simulate(
     seed: int | np.random.Generator,
     interval: float = INTERVAL,
     most: int = MOST_OBJECTS,
-) -> Iterator[Snapshot]:
+) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
 
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
@@ -80,34 +80,34 @@ def simulate(
 
 def _run(
     site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, interval: float, most: int
-) -> Iterator[Snapshot]:
-    ids, obstacles, users = count(), Obstacles(site), RoadUsers.of(bodies)
-    parked = Parked.draw(site, obstacles, users, rng, ids, most // 5)
-    with running(site.network, users.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
-        population = Population(sumo, site, users, rng, ids, most - len(parked.ids))
-        population.advance(WARM_UP)
+) -> Generator[Snapshot, None, None]:
+    ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
+    parked = Parked.draw(site, obstacles, types, rng, ids, most // 5)
+    with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
+        spawner = Spawner(sumo, site, types, rng, ids, most - len(parked.ids))
+        spawner.advance(WARM_UP)
         for index in range(frames):
-            yield _snapshot(site, users, population, parked, obstacles, index * interval)
-            parked = parked.later(users, rng, ids)
-            population.advance(interval)
+            yield _snapshot(site, types, spawner, parked, obstacles, index * interval)
+            parked = parked.later(types, rng, ids)
+            spawner.advance(interval)
 
 
 def _snapshot(
-    site: Site, users: RoadUsers, population: Population, parked: Parked, obstacles: Obstacles, time: float
+    site: Site, types: VehicleTypes, spawner: Spawner, parked: Parked, obstacles: Obstacles, time: float
 ) -> Snapshot:
     """What is near the area now; what cannot be kept apart leaves the simulation."""
     standing = (parked.ids, parked.bodies, parked.poses)
-    ids, bodies, poses = (np.concatenate(both) for both in zip(standing, population.state(), strict=True))
-    sizes = users.sizes[bodies]
+    ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
+    sizes = types.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
     boxes, kept, repaired = separate(boxes, obstacles)
-    population.remove(ids[~kept])
+    spawner.remove(ids[~kept])
     seen = np.flatnonzero(kept)[_touch(boxes[kept], site.area, MARGIN)]
-    population.count_frame(ids[seen])
+    spawner.count_frame(ids[seen])
     boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
-    return Snapshot(Objects(boxes, users.labels[bodies], ids), bodies, time, repaired)
+    return Snapshot(Objects(boxes, types.labels[bodies], ids), bodies, time, repaired)
 
 
 def _touch(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"], margin: float) -> Bool[np.ndarray, " n"]:

@@ -1,7 +1,7 @@
-"""What moves on a site: spawned near the detection area, driven by SUMO, gone after four frames.
+"""`Spawner`: spawns traffic near the detection area, which SUMO moves, and removes it after four frames.
 
 SUMO gives the middle of a vehicle's front bumper, and as its angle the direction to it from the middle of the rear
-bumper, both on the path, so headings turn continuously through bends. A body's box hangs on that line.
+bumper, both on the path, so headings turn continuously through bends. A body's box lies on that line.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from toolkit.objects import PEDESTRIAN
 from toolkit.sites.site import Site
 from toolkit.traffic.routes import Roads, distance_to_area
 from toolkit.traffic.sumo import STEP
-from toolkit.traffic.vehicle_types import POSITIONS, SHARES, SWAY, RoadUsers
+from toolkit.traffic.vehicle_types import POSITIONS, SHARES, SWAY, VehicleTypes
 
 LIFE = 4  # frames an object is seen in
-REACH = 25.0  # m round the area in which things are spawned; they are given up `_LEEWAY` farther out
+SPAWN_REACH = 25.0  # m round the area in which things are spawned; they are removed `_LEEWAY` farther out
 
 _LEEWAY = 10.0
 _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
@@ -29,7 +29,7 @@ _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
 
 
 @dataclass
-class Mover:
+class Spawned:
     """One spawned object: row of its body, frames it has been seen in, and how it deviates from SUMO's pose."""
 
     body: int
@@ -40,8 +40,8 @@ class Mover:
     frames: int = 0
 
 
-class Population:
-    """Everything SUMO moves, at most `most` at a time; object n is vehicle or person "n" in SUMO.
+class Spawner:
+    """Spawns and removes everything SUMO moves, at most `most` at a time; object n is vehicle or person "n" in SUMO.
 
     Raises ValueError where no lane of the network near the area is open to cars.
     """
@@ -50,65 +50,65 @@ class Population:
         self,
         sumo: Any,
         site: Site,
-        users: RoadUsers,
+        types: VehicleTypes,
         rng: np.random.Generator,
         ids: Iterator[int],
         most: int,
     ) -> None:
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
-        self.users = users
+        self.types = types
         self.roads = Roads.read(sumo)
-        self.places = {kind: self.roads.places(site.area, REACH, kind) for kind in sorted(set(users.classes))}
+        self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
         if not len(self.places["passenger"]):
             raise ValueError(
-                f"site {site.name!r}: no lane open to cars within {REACH:.0f} m of the area {site.area.tolist()}: "
-                "give the network in site coordinates, or move the area onto the road"
+                f"site {site.name!r}: no lane open to cars within {SPAWN_REACH:.0f} m of the area "
+                f"{site.area.tolist()}: give the network in site coordinates, or move the area onto the road"
             )
-        possible = np.array([len(self.places[kind]) > 0 for kind in users.classes])
-        rows = {label: np.flatnonzero(possible & (users.labels == label)) for label in SHARES}
+        possible = np.array([len(self.places[kind]) > 0 for kind in types.classes])
+        rows = {label: np.flatnonzero(possible & (types.labels == label)) for label in SHARES}
         self.choices = {label: rows_of_label for label, rows_of_label in rows.items() if len(rows_of_label)}
         shares = np.array([SHARES[label] for label in self.choices])
         self.shares = shares / shares.sum()
         self.due: list[int] = []  # labels drawn, waiting for a place
-        self.movers: dict[int, Mover] = {}
+        self.spawned: dict[int, Spawned] = {}
         self.walks: dict[tuple[str, str], list[str]] = {}
         self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
-        """Simulate on, filling up the population before every step; what found no place all the while gives up."""
+        """Simulate on, spawning what is missing before every step; what found no place by the end is given up."""
         for _ in range(round(seconds / STEP)):
             self._spawn()
             self.sumo.simulationStep()
-            self._forget_the_gone()
+            self._remove_arrived()
         self.due = []
 
     def state(self) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
         """Ids, bodies and poses (x, y, yaw of the middle of the body) of all that move, the oldest first."""
-        poses = {name: self._pose(name, mover) for name, mover in self.movers.items()}
+        poses = {name: self._pose(name, spawned) for name, spawned in self.spawned.items()}
         points = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
-        distant = distance_to_area(points, self.area) > REACH + _LEEWAY
+        distant = distance_to_area(points, self.area) > SPAWN_REACH + _LEEWAY
         self.remove(np.array(list(poses), np.int64)[distant])
-        ids = np.array(list(self.movers), np.int64)
-        bodies = np.array([mover.body for mover in self.movers.values()], np.int64)
-        return ids, bodies, np.array([poses[name] for name in self.movers]).reshape(-1, 3)
+        ids = np.array(list(self.spawned), np.int64)
+        bodies = np.array([spawned.body for spawned in self.spawned.values()], np.int64)
+        return ids, bodies, np.array([poses[name] for name in self.spawned]).reshape(-1, 3)
 
     def remove(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Take objects out of the simulation; ids that do not move are left alone."""
         for name in ids.tolist():
-            mover = self.movers.pop(name, None)
-            if mover:
-                (self.sumo.person if mover.walks else self.sumo.vehicle).remove(str(name))
+            spawned = self.spawned.pop(name, None)
+            if spawned:
+                (self.sumo.person if spawned.walks else self.sumo.vehicle).remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Note that these objects were seen in a frame; for some it was the last."""
-        seen = [name for name in ids.tolist() if name in self.movers]
+        seen = [name for name in ids.tolist() if name in self.spawned]
         for name in seen:
-            self.movers[name].frames += 1
-        self.remove(np.array([name for name in seen if self.movers[name].frames >= LIFE], np.int64))
+            self.spawned[name].frames += 1
+        self.remove(np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64))
 
     def _spawn(self) -> None:
         """Fill up to `most`. What finds no place keeps its turn, so that the shares hold where the road is full."""
-        missing = self.most - len(self.movers) - len(self.due)
+        missing = self.most - len(self.spawned) - len(self.due)
         if missing > 0:
             self.due += self.rng.choice(list(self.choices), missing, p=self.shares).tolist()
         if not self.due:
@@ -126,24 +126,24 @@ class Population:
             (self._add_walker if walks else self._add_driver)(str(name), body, place)
             aside = self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0
             turn = float(np.radians(self.rng.normal(0, SWAY[label])))
-            self.movers[name] = Mover(body, walks, aside, turn)
-            positions[walks] = np.vstack([positions[walks], self.places[self.users.classes[body]].points[place]])
+            self.spawned[name] = Spawned(body, walks, aside, turn)
+            positions[walks] = np.vstack([positions[walks], self.places[self.types.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
         """A random place away from the taken ones with room for the body behind it, if one is found quickly."""
-        places, length = self.places[self.users.classes[body]], self.users.sizes[body, 0]
+        places, length = self.places[self.types.classes[body]], self.types.sizes[body, 0]
         candidates = self.rng.integers(len(places), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
-        drives = self.users.labels[body] != PEDESTRIAN
+        drives = self.types.labels[body] != PEDESTRIAN
         free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
         if drives:
             free &= places.offsets[candidates] >= np.minimum(length, places.lengths[candidates] - 1)
         return int(candidates[np.argmax(free)]) if free.any() else None
 
     def _add_driver(self, name: str, body: int, place: int) -> None:
-        places = self.places[self.users.classes[body]]
+        places = self.places[self.types.classes[body]]
         lane = places.lanes[place]
-        edges = self.roads.route(lane, self.users.classes[body], _ROUTE_LENGTH, self.rng)
+        edges = self.roads.route(lane, self.types.classes[body], _ROUTE_LENGTH, self.rng)
         route = " ".join(edges)
         if route not in self.routes:
             self.sumo.route.add(route, edges)
@@ -171,28 +171,28 @@ class Population:
 
     def _positions(self, walks: bool) -> Float64[np.ndarray, "n 2"]:
         domain = self.sumo.person if walks else self.sumo.vehicle
-        names = [str(name) for name, mover in self.movers.items() if mover.walks == walks]
+        names = [str(name) for name, spawned in self.spawned.items() if spawned.walks == walks]
         return np.array([domain.getPosition(name) for name in names]).reshape(-1, 2)
 
-    def _pose(self, name: int, mover: Mover) -> Float64[np.ndarray, "3"]:
-        domain = self.sumo.person if mover.walks else self.sumo.vehicle
+    def _pose(self, name: int, spawned: Spawned) -> Float64[np.ndarray, "3"]:
+        domain = self.sumo.person if spawned.walks else self.sumo.vehicle
         x, y = domain.getPosition(str(name))
         yaw = np.pi / 2 - np.radians(domain.getAngle(str(name)))  # SUMO: clockwise from north
-        back = 0.0 if mover.walks else self.users.sizes[mover.body, 0] / 2
-        x -= back * np.cos(yaw) + mover.aside * np.sin(yaw)
-        y -= back * np.sin(yaw) - mover.aside * np.cos(yaw)
-        return np.array([x, y, yaw + mover.turn])
+        back = 0.0 if spawned.walks else self.types.sizes[spawned.body, 0] / 2
+        x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
+        y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
+        return np.array([x, y, yaw + spawned.turn])
 
-    def _forget_the_gone(self) -> None:
+    def _remove_arrived(self) -> None:
         """Drop what has arrived. What SUMO could not insert is due again, and must not come later on its own."""
         there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
-        for name, mover in list(self.movers.items()):
+        for name, spawned in list(self.spawned.items()):
             if str(name) in there:
-                mover.inserted = True
+                spawned.inserted = True
                 continue
-            del self.movers[name]
-            if not mover.inserted:
-                self.due.append(int(self.users.labels[mover.body]))
+            del self.spawned[name]
+            if not spawned.inserted:
+                self.due.append(int(self.types.labels[spawned.body]))
         for name in self.sumo.vehicle.getIDList():
-            if int(name) not in self.movers:
+            if int(name) not in self.spawned:
                 self.sumo.vehicle.remove(name)

@@ -1,4 +1,4 @@
-"""Bodies as traffic sees them: class, size, and how each kind behaves on the road."""
+"""SUMO's vehicle types for a fleet of bodies: class, size, and how each kind behaves on the road."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ POSITIONS = 3  # lateral positions in the lane, drawn per body
 
 
 @dataclass(frozen=True, eq=False)
-class RoadUsers:
-    """One row per body. labels: class numbers; sizes: length, width, height (m); classes: SUMO's vehicle classes, which
-    say what lanes are open to it."""
+class VehicleTypes:
+    """A vehicle type per body, pedestrians included. labels: class numbers; sizes: length, width, height (m); classes:
+    SUMO's vehicle classes, which say what lanes are open to it."""
 
     labels: Int64[np.ndarray, " n"]
     sizes: Float64[np.ndarray, "n 3"]
     classes: tuple[str, ...]
 
     @staticmethod
-    def of(bodies: Sequence[Body]) -> RoadUsers:
-        """The road users these bodies make."""
+    def of(bodies: Sequence[Body]) -> VehicleTypes:
+        """The vehicle types of these bodies."""
         labels = np.array([body.label for body in bodies], np.int64)
         sizes = np.array([body.size for body in bodies], np.float64)
         classes = tuple(_sumo_class(label, size[0]) for label, size in zip(labels.tolist(), sizes, strict=True))
-        return RoadUsers(labels, sizes, classes)
+        return VehicleTypes(labels, sizes, classes)
 
     def sumo_types(self, rng: np.random.Generator) -> str:
         """SUMO's additional file, which declares type "row-position" for each row and lateral position in the lane."""

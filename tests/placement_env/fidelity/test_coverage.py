@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from placement_env.fidelity.coverage import Coverage, bits_sent
 from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.visibility import Visibility
-from placement_env.subsets import MemberSums
 
 
 def visibility(points, sent=2.0, far=1.0, frames=2, distance=30.0):
@@ -72,19 +71,6 @@ def test_one_view_is_monotone_and_submodular(seed):
     assert before <= after
     assert before <= wide
     assert after - before >= wider - wide - 1e-12
-
-
-@given(st.integers(0, 10_000), st.sampled_from([np.uint16, np.float32, np.float64]))
-@settings(max_examples=25, deadline=None)
-def test_sums_are_those_of_the_members_whatever_is_beside_them(seed, dtype):
-    rng = np.random.default_rng(seed)
-    rows = rng.integers(0, 1000, (9, 5)).astype(dtype) / dtype(1 if dtype is np.uint16 else 3)
-    rows = rows.astype(dtype)
-    sets = rng.random((20, 9)) < rng.random()
-    sums = MemberSums(rows)
-    np.testing.assert_allclose(sums(sets), sets @ rows.astype(float), rtol=1e-5)
-    np.testing.assert_array_equal(sums(sets[3:4]), sums(sets)[3:4])
-    assert sums(np.zeros((0, 9), bool)).shape == (0, 5)
 
 
 def test_bits_are_whole_numbers():

@@ -1,5 +1,6 @@
 import json
 from dataclasses import asdict, replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.surrogate import Surrogate, expected_ap
 from placement_env.fidelity.visibility import Visibility
+from placement_env.objective import Objective
 from toolkit.detection.metrics import average_precision, precision_recall
 
 MODEL = HitModel("early", 0.7, -4.0, 1.8, 0.98, 0.7, 0.3, "made up", 0.3, 0.6)
@@ -100,6 +102,30 @@ def test_late_fusion_goes_by_the_best_view_and_early_by_all():
         s: (Surrogate(seen, s, MODELS[s])(both).recall - Surrogate(seen, s, MODELS[s])(one).recall)[0] for s in SCHEMES
     }
     assert gain["early"] > 3 * gain["late"] > 0
+
+
+def test_hybrid_fusion_sums_the_points_beyond_its_radius():
+    """Two sensors with 40 points each on four vehicles, one of them 16 m off: within 20 m, beyond 12 m."""
+    seen = replace(
+        random_visibility(2, 4), points=np.full((2, 4), 40, np.float32), distance=np.full((2, 4), 16, np.float32)
+    )
+    both, model = np.ones((1, 2), bool), replace(MODELS["hybrid"], reach=0.0, oblique=0.0)
+    recall = {radius: Surrogate(seen, "hybrid", model, radius=radius)(both).recall[0] for radius in (12.0, 20.0)}
+    near, far = 2 * 40.0**model.norm, 2 * 40.0**model.norm + 80.0**model.norm
+    assert recall[20.0] == pytest.approx(model.probability(np.array([near]))[0], rel=1e-5)
+    assert recall[12.0] == pytest.approx(model.probability(np.array([far]))[0], rel=1e-5)
+    assert recall[12.0] > recall[20.0] + 0.01
+
+
+@pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
+def test_an_objective_takes_the_radius_of_its_site():
+    objective = Objective("roundabout", frames=3, scheme="hybrid", fidelity="surrogate")
+    sets = np.random.default_rng(0).random((20, len(objective.candidates))) < 0.5
+    model = shipped_model("hybrid", 0.7, "roundabout")
+    assert objective.visibility is not None
+    by_radius = {r: Surrogate(objective.visibility, "hybrid", model, radius=r)(sets).ap for r in (12.0, 20.0)}
+    np.testing.assert_array_equal(objective.scores(sets).ap, by_radius[12.0])
+    assert (by_radius[12.0] != by_radius[20.0]).any()
 
 
 def test_a_vehicle_at_an_angle_to_the_axes_needs_more_points():

@@ -1,4 +1,4 @@
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
@@ -8,11 +8,14 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import scored
 from placement_env.fidelity.visibility import Visibility, see
 from toolkit.boxes import count_points
+from toolkit.datasets.dataset import noisy
 from toolkit.detection.fusion import hybrid_radius
-from toolkit.points import beyond, inside, unproject
+from toolkit.frame import Frame
+from toolkit.points import beyond, frame_points, inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.array_files import write_arrays
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +78,55 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
             assert abs(found.sent[c, k] - len(points)) < 2
             far = beyond(points, sensor, hybrid_radius(small_traffic.site)).sum()
             assert abs(found.far[c, k] - far) < 2
+
+
+@dataclass
+class Recorded:
+    """The frames of a traffic as a recording."""
+
+    site: Site
+    frames: list[Frame]
+
+    @property
+    def sensors(self):
+        return self.site.sensors
+
+    def __len__(self):
+        return len(self.frames)
+
+    def __getitem__(self, index):
+        return self.frames[index]
+
+
+@pytest.fixture(scope="module")
+def recording(small_traffic):
+    renderer = Renderer(small_traffic.site, small_traffic.bodies, small_traffic.site.sensors)
+    rendered = [(renderer.render(snapshot).measurements, snapshot) for snapshot in small_traffic.snapshots]
+    frames = [Frame(small_traffic.site.sensors, tuple(m), s.objects, s.time, k) for k, (m, s) in enumerate(rendered)]
+    return Recorded(small_traffic.site, frames)
+
+
+@pytest.mark.parametrize("seed", [None, 0, 7])
+def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recording, seen, seed):
+    found, site = Visibility.of(recording, noise_seed=seed), recording.site
+    frames = recording.frames if seed is None else [noisy(frame, seed) for frame in recording.frames]
+    clouds = [frame_points(frame, area=site) for frame in frames]
+    assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
+    far = [
+        [beyond(c, s, hybrid_radius(site)).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds
+    ]
+    assert found.far.tolist() == np.array(far).T.tolist()
+    clean = Visibility.of(recording, noise_seed=None)
+    assert np.array_equal(found.points, clean.points)
+    assert (found.sent != clean.sent).any() == (seed is not None)
+    assert np.array_equal(found.boxes, seen.boxes)
+    assert np.array_equal(found.frame, seen.frame)
+
+
+def test_of_a_recording_only_the_first_frames(recording):
+    first = Visibility.of(recording, 2)
+    assert first.frames == 2
+    assert np.array_equal(first.sent, Visibility.of(recording).sent[:, :2])
 
 
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):

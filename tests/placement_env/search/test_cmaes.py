@@ -84,7 +84,7 @@ def test_sensors_need_mounts_of_their_own(make):
 
 
 def test_hung_names_and_mounts(make, start):
-    candidates = cmaes.hung([*start.sensors, *start.sensors], start.mounts)
+    candidates = cmaes.as_candidates([*start.sensors, *start.sensors], start.mounts)
     assert candidates.mount.tolist() == [*start.mount, *start.mount]
     assert len({sensor.name for sensor in candidates.sensors}) == 4
 
@@ -102,7 +102,7 @@ def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
 
 def test_sensors_that_stand_where_they_stood_score_the_same():
     objective = Objective("tjunction", 2, fidelity="surrogate")
-    place = cmaes.placing(objective.preparation, "surrogate")
+    place = cmaes.pose_scorer(objective.preparation, "surrogate")
     (moved,) = place([tuple(objective.candidates.sensors[:2])])
     assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
 

@@ -36,7 +36,9 @@ def test_nothing_pays(make):
 
 def test_nothing_fits(make):
     found = exhaustive.search(make(3, 1, capacity=1.0))
-    assert found.best.subset == found.front == found.by_size == ()
+    assert not found.best.subset
+    assert not found.front
+    assert not found.by_size
 
 
 def test_stopped_early_proves_nothing(make):

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -274,3 +275,28 @@ def test_ground_is_smooth_bounded_and_seeded():
     assert np.abs(site.ground(xy + np.array([0.1, 0])) - z).max() < 0.003
     assert site.ground(xy.reshape(100, 200, 2)).shape == (100, 200)
     assert not Site("flat", site.area).ground(xy).any()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": "other"},
+        {"area": np.array([-10.0, -5, 10, 6])},
+        {"height": 3.6},
+        {"lanes": (SQUARE,)},
+        {"footways": (SQUARE + 6,)},
+        {"solids": (Solid(SQUARE - 9, -0.3, 6.25, "wall"), Solid(SQUARE + 1, -1.0, -0.5, "pond"))},
+        {"mounts": ()},
+        {"sensors": (Sensor("d0", DepthCamera(sigma=0.5), look((1.0, 2.0, 5.2), 0.3, 0.1)),)},
+        {"parking": np.array([[1.0, 2, 0.6]])},
+        {"network": ""},
+        {"map_SE3_site": np.eye(4)},
+        {"geo_reference": None},
+        {"relief": Relief(0.06, 8)},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_site_that_differs_in_one_field_is_another(change):
+    assert small_site() == small_site()
+    assert replace(small_site(), **change) != small_site()
+    assert replace(small_site(), height=3.5 + 1e-12) == small_site()

@@ -1,4 +1,4 @@
-"""What each sensor is worth: its share of the AP, its synergy with others, what its failure costs, its gain per kbit.
+"""Shapley values and synergy: each sensor's share of the AP, and what two are worth together beyond their shares.
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
@@ -17,13 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from math import factorial
 from statistics import NormalDist
 
 import numpy as np
 
-from placement_env.fidelity.protocol import Fidelity
+from placement_env.analysis.tables import columns
 from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -40,41 +39,6 @@ class Worth:
     shapley_margin: Float64[np.ndarray, " n"]
     synergy_margin: Float64[np.ndarray, "n n"]
     evaluations: int
-
-
-@dataclass(frozen=True, eq=False)
-class Failures:
-    """Values of a sensor set of which each combination of a number of sensors fails. intact: the value with none
-    failed; lost: the sensors that fail, a row for each of k combinations; left: the value of those that remain."""
-
-    intact: float
-    lost: Int64[np.ndarray, "k failing"]
-    left: Float64[np.ndarray, " k"]
-
-    @property
-    def mean(self) -> float:
-        """Mean value over the combinations."""
-        return float(self.left.mean())
-
-    @property
-    def worst(self) -> float:
-        """Least value of any combination."""
-        return float(self.left.min())
-
-    @property
-    def most_missed(self) -> tuple[int, ...]:
-        """The sensors whose failure leaves the least; of equal combinations the first."""
-        return tuple(self.lost[self.left.argmin()].tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class Marginal:
-    """What each of C candidates gains: on top of a set for those outside it, on top of its rest for those inside.
-    kbit: what the candidate adds to what is sent; per_kbit: AP per kbit, 0 without a gain, ±inf if a gain is free."""
-
-    gain: Float64[np.ndarray, " C"]
-    kbit: Float64[np.ndarray, " C"]
-    per_kbit: Float64[np.ndarray, " C"]
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
@@ -162,30 +126,6 @@ def sampled_worth(
     )
 
 
-def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """What remains of a chosen set when every combination of `failing` of its sensors fails: 1 is N-1, 2 is N-2.
-
-    Raises ValueError if the set does not have that many sensors.
-    """
-    members = np.flatnonzero(chosen)
-    if not 1 <= failing <= len(members):
-        raise ValueError(f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}")
-    lost = np.array(list(combinations(members.tolist(), failing)))
-    sets = np.repeat(chosen[None], len(lost) + 1, axis=0)
-    sets[np.arange(len(lost))[:, None] + 1, lost] = False
-    figures = np.asarray(value(sets), float)
-    return Failures(float(figures[0]), lost, figures[1:])
-
-
-def marginal(fidelity: Fidelity, chosen: Bool[np.ndarray, " C"]) -> Marginal:
-    """What each candidate gains and sends beside a chosen set, and the AP that each kbit buys."""
-    flipped = np.eye(len(chosen), dtype=bool) ^ chosen
-    figures = fidelity(np.concatenate([chosen[None], flipped]))
-    gain, kbit = (np.where(chosen, of[0] - of[1:], of[1:] - of[0]) for of in (figures.ap, figures.kbit))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return Marginal(gain, kbit, np.where(gain == 0, 0.0, gain / kbit))
-
-
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
     """A line per sensor, of greatest Shapley value first: its value, margin, synergy with each of the others."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
@@ -193,26 +133,7 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
     for i in order:
         pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
         table.append([names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs])
-    return _columns(table)
-
-
-def format_failures(found: Sequence[Failures], names: Sequence[str]) -> str:
-    """A line per number of failing sensors: mean and least value, and the failure that leaves the least."""
-    table = [["failing", "intact", "mean", "worst", "without"]]
-    for failed in found:
-        figures = [f"{figure:.4f}" for figure in (failed.intact, failed.mean, failed.worst)]
-        table.append([f"N-{failed.lost.shape[1]}", *figures, ", ".join(names[i] for i in failed.most_missed)])
-    return _columns(table)
-
-
-def format_marginal(gains: Marginal, names: Sequence[str]) -> str:
-    """A line per candidate, of greatest gain per kbit first."""
-    table = [["sensor", "gain", "kbit", "gain/Mbit"]]
-    table += [
-        [names[i], f"{gains.gain[i]:+z.4f}", f"{gains.kbit[i]:.2f}", f"{1e3 * gains.per_kbit[i]:+z.4f}"]
-        for i in np.argsort(-gains.per_kbit, kind="stable").tolist()
-    ]
-    return _columns(table)
+    return columns(table)
 
 
 def _sets_of(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
@@ -275,13 +196,3 @@ def _student(confidence: float, freedom: int) -> float:
     first, second = (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96
     third = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384
     return z + first / freedom + second / freedom**2 + third / freedom**3
-
-
-def _columns(table: Sequence[Sequence[str]]) -> str:
-    """Aligned columns, the first to the left."""
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    sides = [str.ljust] + [str.rjust] * (len(widths) - 1)
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, widths, strict=True)).rstrip()
-        for row in table
-    )

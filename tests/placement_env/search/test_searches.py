@@ -1,12 +1,25 @@
+"""What all searches have in common, and local searches in particular."""
+
+from inspect import signature
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.objective import Weights
-from placement_env.search import annealing, exhaustive, greedy, swap
+from placement_env.search import annealing, cmaes, cpsat, exhaustive, greedy, nsga2, swap
 
 WAYS = [swap.search, annealing.search]
+
+
+@pytest.mark.parametrize("module", [annealing, cmaes, cpsat, exhaustive, greedy, nsga2, swap])
+def test_every_search_takes_the_same_arguments(module):
+    positional, keywords = ["objective", "budget"], {"seed": 0, "seconds": None, "evaluations": None}
+    parameters = signature(module.search).parameters
+    assert list(parameters)[:2] == positional
+    assert {name: parameters[name].default for name in keywords} == keywords
+    assert all(p.default is not p.empty and p.kind is p.KEYWORD_ONLY for p in list(parameters.values())[2:])
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -43,30 +56,7 @@ def test_same_seed_same_answer(make, way):
     assert np.array_equal(first.history.reward, again.history.reward)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_swap_starts_from_greedy_and_ends_where_no_change_improves(make, seed):
-    objective = make(15, 2, views=2, most=0.3, seed=seed)
-    found = swap.search(objective, 4, starts=2)
-    assert found.certificate.kind == "local optimum"
-    assert found.best.reward >= greedy.search(objective, 4).best.reward
-    for gone in found.best.subset:
-        rest = [c for c in found.best.subset if c != gone]
-        for new in np.flatnonzero(objective.allowed(rest)).tolist():
-            assert objective.score([*rest, new]).reward <= found.best.reward
-
-
-def test_swap_proves_nothing_when_stopped(make):
-    assert swap.search(make(20, 2), 4, evaluations=30).certificate.kind == "none"
-
-
 @pytest.mark.parametrize("way", WAYS)
 def test_seconds_end_it(make, way):
     found = way(make(20, 2), 4, seconds=0.2)
     assert found.seconds < 2.0
-
-
-def test_settings_are_checked(make):
-    with pytest.raises(ValueError, match="hot >= cold > 0"):
-        annealing.search(make(), 2, hot=0.1, cold=0.2)
-    with pytest.raises(ValueError, match="starts must be at least 1"):
-        swap.search(make(), 2, starts=0)

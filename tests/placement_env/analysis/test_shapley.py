@@ -7,23 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from placement_env.analysis import values as module
-from placement_env.analysis.values import (
-    Failures,
-    exact_worth,
-    failures,
-    format_failures,
-    format_marginal,
-    format_worth,
-    marginal,
-    sampled_worth,
-    shapley,
-    synergy,
-)
-from placement_env.fidelity.protocol import Estimate
+from placement_env.analysis import shapley as module
+from placement_env.analysis.shapley import exact_worth, format_worth, sampled_worth, shapley, synergy
 from placement_env.subsets import all_subsets
 
-games = st.builds(
+set_functions = st.builds(
     lambda n, seed: np.random.default_rng(seed).uniform(-1, 1, 2**n), st.integers(1, 8), st.integers(0, 2**32 - 1)
 )
 
@@ -76,12 +64,12 @@ def test_against_the_definitions(n, seed):
     assert synergy(values) == pytest.approx(synergy_by_sum(values), abs=1e-12)
 
 
-@given(games)
+@given(set_functions)
 def test_efficiency(values):
     assert shapley(values).sum() == pytest.approx(values[-1] - values[0], abs=1e-12)
 
 
-@given(games, st.randoms())
+@given(set_functions, st.randoms())
 def test_symmetry_under_renaming(values, random):
     n = len(values).bit_length() - 1
     renamed = np.array(random.sample(range(n), n))  # sensor i becomes renamed[i]
@@ -91,7 +79,7 @@ def test_symmetry_under_renaming(values, random):
     assert synergy(other)[np.ix_(renamed, renamed)] == pytest.approx(synergy(values), abs=1e-12)
 
 
-@given(games, st.floats(-1, 1))
+@given(set_functions, st.floats(-1, 1))
 def test_a_dummy_gets_what_it_adds_alone_and_has_no_synergy(values, alone):
     extended = np.concatenate([values, values + alone])
     assert shapley(extended)[-1] == pytest.approx(alone, abs=1e-12)
@@ -99,14 +87,14 @@ def test_a_dummy_gets_what_it_adds_alone_and_has_no_synergy(values, alone):
     assert synergy(extended)[-1] == pytest.approx(0, abs=1e-12)
 
 
-@given(games, st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 2**32 - 1))
+@given(set_functions, st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 2**32 - 1))
 def test_additivity(values, a, b, seed):
     others = np.random.default_rng(seed).uniform(-1, 1, len(values))
     assert shapley(a * values + b * others) == pytest.approx(a * shapley(values) + b * shapley(others), abs=1e-11)
     assert synergy(a * values + b * others) == pytest.approx(a * synergy(values) + b * synergy(others), abs=1e-11)
 
 
-@given(games)
+@given(set_functions)
 def test_synergy_is_what_a_sensor_takes_from_another_when_it_goes(values):
     # I(i, j) = value of i with j always there - value of i with j never there (Grabisch and Roubens' recursion).
     n = len(values).bit_length() - 1
@@ -177,7 +165,7 @@ def test_intervals_cover_the_exact_value_as_often_as_they_say():
     assert 0.86 <= np.mean(pairs_covered) <= 0.94
 
 
-@given(games, st.integers(0, 2**32 - 1))
+@given(set_functions, st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
 def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     n = len(values).bit_length() - 1
@@ -225,62 +213,9 @@ def test_student(confidence, freedom):
     assert module._student(confidence, freedom) == pytest.approx(exact, rel=0.01)
 
 
-def test_failures_of_a_set():
-    share = np.array([0.4, 0.3, 0.2, 0.1])
-    chosen = np.array([True, True, False, True])
-    one = failures(lambda sets: sets @ share, chosen)
-    assert one.intact == pytest.approx(0.8)
-    assert one.lost.tolist() == [[0], [1], [3]]
-    assert one.left == pytest.approx([0.4, 0.5, 0.7])
-    assert one.mean == pytest.approx(1.6 / 3)
-    assert one.worst == pytest.approx(0.4)
-    assert one.most_missed == (0,)
-    two = failures(lambda sets: sets @ share, chosen, failing=2)
-    assert two.most_missed == (0, 1)
-    assert two.left == pytest.approx([0.1, 0.3, 0.4])
-
-
-def test_of_equal_failures_the_first_is_named():
-    assert Failures(1.0, np.array([[2], [5]]), np.array([0.5, 0.5])).most_missed == (2,)
-
-
-@pytest.mark.parametrize("failing", [0, 3])
-def test_failures_refuse(failing):
-    with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
-        failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
-
-
-class Linear:
-    """Each sensor adds its own AP and kbit."""
-
-    name = "coverage"
-
-    def __call__(self, sets):
-        ap = sets @ np.array([0.4, 0.2, 0.0, 0.1])
-        return Estimate(ap, ap, sets @ np.array([100.0, 10.0, 5.0, 0.0]))
-
-
-@pytest.mark.parametrize("chosen", [[False] * 4, [True] * 4, [True, False, True, False]])
-def test_marginal_gains_in_and_out_of_the_set(chosen):
-    gains = marginal(Linear(), np.array(chosen))
-    assert gains.gain == pytest.approx([0.4, 0.2, 0.0, 0.1])
-    assert gains.kbit == pytest.approx([100, 10, 5, 0])
-    assert gains.per_kbit[:3] == pytest.approx([0.004, 0.02, 0.0], abs=1e-12)
-    assert gains.per_kbit[3] == np.inf
-
-
-def test_tables():
+def test_table():
     names = ["north", "south", "east", "west"]
-
-    def ap(sets):
-        return Linear()(sets).ap
-
-    head, best, *_ = format_worth(exact_worth(ap, 4), names).splitlines()
+    share = np.array([0.4, 0.2, 0.0, 0.1])
+    head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
-    everything = np.ones(4, bool)
-    *_, two = format_failures([failures(ap, everything, failing=k) for k in (1, 2)], names).splitlines()
-    assert two.split() == ["N-2", "0.7000", "0.3500", "0.1000", "north,", "south"]
-    _, free, south, *_ = format_marginal(marginal(Linear(), everything), names).splitlines()
-    assert free.split() == ["west", "+0.1000", "0.00", "+inf"]
-    assert south.split() == ["south", "+0.2000", "10.00", "+20.0000"]

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from placement_env.subsets import BLOCK, MOST_SENSORS, MemberSums, all_subsets
+
+
+@pytest.mark.parametrize("sensors", [0, 1, 5])
+def test_all_subsets_are_all_and_in_binary_order(sensors):
+    sets = all_subsets(sensors)
+    assert sets.shape == (2**sensors, sensors)
+    assert (sets @ (1 << np.arange(sensors))).tolist() == list(range(2**sensors))
+
+
+@pytest.mark.parametrize("sensors", [-1, MOST_SENSORS + 1])
+def test_too_many_subsets(sensors):
+    with pytest.raises(ValueError, match=f"too many sets.*got {sensors}"):
+        all_subsets(sensors)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([np.uint16, np.float32, np.float64]))
+@settings(max_examples=25, deadline=None)
+def test_sums_are_those_of_the_members_whatever_is_beside_them(seed, dtype):
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(0, 1000, (9, 5)).astype(dtype) / dtype(1 if dtype is np.uint16 else 3)
+    rows = rows.astype(dtype)
+    sets = rng.random((20, 9)) < rng.random()
+    sums = MemberSums(rows)
+    np.testing.assert_allclose(sums(sets), sets @ rows.astype(float), rtol=1e-5)
+    np.testing.assert_array_equal(sums(sets[3:4]), sums(sets)[3:4])
+    assert sums(np.zeros((0, 9), bool)).shape == (0, 5)
+
+
+def test_blocks_together_are_all_sums():
+    rows = np.random.default_rng(0).random((6, BLOCK // 10))
+    sets = np.random.default_rng(1).random((25, 6)) < 0.5
+    blocks = list(MemberSums(rows).blocks(sets))
+    assert len(blocks) > 1
+    np.testing.assert_array_equal(np.concatenate([sums for _, sums in blocks]), MemberSums(rows)(sets))
+    assert [block.start for block, _ in blocks] == sorted(block.start for block, _ in blocks)
+
+
+@pytest.mark.parametrize("sets", [np.zeros(6, bool), np.zeros((2, 5), bool), np.zeros((2, 6), int)])
+def test_sets_of_another_form_are_refused(sets):
+    with pytest.raises(ValueError, match="rows of 6 booleans"):
+        MemberSums(np.zeros((6, 2))).blocks(sets)

@@ -1,0 +1,190 @@
+"""The house as it is built: no cycles, small folders and files, a test file for every module, one name for one thing.
+
+Lists of exceptions only shrink: a test fails as well where an exception is no longer needed.
+"""
+
+import ast
+from collections import defaultdict
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLOORS = ("toolkit", "models", "placement_env")
+SOURCES = sorted(path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / floor).rglob("*.py"))
+TESTS = sorted(path.relative_to(ROOT) for path in (ROOT / "tests").rglob("*.py"))
+
+MOST_MODULES = 15  # in a folder
+MOST_LINES = 400  # of a file
+
+FULL_FOLDERS = {"models", "tests/benchmarks"}
+THROUGH_FACES = {("placement_env.fidelity.preparation", "models")}
+LONG_FILES = {"tests/toolkit/sites/test_maps.py"}
+UNTESTED = {
+    "models/folding.py",
+    "models/packing.py",
+    "models/sparse_columns.py",
+    "models/sparse_middle.py",
+    "models/training_log.py",
+    "models/validation.py",
+    "models/voxelnet.py",
+    "models/weights.py",
+    "placement_env/candidates/aim.py",
+    "placement_env/candidates/candidates.py",
+    "placement_env/envs/env.py",
+    "placement_env/envs/rendering.py",
+    "placement_env/envs/scenario.py",
+    "placement_env/envs/state.py",
+    "placement_env/envs/subset.py",
+    "placement_env/fidelity/hit_fit.py",
+    "placement_env/fidelity/hit_model.py",
+    "placement_env/fidelity/occlusion.py",
+    "placement_env/fidelity/preparation.py",
+    "placement_env/fidelity/protocol.py",
+    "placement_env/fidelity/published_surrogates.py",
+    "toolkit/arrays.py",
+    "toolkit/frame.py",
+    "toolkit/plots.py",
+    "toolkit/datasets/doctor/checks.py",
+    "toolkit/datasets/doctor/hypotheses.py",
+    "toolkit/datasets/recording.py",
+    "toolkit/detection/survey.py",
+    "toolkit/rendering/silhouettes.py",
+    "toolkit/sensors/depth_camera.py",
+    "toolkit/sensors/model.py",
+    "toolkit/sensors/spinning_lidar.py",
+    "toolkit/sites/files.py",
+    "toolkit/sites/furniture.py",
+    "toolkit/sites/geojson.py",
+    "toolkit/sites/network.py",
+    "toolkit/sites/osm.py",
+    "toolkit/sites/osm_roads.py",
+    "toolkit/sites/osm_solids.py",
+    "toolkit/sites/roundabout.py",
+    "toolkit/sites/surroundings.py",
+    "toolkit/sites/tjunction.py",
+}
+PROTOCOLS = {"search"}  # names that every module of a kind has, with one meaning
+TWO_MEANINGS = {
+    "toolkit": {
+        "AREA",
+        "BAY",
+        "DETECTION",
+        "FOOTWAY",
+        "HEIGHT",
+        "LANE",
+        "Leg",
+        "Metric",
+        "PARKING",
+        "POSTS",
+        "Polygons",
+        "REACH",
+        "RELIEF",
+        "Recording",
+        "Result",
+        "Row",
+        "SCHEMA",
+        "SHOULDER",
+        "STOREY",
+        "TILT_DEG",
+        "build",
+        "buildings",
+        "mounts",
+        "moved",
+        "network",
+        "sensors",
+        "street_furniture",
+        "unproject",
+    },
+    "models": set(),
+    "placement_env": {"TILTS"},
+}
+
+
+def module_of(path):
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for path in SOURCES}
+
+
+def imports(path):
+    """The modules of ours that a file imports when it runs, inside functions too; not those for types alone."""
+
+    def walk(node):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+                continue
+            if isinstance(child, ast.Import):
+                yield from (name.name for name in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                assert not child.level, f"{path}: imports are absolute"
+                for name in child.names:
+                    inner = f"{child.module}.{name.name}"
+                    yield inner if inner in MODULES else str(child.module)
+            yield from walk(child)
+
+    return {name for name in walk(ast.parse((ROOT / path).read_text())) if name in MODULES}
+
+
+GRAPH = {name: imports(path) - {name} for name, path in MODULES.items()}
+
+
+def test_no_import_cycle():
+    try:
+        TopologicalSorter(GRAPH).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(reversed(error.args[1])))
+
+
+def test_modules_import_modules_and_not_faces():
+    """A face reaches everything, so that who imports one depends on everything: contracts and cache keys lose sight."""
+    assert {(name, face) for name, others in GRAPH.items() for face in FLOORS if face in others} == THROUGH_FACES
+
+
+def test_a_folder_holds_few_modules():
+    folders = defaultdict(list)
+    for path in SOURCES + TESTS:
+        folders[path.parent.as_posix()] += [path.stem] * (path.stem != "__init__")
+    assert {folder for folder, modules in folders.items() if len(modules) > MOST_MODULES} == FULL_FOLDERS
+
+
+def test_a_file_is_short():
+    lines = {path.as_posix(): len((ROOT / path).read_text().splitlines()) for path in SOURCES + TESTS}
+    assert {path for path, count in lines.items() if count > MOST_LINES} == LONG_FILES
+
+
+def test_every_file_says_what_it_is():
+    assert [path for path in SOURCES if not ast.get_docstring(ast.parse((ROOT / path).read_text()))] == []
+
+
+def test_every_module_has_the_test_file_of_its_name():
+    modules = [path for path in SOURCES if not path.stem.startswith("__")]
+    wanted = {path.as_posix(): Path("tests", path.parent, f"test_{path.name}") for path in modules}
+    assert {path for path, test in wanted.items() if test not in TESTS} == UNTESTED
+
+
+def public_names(path):
+    """Functions, classes and constants that a file defines for others."""
+    for node in ast.parse((ROOT / path).read_text()).body:
+        targets = {
+            ast.FunctionDef: lambda n: [n],
+            ast.ClassDef: lambda n: [n],
+            ast.Assign: lambda n: n.targets,
+            ast.AnnAssign: lambda n: [n.target],
+        }.get(type(node), lambda _: [])(node)
+        for target in targets:
+            found = [target.name] if hasattr(target, "name") else [t.id for t in ast.walk(target) if hasattr(t, "id")]
+            yield from (name for name in found if not name.startswith("_"))
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_a_public_name_is_defined_once_in_a_floor(floor):
+    defined = defaultdict(set)
+    for path in SOURCES:
+        if path.parts[0] == floor:
+            for name in public_names(path):
+                defined[name].add(path)
+    assert {name for name, paths in defined.items() if len(paths) > 1} - PROTOCOLS == TWO_MEANINGS[floor]

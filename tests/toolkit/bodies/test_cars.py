@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from toolkit.bodies.body import Body, centred
+from toolkit.bodies.cars import CARS, car
+from toolkit.objects import VEHICLE
+
+BODIES = [centred(shape.name, VEHICLE, *car(shape)) for shape in CARS]
+
+
+@pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
+def test_cars_have_the_measures_of_cars(body):
+    length, width, height = body.size
+    assert 3.5 <= length <= 5.6
+    assert 1.6 <= width <= 2.12
+    assert 1.15 <= height <= 2.3
+    ends = np.abs(body.vertices[:, 0]) > 0.48 * length
+    assert np.ptp(body.vertices[ends, 1]) < 0.92 * width  # bumpers are rounded in plan
+    roof = body.vertices[:, 2] > 0.40 * height
+    assert np.ptp(body.vertices[roof, 1]) < 0.86 * width  # tumblehome
+    touching = body.vertices[body.vertices[:, 2] < -0.499 * height]
+    assert np.ptp(touching[:, 0]) > 0.5 * length  # stands on four wheels
+    assert np.ptp(touching[:, 1]) > 0.6 * width
+    assert np.allclose(np.sort(body.vertices[:, 1]), np.sort(-body.vertices[:, 1]), atol=1e-5)
+
+
+def test_cars_differ_pairwise():
+    def profile(body: Body) -> np.ndarray:
+        """Size and, along the length, the height of the body."""
+        x, z = body.vertices[:, 0] / body.size[0], body.vertices[:, 2] + body.size[2] / 2
+        bins = np.clip(((x + 0.5) * 12).astype(int), 0, 11)
+        return np.array([*body.size, *(z[bins == b].max() for b in range(12))])
+
+    profiles = np.array([profile(body) for body in BODIES])
+    apart = np.abs(profiles[:, None] - profiles[None]).max(axis=2)
+    assert apart[~np.eye(len(profiles), dtype=bool)].min() > 0.08

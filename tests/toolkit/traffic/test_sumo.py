@@ -1,0 +1,43 @@
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+
+import pytest
+
+from toolkit.bodies.fleet import catalogue
+from toolkit.traffic.snapshots import simulate
+
+pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
+
+BODIES = catalogue()
+
+
+def test_one_simulation_at_a_time(site):
+    first = simulate(site, BODIES, frames=3, seed=1)
+    next(first)
+    with pytest.raises(RuntimeError, match="one is open"):
+        next(simulate(site, BODIES, frames=3, seed=1))
+    assert len(list(first)) == 2
+    abandoned = simulate(site, BODIES, frames=3, seed=1)
+    next(abandoned)
+    abandoned.close()
+    assert len(list(simulate(site, BODIES, frames=1, seed=1))) == 1
+
+
+def test_silent(site, capfd):
+    list(simulate(site, BODIES, frames=3, seed=1))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_says_why_sumo_refuses_a_network(site):
+    broken = site.network.replace('from="junction"', 'from="nowhere"', 1)
+    assert broken != site.network
+    with pytest.raises(ValueError, match=r"SUMO refuses .*nowhere"):
+        next(simulate(replace(site, network=broken), BODIES, frames=1, seed=0))
+    assert next(simulate(site, BODIES, frames=1, seed=0)), "and SUMO runs again afterwards"
+
+
+def test_missing_sumo_is_named(site, monkeypatch):
+    monkeypatch.setitem(sys.modules, "libsumo", None)
+    with pytest.raises(ImportError, match=r'pip install "coview\[sim\]"'):
+        next(simulate(site, BODIES, frames=1, seed=0))
