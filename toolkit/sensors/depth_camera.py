@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class DepthCamera:
         if not 0 < self.fov < np.pi:
             raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
         if self.centre is not None and not _is_pixel(self.centre):
-            raise ValueError(f"centre must be two numbers u, v (pixels), got {self.centre}")
+            raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
         check_noise(self.sigma, self.max_range)
 
     @property
@@ -118,8 +118,9 @@ class DepthCamera:
         return clipped(bounds[near & ahead.any(axis=(1, 2))], self.shape)
 
 
-def _is_pixel(centre: tuple[float, float]) -> bool:
-    return len(centre) == 2 and all(isinstance(c, int | float | np.number) and np.isfinite(c) for c in centre)
+def _is_pixel(centre: Any) -> bool:
+    numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
+    return numbers and len(centre) == 2 and bool(np.isfinite(centre).all())
 
 
 @lru_cache(maxsize=64)

@@ -27,8 +27,8 @@ class SolidStateLidar:
 
     rows: int = 64
     columns: int = 300
-    horizontal_fov: float = angle(np.deg2rad(120.0))
-    vertical_fov: float = angle(np.deg2rad(25.0))
+    horizontal_fov: float = angle(float(np.deg2rad(120.0)))
+    vertical_fov: float = angle(float(np.deg2rad(25.0)))
     sigma: float = 0.02
     sigma_per_metre: float = 0.0003
     max_range: float = 150.0
