@@ -26,13 +26,11 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise
 MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge
-MODELS = {"DepthCamera": DepthCamera, "SpinningLidar": SpinningLidar}
 
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
@@ -121,7 +119,7 @@ class Rig:
         pixels = np.concatenate([self.pixels[s][still], changed[seen]])
         depth = np.concatenate([self.depth[s][still], measured[seen]])
         if rng is not None:
-            depth += rng.standard_normal(len(depth), dtype=np.float32) * np.float32(self.sensors[s].model.sigma)
+            depth += rng.standard_normal(len(depth), dtype=np.float32) * self.sensors[s].model.deviation(depth)
         points = self.world(s, pixels, depth)
         return points[self.in_crop(points)]
 
@@ -145,7 +143,7 @@ class Rig:
 def _read_rig(group: h5py.Group) -> Rig:
     models = json.loads(group.attrs["sensors"])
     sensors = tuple(
-        Sensor(each["name"], MODELS[each["type"]](**each["model"]), pose)
+        Sensor(each["name"], make_model(each["type"], each["model"]), pose)
         for each, pose in zip(models, group["poses"][:], strict=True)
     )
     ends = group["ends"][:-1]

@@ -28,6 +28,9 @@ class Frame:
     def __post_init__(self) -> None:
         if len(self.sensors) != len(self.measurements):
             raise ValueError(f"{len(self.sensors)} sensors but {len(self.measurements)} measurements")
+        names = [sensor.name for sensor in self.sensors]
+        if len(set(names)) < len(names):
+            raise ValueError(f"the sensors of a frame must have different names, got {names}: rename one")
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if measurement.shape != sensor.model.shape:
                 raise ValueError(

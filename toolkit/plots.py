@@ -11,7 +11,6 @@ import numpy as np
 from toolkit.arrays import Float, Int
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -126,9 +125,7 @@ def _sensors(axes: Axes, sensors: Sequence[Sensor]) -> None:
     for index, sensor in enumerate(sensors):
         x, y, _ = sensor.position
         colour = sensor_colour(index)
-        camera = isinstance(sensor.model, DepthCamera)
-        view = sensor.model.fov if isinstance(sensor.model, DepthCamera) else sensor.model.azimuth_fov
-        forward = sensor.pose[:2, 2] if camera else sensor.pose[:2, 0]
+        view, forward = sensor.model.horizontal_fov, sensor.world_SE3_body[:2, 0]
         heading = np.arctan2(forward[1], forward[0])
         rim = heading + np.linspace(-view / 2, view / 2, 40)
         edge_x, edge_y = x + VIEW_RANGE * np.cos(rim), y + VIEW_RANGE * np.sin(rim)

@@ -14,9 +14,9 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.frame import Frame
+from toolkit.geometry import BODY_SE3_CAMERA, invert
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site, check_area
 
 Metric = Literal["horizontal", "published"]
@@ -102,12 +102,11 @@ def beyond(
     """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
-    pose = sensor.pose if isinstance(sensor, Sensor) else sensor
-    lidar = isinstance(sensor, Sensor) and isinstance(sensor.model, SpinningLidar)
+    body = sensor.world_SE3_body if isinstance(sensor, Sensor) else sensor @ invert(BODY_SE3_CAMERA)
     if metric == "horizontal":
-        across = points[:, :2] - pose[:2, 3]
+        across = points[:, :2] - body[:2, 3]
     elif metric == "published":
-        across = (points - pose[:3, 3]) @ pose[:3, [0, 1] if lidar else [0, 2]]
+        across = (points - body[:3, 3]) @ body[:3, :2]
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
     return np.einsum("ij,ij->i", across, across) > radius**2

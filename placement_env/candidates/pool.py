@@ -11,9 +11,10 @@ import shapely
 from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Axes, Candidates, repeated
 from toolkit.arrays import Bool, Float64
-from toolkit.geometry import BODY_SE3_CAMERA, pose
+from toolkit.geometry import pose
 from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 
 HEIGHTS = (4.0, 6.0, 8.0)  # m above the foot of the mount
@@ -132,8 +133,7 @@ def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray
 def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
     """World axes from sensor axes, by heading, tilt and model."""
     bodies = np.array([[pose(yaw=float(y), pitch=float(t))[:3, :3] for t in axes.tilts] for y in axes.headings])
-    frames = [BODY_SE3_CAMERA if isinstance(model, DepthCamera) else np.eye(4) for model in axes.models]
-    return np.stack([bodies @ frame[:3, :3] for frame in frames], axis=2)
+    return np.stack([bodies @ model.body_SE3_sensor[:3, :3] for model in axes.models], axis=2)
 
 
 def _sees_area(
@@ -149,22 +149,8 @@ def _sees_area(
     for heading, tilt, model in np.ndindex(rotations.shape[:3]):
         rows = np.flatnonzero((factors[:, 2:] == (heading, tilt, model)).all(axis=1))
         offsets = (places - position[rows, None]) @ rotations[heading, tilt, model]
-        sees[rows] = _in_view(offsets, models[model]).any(axis=1)
+        sees[rows] = models[model].in_view(offsets).any(axis=1)
     return sees
-
-
-def _in_view(points: Float64[np.ndarray, "n p 3"], model: SensorModel) -> Bool[np.ndarray, "n p"]:
-    """Which points of the sensor's frame lie in its field of view and range."""
-    x, y, z = np.moveaxis(points, -1, 0)
-    if isinstance(model, DepthCamera):
-        (focal, _, u), (_, _, v), _ = model.intrinsic
-        in_columns = (-u * z <= focal * x) & (focal * x <= (model.width - u) * z)
-        in_rows = (-v * z <= focal * y) & (focal * y <= (model.height - v) * z)
-        return in_columns & in_rows & (z > 0) & (z < model.max_range)
-    across = np.hypot(x, y)
-    elevation = np.arctan2(z, across)
-    in_rows = (model.fov_down <= elevation) & (elevation <= model.fov_up)
-    return in_rows & (np.abs(np.arctan2(y, x)) <= model.azimuth_fov / 2) & (np.hypot(across, z) < model.max_range)
 
 
 def _names(mounts: Sequence[Mount], hung: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
@@ -175,7 +161,7 @@ def _names(mounts: Sequence[Mount], hung: np.ndarray, axes: Axes, factors: np.nd
         _written(np.rad2deg(axes.headings), 0),
         _written(np.rad2deg(axes.tilts), 0),
     )
-    kinds = ["camera" if isinstance(model, DepthCamera) else "lidar" for model in axes.models]
+    kinds = [model.kind for model in axes.models]
     model = [kind if kinds.count(kind) == 1 else f"{kind}{kinds[:i].count(kind)}" for i, kind in enumerate(kinds)]
     return [
         f"{mounts[m].name}_{height[h]}m_h{heading[y]}_t{tilt[t]}_{model[k]}"

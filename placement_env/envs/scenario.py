@@ -21,7 +21,6 @@ from placement_env.fidelity.preparation import site_candidates
 from placement_env.objective import Objective, check_fidelity, check_scheme
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.detection.evaluation import SCHEMES, Scheme
-from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -249,10 +248,11 @@ def area_of(objective: Objective) -> Float64[np.ndarray, "4"]:
 
 
 def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each candidate position (C, 3), heading, tilt, horizontal field of view (rad), and whether it is a lidar."""
+    """Of each candidate position (C, 3), heading, tilt, horizontal field of view (rad), and whether it measures range,
+    as a lidar does."""
     sensors = candidates.sensors
-    lidar = np.array([not isinstance(sensor.model, DepthCamera) for sensor in sensors], np.bool_)
-    width = [s.model.fov if isinstance(s.model, DepthCamera) else s.model.azimuth_fov for s in sensors]
+    lidar = np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_)
+    width = [sensor.model.horizontal_fov for sensor in sensors]
     return np.array([sensor.position for sensor in sensors]), *aims(sensors), np.array(width), lidar
 
 

@@ -69,14 +69,18 @@ class _Scene:
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site, self._gaze, self._radius = site, Gaze(renderer, sensors), hybrid_radius(site)
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
-        self._sigma = np.array([sensor.model.sigma for sensor in sensors], np.float32)
+        models = [sensor.model for sensor in sensors]
+        self._models = tuple(dict.fromkeys(models))
+        self._model = np.array([self._models.index(model) for model in models])
         gaze = self._gaze
         which = np.repeat(np.arange(len(sensors)), np.diff(gaze.first))
         self._still_sent, self._still_far = (np.zeros(len(gaze.still), np.float32) for _ in range(2))
         for s, image in enumerate(map(slice, gaze.first[:-1], gaze.first[1:])):  # one at a time, to spare memory
             pixels = np.flatnonzero(gaze.still[image] > 0) + gaze.first[s]
             points = gaze.rays[pixels] * gaze.still[pixels, None] + self._positions[s]
-            self._still_sent[pixels], self._still_far[pixels] = self._worth(points, gaze.rays[pixels], which[pixels])
+            self._still_sent[pixels], self._still_far[pixels] = self._worth(
+                points, gaze.rays[pixels], gaze.still[pixels], which[pixels]
+            )
         self.sent, self.far = (np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far))
         self._front = np.full(len(gaze.still), np.inf, np.float32)
         self._owner = np.zeros(len(gaze.still), np.int32)
@@ -84,7 +88,7 @@ class _Scene:
     def part(self, body: int, box: np.ndarray) -> _Part:
         """One object seen by itself."""
         pixels, sensors, depth, points = self._gaze.silhouette(body, box)
-        sent, far = self._worth(points, self._gaze.rays.take(pixels, axis=0), sensors)
+        sent, far = self._worth(points, self._gaze.rays.take(pixels, axis=0), depth, sensors)
         counted = inside(points, self._site.area, self._site.height)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
@@ -107,13 +111,25 @@ class _Scene:
         more_sent, more_far = (np.bincount(sensors[hits], each[hits], count) for each in (sent, far))
         return on_objects, more_sent, more_far
 
-    def _worth(self, points: np.ndarray, rays: np.ndarray, sensors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _worth(
+        self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
         within, z = inside(points, self._site.area, self._site.height, -np.inf), points[:, 2]
-        spread = np.maximum(np.abs(rays[:, 2]) * self._sigma.take(sensors), 1e-6)
+        spread = np.maximum(np.abs(rays[:, 2]) * self._deviation(depth, sensors), 1e-6)
         sent = within * _normal(np.clip(z / spread, -8, 8))
         offset = points[:, :2] - self._positions[:, :2].take(sensors, axis=0)
         return sent, sent * (np.einsum("ij,ij->i", offset, offset) > self._radius**2)
+
+    def _deviation(self, depth: np.ndarray, sensors: np.ndarray) -> np.ndarray | np.float32:
+        """Standard deviation of the noise of each measurement, by the model of its sensor."""
+        if len(self._models) == 1:
+            return self._models[0].deviation(depth)
+        which, deviation = self._model.take(sensors), np.empty(len(depth), np.float32)
+        for k in np.flatnonzero(np.bincount(which)):
+            own = which == k
+            deviation[own] = self._models[k].deviation(depth[own])
+        return deviation
 
 
 def _normal(x: Float32[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:

@@ -17,11 +17,11 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
+from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.catalogue import make_model, model_class
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -244,29 +244,33 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     pose = published.pose_of(group["extrinsic"][()], site.map_SE3_site, f"{where}/extrinsic")
     if "site_SE3_sensor" not in group.attrs:
         return Sensor(where.removeprefix("cameras/"), model, pose)
-    ours = _own_sensor(DepthCamera, group.attrs)
-    as_written = np.allclose(published.intrinsic(ours.model), published.intrinsic(model)) and np.allclose(
-        ours.pose, pose
-    )
-    return ours if as_written else Sensor(ours.name, replace(model, stride=ours.model.stride), pose)
+    ours = _own_sensor(group.attrs, where)
+    camera = published.pinhole(ours.model)
+    if camera is None:
+        raise ValueError(f"{where} is a {type(ours.model).__name__}, which dslices cannot hold: write the file again")
+    as_written = np.allclose(published.intrinsic(camera), published.intrinsic(model)) and np.allclose(ours.pose, pose)
+    return ours if as_written else Sensor(ours.name, replace(model, stride=camera.stride), pose)
 
 
 def _own_channels(file: h5py.File) -> list[Channel]:
     channels: list[Channel] = []
-    for kind, model in (("depth", DepthCamera), ("ranges", SpinningLidar)):
+    for kind in OWN_IMAGES.values():
         for name, images in file.get(f"coview/{kind}", {}).items():
-            sensor = _own_sensor(model, images.attrs)
+            sensor = _own_sensor(images.attrs, f"coview/{kind}/{name}")
             if images.shape[1:] != sensor.model.shape:
                 raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
             channels.append((sensor, f"coview/{kind}/{name}", None))
     return channels
 
 
-def _own_sensor(model: type[Any], attributes: Mapping[str, Any]) -> Any:
-    numbers = {field.name: attributes[field.name].tolist() for field in fields(model) if field.name in attributes}
-    if "centre" in numbers:
-        numbers["centre"] = tuple(numbers["centre"])
-    return Sensor(str(attributes["name"]), model(**numbers), attributes["site_SE3_sensor"])
+def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
+    missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
+    if missing:
+        raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
+    kind = str(attributes["model"])
+    entries = [entry.name for entry in fields(model_class(kind)) if entry.name in attributes]
+    values = {name: np.asarray(attributes[name]).tolist() for name in entries}
+    return Sensor(str(attributes["name"]), make_model(kind, values), attributes["site_SE3_sensor"])
 
 
 def _own(file: h5py.File, name: str) -> np.ndarray | None:
@@ -283,5 +287,4 @@ def _length(file: h5py.File, images: list[str]) -> int:
 def _measurement(file: h5py.File, sensor: Sensor, name: str, place: int | None, k: int) -> np.ndarray:
     if place is None:
         return np.asarray(file[name][k], np.float32)
-    stride = sensor.model.stride  # type: ignore[union-attr]  # only cameras have a place in dslices
-    return published.measured(file[name][k, place], stride)
+    return published.measured(file[name][k, place], published.stride_of(sensor.model))

@@ -10,12 +10,15 @@ Nothing foreign leaves this file: on our side stand poses `world_SE3_sensor` in 
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, Shaped
 from toolkit.geometry import check_pose, invert
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.model import SensorModel
 
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures
@@ -23,6 +26,42 @@ DEPTH_STEP = 1 / 1024  # m, what stored depth is rounded to, so that it compress
 
 MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so not an SE3
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+
+
+@runtime_checkable
+class Pinhole(Protocol):
+    """What of a sensor model makes it a camera that the layout can hold: K, which gives all of its rays, and pixels."""
+
+    @property
+    def width(self) -> int:
+        """Columns of the full image."""
+
+    @property
+    def height(self) -> int:
+        """Rows of the full image."""
+
+    @property
+    def stride(self) -> int:
+        """Every stride-th pixel of each row and column is measured."""
+
+    @property
+    def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
+        """K, in pixels of the full image."""
+
+
+def pinhole(model: SensorModel) -> Pinhole | None:
+    """The model where the layout can hold it, else None."""
+    return model if isinstance(model, Pinhole) else None
+
+
+def stride_of(model: SensorModel) -> int:
+    """Every which pixel of the stored image the model measures.
+
+    >>> stride_of(DepthCamera(stride=3))
+    3
+    """
+    camera = pinhole(model)
+    return 1 if camera is None else camera.stride
 
 
 def extrinsic(
@@ -49,7 +88,7 @@ def pose_of(
     return invert(map_SE3_site) @ MAP_FROM_CARLA @ carla_from_camera @ _OPENCV_FROM_PUBLISHED.T
 
 
-def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
+def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
     """The published, forward-first intrinsic matrix of a camera."""
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
@@ -128,9 +167,7 @@ def objects_of(
     return Objects(np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids)
 
 
-def stored_image(
-    depth: Float32[np.ndarray, "rows columns"], camera: DepthCamera
-) -> Float32[np.ndarray, "height width"]:
+def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
     """The full published image of the measured pixels: those at every stride-th place, 0 in between."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)

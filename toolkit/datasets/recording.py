@@ -10,8 +10,9 @@ coview/site            the site as GeoJSON text;  coview/bodies  names of the bo
 coview/time            float64 [T]           seconds
 coview/object_start    int64 [T + 1]         frame k has objects object_start[k]:object_start[k + 1] of the next two
 coview/object_ids, coview/object_bodies      int64 [N]
-coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned
-coview/depth/{name}    the same of cameras, where they differ in size and so cannot share `dslices`
+coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned; attributes as those
+                                             of cameras: name, model (its class), fields of the model
+coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
-from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 SCHEMA = 1
 _GZIP_LEVEL = 1
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by what a sensor measures
 
 
 @dataclass(frozen=True)
@@ -48,16 +49,18 @@ class Header:
     @property
     def images(self) -> tuple[str, ...]:
         """Where each sensor's measurements are stored: the cameras of one common size share `dslices`."""
-        cameras = [s.model for s in self.sensors if isinstance(s.model, DepthCamera)]
-        shared = len({(camera.height, camera.width) for camera in cameras}) == 1
+        pinholes = self.pinholes
+        shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
-            f"coview/ranges/{s.name}"
-            if not isinstance(s.model, DepthCamera)
-            else "dslices"
-            if shared
-            else f"coview/depth/{s.name}"
+            "dslices" if shared and s.name in pinholes else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
             for s in self.sensors
         )
+
+    @property
+    def pinholes(self) -> dict[str, published.Pinhole]:
+        """The cameras that the published layout can hold, by the names of their sensors."""
+        cameras = {sensor.name: published.pinhole(sensor.model) for sensor in self.sensors}
+        return {name: camera for name, camera in cameras.items() if camera is not None}
 
 
 @dataclass(frozen=True)
@@ -137,23 +140,22 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
     channel = 0
     for sensor, name in zip(header.sensors, header.images, strict=True):
         if name == "dslices":
-            _create_camera(file, f"cameras/d{channel:0{digits}d}", sensor, header.site)
+            _create_camera(file, f"cameras/d{channel:0{digits}d}", sensor, header)
             channel += 1
         else:
             images = _create_images(file, name, (frames, *sensor.model.shape))
             images.attrs.update(_attributes(sensor))
     if channel:
-        camera = next(s.model for s in header.sensors if isinstance(s.model, DepthCamera))
+        camera = next(iter(header.pinholes.values()))
         images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
         images.attrs.update(unit="m", no_return=published.NO_RETURN)
         file.create_dataset("slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False)
 
 
-def _create_camera(file: h5py.File, name: str, sensor: Sensor, site: Site) -> None:
-    assert isinstance(sensor.model, DepthCamera)
+def _create_camera(file: h5py.File, name: str, sensor: Sensor, header: Header) -> None:
     group = file.create_group(name)
-    _add(group, "intrinsic", published.intrinsic(sensor.model))
-    _add(group, "extrinsic", published.extrinsic(sensor.pose, site.map_SE3_site))
+    _add(group, "intrinsic", published.intrinsic(header.pinholes[sensor.name]))
+    _add(group, "extrinsic", published.extrinsic(sensor.pose, header.site.map_SE3_site))
     group.attrs.update(_attributes(sensor))
 
 
@@ -172,10 +174,10 @@ def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.D
 
 
 def _write_measurements(file: h5py.File, header: Header, k: int, frame: Frame) -> None:
-    channel = 0
+    channel, pinholes = 0, header.pinholes
     for sensor, measurement, name in zip(header.sensors, frame.measurements, header.images, strict=True):
         if name == "dslices":
-            file[name][k, channel] = published.stored_image(measurement, sensor.model)  # type: ignore[arg-type]
+            file[name][k, channel] = published.stored_image(measurement, pinholes[sensor.name])
             channel += 1
         else:
             file[name][k] = published.rounded(measurement)

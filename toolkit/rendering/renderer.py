@@ -14,21 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float32, Float64, Int32, Int64
+from toolkit.arrays import Float32, Float64, Int32
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
 from toolkit.geometry import invert, pose, transform
 from toolkit.mesh import Mesh
 from toolkit.rendering.static_scene import scenery as build_scenery
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor, SensorModel
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.model import NEAR, SensorModel
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
-
-NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
-
-_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
 
 Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene and the pose body_SE3_world
 
@@ -103,7 +98,7 @@ class Renderer:
         depth, hits = still.copy(), np.full(still.shape, -1, np.int32)
         rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
         sensor_corners = transform(invert(sensor.pose), world_corners)
-        for row, top, bottom, left, right in windows(sensor.model, sensor_corners).tolist():
+        for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
             scene, body_SE3_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
             found = self._cast(scene, rays[pixels], body_SE3_world @ sensor.pose)
@@ -146,67 +141,6 @@ class Renderer:
                 f"object {row} has a box of {boxes[row, 3:6].round(3).tolist()} m, but its body {body.name!r} measures "
                 f"{np.round(body.size, 3).tolist()}: simulate and render with the same bodies"
             )
-
-
-def windows(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-    """(row, top, bottom, left, right) of a rectangle of pixels for every box, given by its corners in the sensor frame,
-    that some ray may meet: no ray outside the rectangle meets it. A box across the seam of a lidar comes twice."""
-    if isinstance(model, DepthCamera):
-        found = _camera_bounds(model, sensor_corners)
-    else:
-        found = _lidar_bounds(model, sensor_corners)
-    rows, columns = model.shape
-    low, high = np.clip(found[:, [1, 3]], 0, None), np.minimum(found[:, [2, 4]], [rows, columns])
-    some = (low < high).all(axis=1)
-    return np.column_stack([found[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
-
-
-def _camera_bounds(camera: DepthCamera, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
-    """Rectangles round the corners of the part of each box that lies in front of the camera."""
-    start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
-    rise = end[..., 2:] - start[..., 2:]
-    share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
-    points = np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
-    depth = points[..., 2:]
-    ahead = depth >= NEAR - 1e-6
-    focal, centre = camera.intrinsic[0, 0], camera.intrinsic[:2, 2]
-    pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / camera.stride
-    first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
-    last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
-    near = sensor_corners[..., 2].min(axis=1) < camera.max_range
-    rows = np.arange(len(sensor_corners))
-    return np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])[near & ahead.any(axis=(1, 2))]
-
-
-def _lidar_bounds(lidar: SpinningLidar, sensor_corners: np.ndarray) -> Float64[np.ndarray, "m 5"]:
-    """Rectangles round the sphere through the corners of each box, at up to three turns of the azimuth."""
-    rows, columns = lidar.shape
-    middle = sensor_corners.mean(axis=1)
-    radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
-    distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
-    elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
-    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
-    per_row = (lidar.fov_up - lidar.fov_down) / max(rows - 1, 1) or np.inf
-    per_column = lidar.azimuth_fov / columns
-    half_rows = _half_angle(radius, distance) / per_row
-    half_columns = np.minimum(_half_angle(radius, across), np.pi) / per_column
-    row = (lidar.fov_up - elevation) / per_row
-    turns = []
-    for turn in (-2 * np.pi, 0.0, 2 * np.pi):
-        column = (azimuth + turn) / per_column + (columns - 1) / 2
-        bounds = (
-            np.floor(row - half_rows),
-            np.ceil(row + half_rows) + 1,
-            np.floor(column - half_columns),
-            np.ceil(column + half_columns) + 1,
-        )
-        turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < lidar.max_range])
-    return np.concatenate(turns)
-
-
-def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half the angle under which a sphere appears; a full turn from inside it."""
-    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
 @lru_cache(maxsize=64)

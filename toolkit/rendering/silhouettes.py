@@ -15,9 +15,9 @@ import numpy as np
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.boxes import corners
 from toolkit.geometry import pose
-from toolkit.rendering.renderer import NEAR, Renderer, windows
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.rendering.renderer import Renderer
+from toolkit.sensors.model import NEAR, nearest
+from toolkit.sensors.sensor import Sensor
 
 
 class Silhouette(NamedTuple):
@@ -77,8 +77,8 @@ class Gaze:
         least = np.zeros(len(self.sensors), np.float32)
         found = []
         for model, alike in self._alike:
-            least[alike] = _nearest(model, in_sensor[alike])
-            windowed = windows(model, in_sensor[alike])
+            least[alike] = nearest(model, in_sensor[alike])
+            windowed = model.windows(in_sensor[alike])
             windowed[:, 0] = alike[windowed[:, 0]]
             found.append(windowed)
         sensor, top, bottom, left, right = np.concatenate(found).T
@@ -93,15 +93,6 @@ class Gaze:
             return pixels, sensors
         pixels, once = np.unique(pixels, return_index=True)  # a lidar's windows may meet beyond its seam
         return pixels, sensors[once]
-
-
-def _nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
-    """A measurement (m) that no point of each box falls short of."""
-    if isinstance(model, DepthCamera):
-        return sensor_corners[..., 2].min(axis=1) - 1e-3
-    middle = sensor_corners.mean(axis=1, keepdims=True)
-    radius = np.linalg.norm(sensor_corners - middle, axis=2).max(axis=1)
-    return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
 
 
 def _world_rays(sensor: Sensor) -> Float32[np.ndarray, "pixels 3"]:

@@ -8,12 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.arrays import Float32, Float64
-from toolkit.geometry import check_pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import frozen
-from toolkit.sensors.spinning_lidar import SpinningLidar
-
-SensorModel = DepthCamera | SpinningLidar
+from toolkit.geometry import check_pose, invert
+from toolkit.sensors.model import SensorModel, frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +42,11 @@ class Sensor:
     def position(self) -> Float64[np.ndarray, "3"]:
         """Where it is, world frame (m)."""
         return self.pose[:3, 3]
+
+    @property
+    def world_SE3_body(self) -> Float64[np.ndarray, "4 4"]:
+        """The pose of its body: x along the optical axis, y left, z up, whatever the axes of its own frame."""
+        return self.pose @ invert(self.model.body_SE3_sensor)
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:

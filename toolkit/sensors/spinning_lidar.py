@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32
-from toolkit.sensors.model import check_noise, frozen, with_noise
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.sensors.angle_grid import AngleGrid, grid_windows, in_grid, unit_rays
+from toolkit.sensors.model import Measure, angle, check_noise, check_numbers, with_noise
 
 
 @dataclass(frozen=True)
@@ -20,15 +21,20 @@ class SpinningLidar:
     max_range: range beyond which nothing returns (m).
     """
 
+    kind: ClassVar[str] = "lidar"
+    measures: ClassVar[Measure] = "range"
+    body_SE3_sensor: ClassVar[np.ndarray] = np.eye(4)
+
     channels: int = 64
-    fov_up: float = np.deg2rad(10.0)
-    fov_down: float = np.deg2rad(-40.0)
-    azimuth_step: float = np.deg2rad(0.4)
-    azimuth_fov: float = 2 * np.pi
+    fov_up: float = angle(np.deg2rad(10.0))
+    fov_down: float = angle(np.deg2rad(-40.0))
+    azimuth_step: float = angle(np.deg2rad(0.4))
+    azimuth_fov: float = angle(2 * np.pi)
     sigma: float = 0.02
     max_range: float = 120.0
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if self.channels < 1:
             raise ValueError(f"channels must be at least 1, got {self.channels}")
         if not -np.pi / 2 <= self.fov_down <= self.fov_up <= np.pi / 2:
@@ -42,21 +48,38 @@ class SpinningLidar:
         """Rows (channels) and columns (azimuths)."""
         return self.channels, max(1, round(self.azimuth_fov / self.azimuth_step))
 
+    @property
+    def horizontal_fov(self) -> float:
+        """`azimuth_fov`."""
+        return self.azimuth_fov
+
+    @property
+    def vertical_fov(self) -> float:
+        """From the lowest row to the highest (rad)."""
+        return self.fov_up - self.fov_down
+
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per laser and azimuth, sensor frame."""
-        return _lidar_rays(self)
+        return unit_rays(self._grid)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
+        """`sigma`, at every range."""
+        return np.float32(self.sigma)
 
     def noisy(
-        self, ranges: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
     ) -> Float32[np.ndarray, "rows columns"]:
         """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
-        return with_noise(ranges, self, rng)
+        return with_noise(measurement, self, rng)
 
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of the lidar's frame lie between its rows, in the azimuths it sweeps and in range."""
+        return in_grid(self._grid, points)
 
-@lru_cache(maxsize=64)
-def _lidar_rays(lidar: SpinningLidar) -> np.ndarray:
-    rows, columns = lidar.shape
-    elevation = np.linspace(lidar.fov_up, lidar.fov_down, rows)[:, None]
-    azimuth = (np.arange(columns) - (columns - 1) / 2) * lidar.azimuth_fov / columns
-    flat = np.cos(elevation)
-    return frozen(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
+        return grid_windows(self._grid, sensor_corners)
+
+    @property
+    def _grid(self) -> AngleGrid:
+        return AngleGrid(*self.shape, self.fov_up, self.fov_down, self.azimuth_fov, self.max_range)

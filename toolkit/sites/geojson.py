@@ -9,19 +9,18 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import Field, asdict, fields
 from typing import Any
 
 import numpy as np
 
-from toolkit.geometry import BODY_SE3_CAMERA, invert, pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor, SensorModel
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.geometry import pose
+from toolkit.sensors.catalogue import class_names, make_model, model_class
+from toolkit.sensors.model import SensorModel, is_angle
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Relief, Site, Solid, check_polygon
 
 VERSION = 1
-_ANGLES = ("fov", "fov_up", "fov_down", "azimuth_step", "azimuth_fov")
 Json = dict[str, Any]
 
 
@@ -170,26 +169,35 @@ def _read_sensor(coordinates: list[Any], properties: Json, where: str) -> Sensor
     heading, tilt, roll = (np.deg2rad(_number(properties, f"{key}_deg", where)) for key in ("heading", "tilt", "roll"))
     model = _read_model(_member(properties, "model", dict, where), f"{where}.model")
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
-    return Sensor(_member(properties, "name", str, where), model, world_SE3_body @ _body_SE3_sensor(model))
+    return Sensor(_member(properties, "name", str, where), model, world_SE3_body @ model.body_SE3_sensor)
 
 
 def _read_model(properties: Json, where: str) -> SensorModel:
     kind = _member(properties, "type", str, where)
-    if kind not in ("DepthCamera", "SpinningLidar"):
-        raise ValueError(f"{where}.type must be DepthCamera or SpinningLidar, got {kind!r}")
-    model = DepthCamera if kind == "DepthCamera" else SpinningLidar
-    known = {_written(f.name): f for f in fields(model)}
+    if kind not in class_names():
+        raise ValueError(f"{where}.type must be one of {', '.join(class_names())}, got {kind[:60]!r}")
+    known = {_written(f): f for f in fields(model_class(kind))}
     values: dict[str, Any] = {}
-    for key, value in properties.items():
+    for key in properties:
         if key not in ("type", *known):
             raise ValueError(f"{where}.{key} is unknown to {kind}: it has {', '.join(known)}")
-        if isinstance(value, list):
-            values[key] = tuple(_numbers(value, 2, f"{where}.{key}"))
-        elif key != "type":
-            whole = isinstance(known[key].default, int)
-            number = _member(properties, key, int, where) if whole else _number(properties, key, where)
-            values[known[key].name] = float(np.deg2rad(number)) if key.endswith("_deg") else number
-    return _named(where, lambda: model(**values))
+        if key != "type":
+            values[known[key].name] = _read_field(known[key], properties, key, where)
+    return _named(where, lambda: make_model(kind, values))
+
+
+def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> Any:
+    """A field of a sensor model, as its default is: a text, true or false, a whole number, a number, or numbers."""
+    if isinstance(entry.default, str):
+        return _member(properties, key, str, where)
+    if isinstance(entry.default, bool) and isinstance(properties[key], bool):
+        return properties[key]
+    if isinstance(entry.default, int):
+        return _member(properties, key, int, where)
+    if isinstance(properties[key], list) and not isinstance(entry.default, float):
+        return tuple(_numbers(properties[key], len(properties[key]), f"{where}.{key}"))
+    number = _number(properties, key, where)
+    return float(np.deg2rad(number)) if is_angle(entry) else number
 
 
 _READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[str, ...]]] = {
@@ -274,18 +282,18 @@ def _rest(mount: Mount, *left_out: str) -> Json:
 
 
 def _model(model: SensorModel) -> Json:
-    values = {key: value for key, value in asdict(model).items() if value is not None}
-    numbers = {_written(key): _degrees(value) if key in _ANGLES else value for key, value in values.items()}
+    values = [(f, getattr(model, f.name)) for f in fields(model)]
+    numbers = {_written(f): _degrees(value) if is_angle(f) else value for f, value in values if value is not None}
     return {"type": type(model).__name__, **numbers}
 
 
-def _written(key: str) -> str:
-    return f"{key}_deg" if key in _ANGLES else key
+def _written(entry: Field[Any]) -> str:
+    return f"{entry.name}_deg" if is_angle(entry) else entry.name
 
 
 def _attitude(sensor: Sensor) -> Json:
     """Heading, tilt below the horizon and roll (degrees) of the sensor's body, x forward, y left, z up."""
-    world_SE3_body = sensor.pose @ invert(_body_SE3_sensor(sensor.model))
+    world_SE3_body = sensor.world_SE3_body
     forward, left, up = world_SE3_body[:3, 0], world_SE3_body[:3, 1], world_SE3_body[:3, 2]
     across = float(np.hypot(forward[0], forward[1]))
     tilt = np.arctan2(-forward[2], across)
@@ -293,10 +301,6 @@ def _attitude(sensor: Sensor) -> Json:
         return {"heading_deg": _degrees(np.arctan2(-left[0], left[1])), "tilt_deg": _degrees(tilt), "roll_deg": 0.0}
     heading, roll = np.arctan2(forward[1], forward[0]), np.arctan2(left[2], up[2])
     return {"heading_deg": _degrees(heading), "tilt_deg": _degrees(tilt), "roll_deg": _degrees(roll)}
-
-
-def _body_SE3_sensor(model: SensorModel) -> np.ndarray:
-    return BODY_SE3_CAMERA if isinstance(model, DepthCamera) else np.eye(4)
 
 
 def _degrees(angle: float) -> float:

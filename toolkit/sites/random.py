@@ -14,7 +14,8 @@ import shapely
 from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
 from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
 from toolkit.sites.network import Row, build_network, line, road_polygons, street

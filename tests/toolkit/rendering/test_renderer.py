@@ -10,9 +10,10 @@ from toolkit.boxes import corners
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.mesh import box, merge, moved
 from toolkit.objects import VEHICLE, Objects
-from toolkit.rendering.renderer import NEAR, Renderer, windows
+from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.static_scene import scenery
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.model import NEAR
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Relief, Site, Solid
@@ -205,7 +206,7 @@ def test_boxes_of_other_bodies_are_refused():
 def test_windows_are_small_and_leave_out_what_is_behind():
     sensor = camera((0.0, 0.0, 1.0))
     boxes = np.array([[20.0, 0, 1, 2, 2, 2, 0], [-20, 0, 1, 2, 2, 2, 0], [5, 40, 1, 2, 2, 2, 0]])
-    found = windows(sensor.model, transform(invert(sensor.pose), corners(boxes)))
+    found = sensor.model.windows(transform(invert(sensor.pose), corners(boxes)))
     assert found[:, 0].tolist() == [0]
     _, top, bottom, left, right = found[0]
     assert (bottom - top) * (right - left) < 60

@@ -173,7 +173,7 @@ DAMAGE = {
     ),
     "unknown model": (
         assign("sensor", "properties", "model", {"type": "Radar"}),
-        r"model\.type must be DepthCamera or SpinningLidar, got 'Radar'",
+        r"model\.type must be one of DepthCamera, SpinningLidar, SolidStateLidar.*, got 'Radar'",
     ),
     "unknown model field": (
         assign("sensor", "properties", "model", {"type": "DepthCamera", "fov": 1}),

@@ -15,7 +15,6 @@ from toolkit.datasets.dataset import Channel
 from toolkit.datasets.doctor.hypotheses import ENOUGH, Suspicion, View, suspect_objects, suspect_sensor, witnesses
 from toolkit.geometry import transform
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sites.site import Site
 
 UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known
@@ -136,7 +135,7 @@ def _views(dataset: Recording, frames: Sequence[int]) -> tuple[list[View], list[
     views, findings = [], []
     for sensor, name, place in dataset.channels:
         images = dataset.images(name)
-        stride = sensor.model.stride if isinstance(sensor.model, DepthCamera) and place is not None else 1
+        stride = published.stride_of(sensor.model) if place is not None else 1
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:
@@ -180,7 +179,8 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
         if exam.doubts.get(sensor.name) is not None:
             continue
         where = f"sensor {sensor.name}"
-        up = -sensor.pose[2, 1] if isinstance(sensor.model, DepthCamera) else sensor.pose[2, 2]
+        body = sensor.world_SE3_body
+        ahead, up = body[:2, 0], body[2, 2]
         height = float(sensor.position[2] - site.ground(sensor.position[:2]))
         if height < 0:
             yield _error(where, "it stands under the ground", f"height {height:.2f} m", "check z and signs of its pose")
@@ -190,7 +190,6 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
         inside = _in_area(points[:, :2], site)
         if len(points) and site.name != UNKNOWN and inside.mean() < LOOKS_AWAY:
             to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
-            ahead = sensor.pose[:2, 2] if isinstance(sensor.model, DepthCamera) else sensor.pose[:2, 0]
             turn = np.rad2deg(np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre))
             evidence = (
                 f"{inside.mean():.1%} of its points in the area, whose centre lies {turn:.0f} degrees to its left"
