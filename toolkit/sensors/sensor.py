@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 
@@ -46,6 +48,16 @@ class Sensor:
     def position(self) -> Float64[np.ndarray, "3"]:
         """Where it is, world frame (m)."""
         return self.pose[:3, 3]
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of model and pose, whatever the sensor is called: equal where two measure the same."""
+        told = json.dumps(
+            [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
+            sort_keys=True,
+            default=np.ndarray.tolist,
+        )
+        return sha256(told.encode()).hexdigest()
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
