@@ -58,6 +58,14 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
                 unfinished.unlink(missing_ok=True)
 
 
+def reserve(path: Path, size: int) -> None:
+    """Raise OSError where a file of so many bytes has no room, for libraries that do not tell; `path` is left empty."""
+    with path.open("wb") as file:
+        if hasattr(os, "posix_fallocate") and size:
+            os.posix_fallocate(file.fileno(), 0, size)
+        file.truncate(0)
+
+
 def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
     """Whether a command may write to `out`: not where one of its inputs is, nor, unless told, where anything is.
 
