@@ -15,6 +15,8 @@ from models.packed import MARGIN, STEPS_PER_METRE, Rig
 from toolkit.arrays import Shaped
 from toolkit.frame import Frame, empty_scene
 from toolkit.objects import Objects
+from toolkit.runtime.files import writing
+from toolkit.runtime.hdf5 import hdf5_file
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
 _CHUNK = 1 << 18
@@ -64,14 +66,10 @@ def change(rig: Rig, frame: Frame) -> Change:
 def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
     """Write the packed file of one or many recordings; it appears whole under its name, or not at all.
 
-    Returns the number of frames. Raises ValueError where there is none.
+    Returns the number of frames. Raises ValueError where there is none, OSError where the disk is full.
     """
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(out.name + ".partial")
-    with h5py.File(partial, "w") as file:
-        frames = _write(file, recordings, progress)
-    partial.replace(out)
-    return frames
+    with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
+        return _write(file, recordings, check, progress)
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,12 @@ class _Changes:
         return tuple, (list(self),)
 
 
-def _write(file: h5py.File, recordings: Iterable[Recording], progress: Callable[[int], None] | None) -> int:
+def _write(
+    file: h5py.File,
+    recordings: Iterable[Recording],
+    check: Callable[[], None],
+    progress: Callable[[int], None] | None,
+) -> int:
     pixels, steps = _Column(file, "pixels", np.uint32), _Column(file, "steps", np.uint16)
     rig_of_frame: list[int] = []
     ends: list[np.ndarray] = []
@@ -104,6 +107,7 @@ def _write(file: h5py.File, recordings: Iterable[Recording], progress: Callable[
                 steps.append(step)
             rig_of_frame.append(r)
             objects.append(found.objects)
+            check()
             if progress:
                 progress(len(objects))
     if not objects:

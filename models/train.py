@@ -7,12 +7,14 @@ Step s of a run always sees the same examples, so weights, optimiser, schedule a
 
 from __future__ import annotations
 
-import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, Literal
 
 import numpy as np
@@ -28,6 +30,7 @@ from models.samples import Batch, SampleRecipe, Samples, stack
 from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
 from models.weights import check_tensors, digest_of
+from toolkit.runtime.files import write_bytes
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 LOG_STEPS = 50  # losses are logged as their mean over so many steps
@@ -63,18 +66,23 @@ PRESETS = {
 
 @dataclass
 class Run:
-    """A training in progress: what is saved in a checkpoint and nothing else."""
+    """A training in progress: what is saved in a checkpoint and nothing else.
+
+    recent: the losses of the steps since the last row of the log, whose mean the next row is.
+    """
 
     network: VoxelNet
     optimiser: torch.optim.Optimizer
     scheduler: torch.optim.lr_scheduler.LRScheduler
     step: int = 0
+    recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, Any]:
         """Plain tensors and numbers; torch's generator too, though the loop draws nothing from it."""
         return {
             "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
             "scheduler": self.scheduler.state_dict(), "step": self.step, "rng": torch.get_rng_state(),
+            "recent": self.recent,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -83,7 +91,7 @@ class Run:
         self.optimiser.load_state_dict(state["optimiser"])
         self.scheduler.load_state_dict(state["scheduler"])
         torch.set_rng_state(state["rng"].cpu())
-        self.step = state["step"]
+        self.step, self.recent = state["step"], list(state.get("recent", []))
 
 
 def train(
@@ -129,17 +137,17 @@ def train(
         collate_fn=stack,
         num_workers=workers,
     )
-    saved, recent = time.monotonic(), []
+    saved = time.monotonic()
     for batch in loader:
         losses = _step(run, batch.to(device), loss_of, anchor)
-        recent.append(losses)
+        run.recent.append(losses)
         run.step += 1
         if progress:
             progress(run.step, total, losses)
         if run.step % LOG_STEPS == 0 or run.step == total:
-            means = {name: float(np.mean([losses[name] for losses in recent])) for name in losses}
+            means = {name: float(np.mean([losses[name] for losses in run.recent])) for name in losses}
             training_log.add(out / LOG, run.step, run.step / per_epoch, means)
-            recent.clear()
+            run.recent.clear()
         end_of_epoch = run.step % per_epoch == 0 or run.step == total
         if end_of_epoch and validate:
             figures = validate(run.network)
@@ -188,20 +196,40 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
 
 def save_atomically(path: Path, state: dict[str, Any]) -> None:
     """Write a checkpoint that is whole under its name, or not there."""
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        torch.save(state, file)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    content = BytesIO()
+    torch.save(state, content)
+    write_bytes(path, content.getvalue())
+
+
+def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
+    """What `save_atomically` wrote. Nothing in the file is executed. Raises ValueError where it is damaged."""
+    content = BytesIO(path.read_bytes())
+    try:
+        state = torch.load(content, map_location=device, weights_only=True)
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+        LookupError,
+        AttributeError,
+        TypeError,
+        EOFError,
+        UnpicklingError,
+    ) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:80]
+        raise ValueError(f"{path} is damaged or no checkpoint ({reason}): remove it to begin anew") from None
+    if not isinstance(state, dict):
+        raise ValueError(f"{path} is no checkpoint: remove it to begin anew, or choose another folder")
+    return state
 
 
 def load_checkpoint(path: Path) -> tuple[VoxelNet, dict[str, Any]]:
-    """The network of a checkpoint and the settings it was trained with. Nothing in the file is executed."""
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
-    network.load_state_dict(state["network"])
-    return network.eval(), {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
+    """The network of a checkpoint and the settings it was trained with. Raises ValueError where it is damaged."""
+    state = read_checkpoint(path)
+    with _checkpoint_errors(path):
+        network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
+        network.load_state_dict(state["network"])
+        return network.eval(), {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
 
 
 def commit() -> str:
@@ -257,13 +285,24 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
 def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None:
     if not path.exists():
         return
-    state = torch.load(path, map_location=device, weights_only=True)
+    state = read_checkpoint(path, device)
     different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
     if different:
         raise ValueError(
             f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or remove it"
         )
-    run.restore(state)
+    with _checkpoint_errors(path):
+        run.restore(state)
+
+
+@contextmanager
+def _checkpoint_errors(path: Path) -> Iterator[None]:
+    """One line for a checkpoint that can be read and does not fit."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:80]
+        raise ValueError(f"{path} is no checkpoint of this training ({reason}): remove it to begin anew") from None
 
 
 def _plain(value: Any) -> Any:

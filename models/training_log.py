@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
+
+from toolkit.runtime.files import write_text
 
 HEADER = ("step", "epoch", "name", "value")
 
 
 def add(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
     """Append figures."""
-    new = not path.exists() or path.stat().st_size == 0
-    with path.open("a", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([HEADER] if new else [])
-        writer.writerows((step, f"{epoch:.4f}", name, value) for name, value in figures.items())
+    rows = _rows(path) + [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
+    write_text(path, "\n".join([",".join(HEADER), *rows, ""]))
 
 
 def cut(path: Path, step: int) -> None:
     """Drop what a killed training logged after its last checkpoint, at `step`: those steps are done again."""
-    if not path.exists():
-        return
-    kept = [row for row in path.read_text().splitlines()[1:] if row.count(",") == 3 and _step(row) <= step]
-    unfinished = path.with_name(path.name + ".partial")
-    unfinished.write_text("\n".join([",".join(HEADER), *kept]) + "\n")
-    os.replace(unfinished, path)
+    if path.exists():
+        kept = [row for row in _rows(path) if row.count(",") == 3 and _step(row) <= step]
+        write_text(path, "\n".join([",".join(HEADER), *kept, ""]))
 
 
 def curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
@@ -37,6 +32,10 @@ def curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
             epochs.append(float(row["epoch"]))
             values.append(float(row["value"]))
     return found
+
+
+def _rows(path: Path) -> list[str]:
+    return path.read_text().splitlines()[1:] if path.exists() else []
 
 
 def _step(row: str) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.voxelnet import VoxelNet
+from toolkit.runtime.files import write_bytes
 
 FORMAT = "coview VoxelNet 1"
 
@@ -45,10 +45,15 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
         "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_of(tensors),
         "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
     }  # fmt: skip
-    path = Path(path)
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    unfinished.write_bytes(save(tensors, metadata))
-    os.replace(unfinished, path)
+    write_bytes(path, _in_order(save(tensors, metadata)))
+
+
+def _in_order(content: bytes) -> bytes:
+    """A safetensors file with its header sorted by name; the library orders it anew in every process."""
+    size = int.from_bytes(content[:8], "little")
+    header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)  # so that the tensors are aligned
+    return len(header).to_bytes(8, "little") + header + content[8 + size :]
 
 
 def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:

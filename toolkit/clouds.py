@@ -20,6 +20,7 @@ from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
 from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
+from toolkit.runtime.files import reserve, writing
 from toolkit.sensors.sensor import Sensor
 
 __all__ = [
@@ -175,17 +176,17 @@ def save(cloud: Cloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError where that is impossible, and ValueError
     for another kind of file and for a cloud without points, which these formats cannot hold."""
     path = Path(path)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
     if not len(positions(cloud)):
         raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
     if path.suffix.lower() not in (".ply", ".pcd", ".npz"):
         raise ValueError(f"a cloud is saved as .ply, .pcd or .npz, got {path.name}")
-    try:
-        if not path.parent.is_dir() or not o3d.t.io.write_point_cloud(part, cloud):
-            raise OSError(f"cannot write {path}: check that its folder exists and the disk has room")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    refused = OSError(f"cannot write {path}: check that its folder exists and the disk has room")
+    if not path.parent.is_dir():
+        raise refused
+    with writing(path) as unfinished:
+        reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
+        if not o3d.t.io.write_point_cloud(unfinished, cloud):
+            raise refused
 
 
 def load(path: str | Path) -> Cloud:

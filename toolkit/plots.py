@@ -11,6 +11,7 @@ import numpy as np
 from toolkit.arrays import Float, Int
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
+from toolkit.runtime.files import writing
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -155,5 +156,5 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _write(figure: Figure, out: Path | str) -> None:
-    Path(out).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=150)
+    with writing(out) as unfinished:
+        figure.savefig(unfinished, dpi=150)

@@ -7,7 +7,7 @@ of a candidate are its `factors`; not every combination of them is a candidate.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from typing import Any
@@ -115,14 +115,12 @@ class Candidates:
 
     def digest(self) -> str:
         """SHA-256 over sensors, mounts and factors; the same on every machine."""
-        sha = sha256(repr([(s.name, type(s.model).__name__, astuple(s.model)) for s in self.sensors]).encode())
+        sha = sha256(repr([(sensor.name, sensor.digest) for sensor in self.sensors]).encode())
         for mount in self.mounts:
             rest = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
             sha.update(repr((rest, mount.position.tolist())).encode())
         axes = (self.axes.heights, self.axes.headings, self.axes.tilts)
         sha.update(repr([[axis.tolist() for axis in axes], self.axes.models, self.factors.tolist()]).encode())
-        for sensor in self.sensors:
-            sha.update(sensor.pose.tobytes())
         return sha.hexdigest()
 
     @cached_property

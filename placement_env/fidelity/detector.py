@@ -2,7 +2,7 @@
 
 It gives what `toolkit.detection.evaluation.evaluate_dataset` gives for the same sensors and frames, by protocol
 `exact`: objects centred outside the site's area are there but not scored. Every run of the detector and every match is
-kept in a `Memo` under all that it depends on, so that a set costs detection once, whoever asks again, for however many
+kept in a `Cache` under all that it depends on, so that a set costs detection once, whoever asks again, for however many
 frames.
 
 Two kinds of value are kept, of one frame each:
@@ -31,8 +31,8 @@ from toolkit.detection.evaluation import SCHEMES, Scheme
 from toolkit.detection.fusion import Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
 from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.runtime.cache import Arrays, Memo, key_of
-from toolkit.runtime.code_digest import DETECTION, RENDERING, code_digest
+from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -104,7 +104,7 @@ class Detected:
         scheme: Scheme,
         *,
         iou: float = 0.7,
-        memo: Memo | str | Path | None = None,
+        memo: Cache | str | Path | None = None,
         frames: int | None = None,
         workers: int = 1,
         ray: str | None = None,
@@ -118,7 +118,7 @@ class Detected:
         self.workers, self.ray = workers, ray
         self.ious = tuple(sorted({*IOUS, iou}))
         self._scored: dict[int, np.ndarray] = {}
-        self.memo = memo if isinstance(memo, Memo) else Memo(memo)
+        self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
             raise ValueError(
                 f"a shared memo needs a detector that says what it depends on, {type(detector).__name__} has no "
@@ -208,13 +208,11 @@ class Detected:
     def _depends_on(self) -> str:
         """A digest of what all values depend on."""
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), hybrid_radius(self.renders.site)]
-        return key_of(*parts, code_digest(*RENDERING, *DETECTION)).hex()
+        return key_of(*parts, code_digest(__name__, self.detector.__module__)).hex()
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
-        return [
-            key_of(sensor.name, repr(sensor.model), sensor.pose.tolist()).hex()[:32] for sensor in self.renders.sensors
-        ]
+        return [key_of(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
 @dataclass(frozen=True)

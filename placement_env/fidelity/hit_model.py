@@ -27,6 +27,7 @@ import numpy as np
 
 from toolkit.arrays import Float
 from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.runtime.files import write_text
 
 FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {
@@ -93,12 +94,7 @@ def load_models(path: str | Path) -> tuple[HitModel, ...]:
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     """Write models as JSON; the file appears whole or not at all."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(
-        json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
-    partial.replace(path)
+    write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
 def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:

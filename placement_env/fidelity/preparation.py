@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
+    from toolkit.runtime.cache import Cache
 
 
 def site_candidates(
@@ -59,11 +60,18 @@ class Preparation:
         return traffic(self.site, self.frames, self.seed)
 
     @cached_property
+    def kept(self) -> Cache | None:
+        """What was seen, rendered and detected before: one file in the folder `cache`."""
+        from toolkit.runtime.cache import Cache
+
+        return None if self.cache is None else Cache(Path(self.cache) / "cache.sqlite")
+
+    @cached_property
     def visibility(self) -> Visibility:
         """What each candidate sees."""
         from placement_env.fidelity.visibility import see
 
-        return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.cache)
+        return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.kept)
 
     @cached_property
     def network(self) -> str:
@@ -106,13 +114,12 @@ class Preparation:
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        folder = None if self.cache is None else Path(self.cache)
-        renders = Renders(self.traffic, self.candidates, folder and folder / "renders")
+        renders = Renders(self.traffic, self.candidates, self.kept)
         detector = self.detector
         if detector is None:
             detector = load_detector(self.network, area=self.site.area)
         return Detected(
-            renders, detector, self.scheme, iou=self.iou, memo=folder and folder / "detected.sqlite",
+            renders, detector, self.scheme, iou=self.iou, memo=self.kept,
             workers=self.workers, ray=self.ray,
         )  # fmt: skip
 

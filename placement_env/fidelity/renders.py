@@ -8,11 +8,10 @@ of sensors measures the same in any order, pool or process.
 from __future__ import annotations
 
 import json
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,20 +25,20 @@ from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import beyond, frame_points
-from toolkit.runtime.array_files import read_arrays, write_arrays
-from toolkit.runtime.code_digest import RENDERING, code_digest
+from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
 
-IN_MEMORY = 256  # candidates, of those that are kept in a folder
+IN_MEMORY = 256  # candidates, of those that are kept in a cache
 
 
 class Renders:
     """What candidates measure of traffic.
 
-    folder: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
+    cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
     no noise. Pickles without what it has rendered.
     """
 
@@ -47,19 +46,19 @@ class Renders:
         self,
         traffic: Traffic,
         candidates: Candidates,
-        folder: str | Path | None = None,
+        cache: Cache | None = None,
         *,
         noise_seed: int | None = 0,
     ) -> None:
         self.traffic, self.site, self.sensors = traffic, traffic.site, candidates.sensors
         self.frames = len(traffic)
-        self._arguments = (traffic, candidates, folder, noise_seed)
-        self._folder, self._noise_seed = None if folder is None else Path(folder), noise_seed
+        self._arguments = (traffic, candidates, cache, noise_seed)
+        self._cache, self._noise_seed = cache, noise_seed
         self._packed: dict[int, _Packed] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        traffic, candidates, folder, noise_seed = self._arguments
-        return partial(Renders, noise_seed=noise_seed), (traffic, candidates, folder)
+        traffic, candidates, cache, noise_seed = self._arguments
+        return partial(Renders, noise_seed=noise_seed), (traffic, candidates, cache)
 
     @staticmethod
     def of(recording: CoopDataset, noise_seed: int | None = 0) -> Recorded:
@@ -69,7 +68,7 @@ class Renders:
     @cached_property
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
-        return sha256(f"{code_digest(*RENDERING)} {self.traffic.digest()} {self._noise_seed}".encode()).hexdigest()
+        return key_of(_code(self.sensors), self.traffic.digest(), self._noise_seed).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k inside the crop, world frame."""
@@ -88,22 +87,22 @@ class Renders:
 
     def _of_candidate(self, c: int) -> _Packed:
         packed = self._packed.pop(c, None) or self._kept(c)
-        if self._folder is not None and len(self._packed) >= IN_MEMORY:
+        if self._cache is not None and len(self._packed) >= IN_MEMORY:
             self._packed.pop(next(iter(self._packed)))  # the one not asked for the longest
         self._packed[c] = packed
         return packed
 
     def _kept(self, c: int) -> _Packed:
-        """What is kept in the folder of a candidate; it is rendered where that is missing or damaged."""
-        if self._folder is None:
+        """What the cache keeps of a candidate; it is rendered where that is missing or damaged."""
+        if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
-        told = (code_digest(*RENDERING), self.traffic.digest(), repr(sensor.model), sensor.pose.tolist())
-        path = self._folder / f"render-{sha256(json.dumps(told).encode()).hexdigest()[:32]}.npz"
-        with suppress(FileNotFoundError, ValueError):
-            return _unpacked(self._rig(c), read_arrays(path))
+        key = key_of("render", _code([sensor]), self.traffic.digest(), sensor.digest)
+        arrays = self._cache.get([key])[0]
+        if arrays is not None:
+            return _unpacked(self._rig(c), arrays)
         packed = self._render(c)
-        write_arrays(path, packed.arrays())
+        self._cache.put({key: packed.arrays()})
         return packed
 
     def _render(self, c: int) -> _Packed:
@@ -135,7 +134,7 @@ class Recorded:
         """SHA-256 over all that clouds depend on but the sensor."""
         from toolkit.sites.geojson import dumps
 
-        sha = sha256(f"{code_digest(*RENDERING)} {self._noise_seed} {dumps(self.site)}".encode())
+        sha = sha256(f"{_code(self.sensors)} {self._noise_seed} {dumps(self.site)}".encode())
         with self.recording.path.open("rb") as file:
             while block := file.read(1 << 20):
                 sha.update(block)
@@ -175,15 +174,19 @@ class _Packed:
         rows = slice(*self.ends[k : k + 2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """What a file holds."""
-        still = {"still_pixels": self.rig.pixels[0], "still_depth": self.rig.depth[0]}
-        return {**still, "pixels": self.pixels, "steps": self.steps, "ends": self.ends}
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What a cache keeps."""
+        return self.rig.pixels[0], self.rig.depth[0], self.pixels, self.steps, self.ends
 
 
-def _unpacked(rig: Rig, arrays: dict[str, np.ndarray]) -> _Packed:
-    still = replace(rig, pixels=(arrays["still_pixels"],), depth=(arrays["still_depth"],))
-    return _Packed(still, arrays["pixels"], arrays["steps"], arrays["ends"])
+def _unpacked(rig: Rig, arrays: tuple[np.ndarray, ...]) -> _Packed:
+    still_pixels, still_depth, *changes = arrays
+    return _Packed(replace(rig, pixels=(still_pixels,), depth=(still_depth,)), *changes)
+
+
+def _code(sensors: Sequence[Sensor]) -> str:
+    """A digest of the source that measures with these sensors."""
+    return code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
 
 
 def _far(points: Float32[np.ndarray, "n 3"], sensor: Sensor, radius: float) -> Float32[np.ndarray, "m 3"]:
@@ -191,5 +194,6 @@ def _far(points: Float32[np.ndarray, "n 3"], sensor: Sensor, radius: float) -> F
 
 
 def _seed(sensor: Sensor) -> int:
+    """What its noise is drawn from: not `Sensor.digest`, since published figures were measured with this noise."""
     told = json.dumps((repr(sensor.model), sensor.pose.tolist()))
     return int.from_bytes(sha256(told.encode()).digest()[:8], "big")

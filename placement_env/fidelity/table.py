@@ -21,7 +21,7 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.evaluation import SCHEMES, Scheme
 from toolkit.objects import Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
-from toolkit.runtime.cache import Memo, key_of
+from toolkit.runtime.cache import Cache, key_of
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -136,7 +136,7 @@ def make_table(
     again after a kill, it goes on. The table is the same however it came about.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
-    memo = Memo(out.with_name(out.name + ".detections"))
+    memo = Cache(out.with_name(out.name + ".detections"))
     columns = []
     for done, scheme in enumerate(SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)

@@ -8,12 +8,9 @@ them in the mean, since it lifts half of the points on even ground above z = 0 a
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +24,8 @@ from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.detection.fusion import hybrid_radius
 from toolkit.points import beyond, frame_points
 from toolkit.runtime.array_files import read_arrays, write_arrays
-from toolkit.runtime.code_digest import RENDERING, code_digest
+from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
 from toolkit.sensors.sensor import Sensor
 
@@ -109,17 +107,17 @@ def see(
     workers: int = 1,
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
-    cache: str | Path | None = None,
+    cache: Cache | None = None,
 ) -> Visibility:
     """What the candidates see of the traffic.
 
-    workers, ray: see `toolkit.runtime.parallel.spread`; progress: told how many candidates are done; cache: a folder
-    where the finished blocks of candidates are kept, so that what was broken off goes on there.
+    workers, ray: see `toolkit.runtime.parallel.spread`; progress: told how many candidates are done; cache: where
+    the finished blocks of candidates are kept, so that what was broken off goes on there.
     Raises ValueError without candidates.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
-    job = _Job(traffic, candidates.sensors, None if cache is None else Path(cache))
+    job = _Job(traffic, candidates.sensors, cache)
     blocks = _blocks(candidates.sensors)
     kept = {block: found for block in blocks if (found := job.kept(block)) is not None}
     made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
@@ -165,24 +163,23 @@ class _Job:
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
-    cache: Path | None
+    cache: Cache | None
 
     def __call__(self, block: Block) -> Seen:
         found = self.kept(block)
         if found is None:
             found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)])
             if self.cache is not None:
-                write_arrays(self._path(block), found._asdict())
+                self.cache.put({self.key(block): found})
         return found
 
     def kept(self, block: Block) -> Seen | None:
         """What an earlier call found; None where there is nothing, or it is damaged."""
-        if self.cache is not None:
-            with suppress(FileNotFoundError, ValueError):
-                return Seen(**read_arrays(self._path(block)))
-        return None
+        arrays = None if self.cache is None else self.cache.get([self.key(block)])[0]
+        return None if arrays is None else Seen(*arrays)
 
-    def _path(self, block: Block) -> Path:
-        told = [(repr(sensor.model), sensor.pose.tolist()) for sensor in self.sensors[slice(*block)]]
-        key = sha256(json.dumps([code_digest(*RENDERING), self.traffic.digest(), told]).encode()).hexdigest()
-        return Path(self.cache or "") / f"seen-{key[:32]}.npz"
+    def key(self, block: Block) -> bytes:
+        """What is seen by a block of sensors depends on this."""
+        sensors = self.sensors[slice(*block)]
+        code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
+        return key_of("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors])

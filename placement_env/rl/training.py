@@ -293,9 +293,9 @@ def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
 
 
 def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
-    import torch
+    from models.train import read_checkpoint
 
-    state = torch.load(path, map_location="cpu", weights_only=True)
+    state = read_checkpoint(path)
     different = [key for key, value in identity.items() if state.get(key) != value]
     if different:
         raise ValueError(f"{path} is of another {' and '.join(different)}: choose another folder or remove it")

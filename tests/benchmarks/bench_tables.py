@@ -19,7 +19,7 @@ from toolkit.arrays import Float32
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.evaluation import SCHEMES
 from toolkit.objects import Detections
-from toolkit.runtime.cache import Memo
+from toolkit.runtime.cache import Cache
 
 
 class Counted:
@@ -45,7 +45,7 @@ def main() -> None:
     detector = Counted(sys.argv[3] if len(sys.argv) > 3 else dataset.site.name)
     renders, subsets = Renders.of(dataset), all_subsets(len(dataset.sensors))
     with TemporaryDirectory() as folder:
-        memo, all_start = Memo(Path(folder) / "memo"), process_time()
+        memo, all_start = Cache(Path(folder) / "memo"), process_time()
         for kept in ("detected", "kept"):
             for scheme in SCHEMES:
                 start, calls, inside = process_time(), detector.calls, detector.seconds

@@ -115,3 +115,16 @@ def test_damage_is_named_in_one_line(packed_file, tmp_path, damage):
     with pytest.raises((ValueError, FileNotFoundError), match=r"damaged.packed") as error:
         PackedFrames(path)
     assert "\n" not in str(error.value)
+
+
+def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
+    out = tmp_path / "x.packed"
+
+    def recordings():
+        yield recording(frames, AREA, count=1)
+        assert pack([recording(frames, AREA, count=2)], out) == 2
+        assert len(PackedFrames(out)) == 2
+
+    assert pack(recordings(), out) == 1
+    assert len(PackedFrames(out)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]

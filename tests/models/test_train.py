@@ -59,8 +59,7 @@ def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, t
             train(packed_file, config, settings, tmp_path / "stopped", every_s=0.0, progress=stop_after(steps))
     resumed = train(packed_file, config, settings, tmp_path / "stopped", every_s=0.0)
     assert same_weights(undisturbed, resumed)
-    rows = [training_log.curves(tmp_path / name / LOG) for name in ("whole", "stopped")]
-    assert [list(each) for each in rows] == [list(rows[0])] * 2
+    assert (tmp_path / "whole" / LOG).read_bytes() == (tmp_path / "stopped" / LOG).read_bytes()
     again = train(packed_file, config, settings, tmp_path / "stopped")  # nothing left to do
     assert same_weights(undisturbed, again)
 
@@ -93,6 +92,39 @@ def test_a_checkpoint_is_loaded_with_its_settings(packed_file, tmp_path):
     assert loaded.config == network.config
     assert settings["step"] == 1
     assert settings["preset"]["learning_rate"] == FAST.learning_rate
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
+def test_a_checkpoint_that_was_cut_is_told_in_one_line(packed_file, tmp_path, share):
+    config, settings, path = config_for(AREA, "fast"), replace(FAST, epochs=0.4), tmp_path / CHECKPOINT
+    train(packed_file, config, settings, tmp_path)
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    for read in (lambda: load_checkpoint(path), lambda: train(packed_file, config, settings, tmp_path)):
+        with pytest.raises(ValueError, match=r"checkpoint.pt is damaged or no checkpoint \(.*\): remove it") as told:
+            read()
+        assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("state", [7, {}, {"network": {}}, {"config": 3}])
+def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state):
+    torch.save(state, tmp_path / CHECKPOINT)
+    with pytest.raises(ValueError, match="is no checkpoint") as told:
+        load_checkpoint(tmp_path / CHECKPOINT)
+    assert "\n" not in str(told.value)
+    with pytest.raises(ValueError, match=r"is no checkpoint|another config"):
+        train(packed_file, config_for(AREA, "fast"), FAST, tmp_path)
+
+
+def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(packed_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("models.train.LOG_STEPS", 3)
+    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=2.0, batch=1)
+    train(packed_file, config, settings, tmp_path / "whole")
+    for steps in (2, 4):
+        with pytest.raises(Stopped):
+            train(packed_file, config, settings, tmp_path / "killed", every_s=0.0, progress=stop_after(steps))
+    train(packed_file, config, settings, tmp_path / "killed", every_s=0.0)
+    assert (tmp_path / "whole" / LOG).read_bytes() == (tmp_path / "killed" / LOG).read_bytes()
+    assert len((tmp_path / "whole" / LOG).read_text().splitlines()) > 4
 
 
 def test_the_area_is_that_of_the_data_or_a_window(packed_file):

@@ -20,7 +20,7 @@ from toolkit.detection.fusion import hybrid_radius
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.points import beyond
-from toolkit.runtime.cache import Memo
+from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -233,7 +233,7 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_what_changed_never_gets_an_old_score(change, tmp_path, scores):
     """One file serves both; the changed one must get what it gets without any memory, and the first one its own."""
-    memo = Memo(tmp_path / "memo.sqlite")
+    memo = Cache(tmp_path / "memo.sqlite")
     changed, anew = CHANGES[change](), CHANGES[change]()
     changed.memo = memo
     before = some(scores["early"])
@@ -241,7 +241,7 @@ def test_what_changed_never_gets_an_old_score(change, tmp_path, scores):
     got = changed(SETS[FEW])
     assert_same(got, anew(SETS[FEW]))
     assert not np.allclose(got.ap, before.ap)
-    assert_same(detected(memo=Memo(tmp_path / "memo.sqlite"))(SETS[FEW]), before)
+    assert_same(detected(memo=Cache(tmp_path / "memo.sqlite"))(SETS[FEW]), before)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

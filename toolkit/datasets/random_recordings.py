@@ -5,20 +5,18 @@ Every recording has a junction, sensors, and bodies of its own; a seed and its n
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import islice
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolkit.arrays import Float32
 from toolkit.frame import Frame
+from toolkit.runtime.parallel import spread
 
 if TYPE_CHECKING:
     from toolkit.sites.site import Site
@@ -81,12 +79,13 @@ def random_recordings(
     A recording that fails is left out with a warning that says why. workers: processes, one per core when None; their
     number changes nothing but the time. progress: told how many recordings are done. Few results wait in memory.
     """
-    if min(count, frames) < 1 or seed < 0:
-        raise ValueError(f"need at least one site and one frame, and seed >= 0, got {count}, {frames} and {seed}")
-    job = _Job(seed, frames, encode)
-    for done, result in enumerate(_in_order(job, count, os.cpu_count() or 1 if workers is None else workers), 1):
-        if progress:
-            progress(done)
+    whole = all(isinstance(number, Integral) for number in (count, frames, seed))
+    if not whole or min(count, frames) < 1 or seed < 0:
+        raise ValueError(
+            f"need at least one site and one frame, and seed >= 0, whole numbers, got {count}, {frames} and {seed}"
+        )
+    workers = min(count, os.cpu_count() or 1 if workers is None else workers)
+    for result in spread(_Job(seed, frames, encode), range(count), workers=workers, progress=progress):
         if isinstance(result, Failed):
             warnings.warn(f"random site {result.number} of seed {seed} left out: {result.reason}", stacklevel=2)
         else:
@@ -104,19 +103,3 @@ class _Job:
             return self.encode(random_recording(self.seed, number, self.frames))
         except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
             return Failed(number, f"{type(error).__name__}: {error}")
-
-
-def _in_order(job: _Job, count: int, workers: int) -> Iterator[Any]:
-    if workers == 1:
-        yield from map(job, range(count))
-        return
-    context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's threads
-    with ProcessPoolExecutor(min(workers, count), context) as pool:
-        numbers = iter(range(count))
-        pending: deque[Future[Any]] = deque(pool.submit(job, n) for n in islice(numbers, 2 * workers))
-        try:
-            while pending:
-                yield pending.popleft().result()
-                pending.extend(pool.submit(job, n) for n in islice(numbers, 1))
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)

@@ -29,6 +29,7 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
+from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -96,12 +97,13 @@ def join(header: Header, parts: Sequence[Path], out: Path) -> None:
         with h5py.File(part) as file:
             lengths.append(len(file["coview/time"]))
             objects.append(len(file["coview/object_ids"]))
-    with h5py.File(out, "w") as joined:
+    with hdf5_file(out) as (joined, check):
         _create(joined, header, sum(lengths), sum(objects))
         first_frame = first_object = 0
         for part, frames, count in zip(parts, lengths, objects, strict=True):
             with h5py.File(part) as file:
                 _append(joined, file, header, first_frame, first_object)
+            check()
             first_frame, first_object = first_frame + frames, first_object + count
 
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,9 +66,9 @@ def simulate_dataset(
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), frames, seed)
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}: leave it out for one per core")
-    out = Path(out)
+    if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
+        raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
+    out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
     parts = PartFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
         _check_same(out, job.plan)
@@ -99,6 +100,8 @@ class Job:
     seed: int
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.frames, Integral) and isinstance(self.seed, Integral)):
+            raise ValueError(f"frames and seed must be whole numbers, got {self.frames} and {self.seed}")
         if self.frames < 1 or self.seed < 0:
             raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
         if not self.sensors:
@@ -126,14 +129,14 @@ class Job:
         """What must be equal for two runs to give the same bytes, to be compared and shown to people."""
         from toolkit.sites.geojson import dumps
 
-        sensors = [[s.name, type(s.model).__name__, asdict(s.model), s.pose.tolist()] for s in self.sensors]
+        sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
         for body in self.bodies:
             bodies.update(f"{body.name} {body.label}".encode() + body.vertices.tobytes() + body.triangles.tobytes())
         return {
             "site": f"{self.site.name} {_digest(dumps(self.site))}",
-            "frames": self.frames,
-            "seed": self.seed,
+            "frames": int(self.frames),
+            "seed": int(self.seed),
             "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
             "bodies": f"{len(self.bodies)} {bodies.hexdigest()[:12]}",
             "schema": SCHEMA,

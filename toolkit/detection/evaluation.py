@@ -43,6 +43,7 @@ from toolkit.detection.metrics import Protocol as Scoring
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import Metric, beyond, centred_in, frame_points, select_sensors
+from toolkit.runtime.files import write_text
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -173,7 +174,7 @@ def save_evaluation(rows: Sequence[Row], folder: str | Path) -> None:
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "table.json").write_text(json.dumps({"rows": [row.as_dict() for row in rows]}, indent=1))
+    write_text(folder / "table.json", json.dumps({"rows": [row.as_dict() for row in rows]}, indent=1))
     for iou in dict.fromkeys(row.iou for row in rows):
         curves = {
             f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}": (row.curve.recall, row.curve.precision)

@@ -1,19 +1,22 @@
-"""`Memo`: arrays that took long to compute, kept under a key that says all they depend on, on disk and in one file.
+"""`Cache`: arrays that took long to compute, kept under a key that says all they depend on, on disk and in one file.
 
 The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
 process killed in mid-write leaves it as it was before. Each value is kept with a checksum over key and value; one that
 does not fit is computed anew. A file that is damaged is put aside under another name, with a warning, and begun anew.
 
-A key is made by `key_of`; there is no way to change a value, since what it depends on is in the key.
+A key is made by `key_of`; there is no way to change a value, since what it depends on is in the key. What depends on
+code has `toolkit.runtime.code_digest` in its key.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import sqlite3
 import warnings
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -27,7 +30,10 @@ Result = TypeVar("Result")
 WAIT = 60.0  # s that a process waits while another one writes
 AT_ONCE = 500  # keys in one question
 CHECKSUM = 8  # bytes
-SCHEMA = "CREATE TABLE IF NOT EXISTS memo (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
+COMPRESSED = 1 << 14  # bytes, from which on a value is compressed
+LARGEST = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
+KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
+SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
 
 
 def key_of(*parts: Any) -> bytes:
@@ -39,15 +45,15 @@ def key_of(*parts: Any) -> bytes:
     return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-class Memo:
+class Cache:
     """Tuples of arrays by key; path: of the file, made where it is missing, None for memory only.
 
     Sent to another process, it opens the file again there; in memory, each process has its own. Where the file cannot
     be written, it warns and goes on without.
 
-    >>> memo = Memo()
-    >>> memo.put({key_of("a"): (np.arange(3),)})
-    >>> memo.get([key_of("a"), key_of("b")])
+    >>> cache = Cache()
+    >>> cache.put({key_of("a"): (np.arange(3),)})
+    >>> cache.get([key_of("a"), key_of("b")])
     [(array([0, 1, 2]),), None]
     """
 
@@ -67,10 +73,13 @@ class Memo:
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
         """Keep all of them or, where the process ends before, none."""
         rows = [(key, encoded(key, value)) for key, value in values.items()]
-        self._safely(partial(_insert, rows=rows), None)
+        fitting = [row for row in rows if len(row[1]) <= LARGEST]
+        if len(fitting) < len(rows):
+            warnings.warn(f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=2)
+        self._safely(partial(_insert, rows=fitting), None)
 
     def __len__(self) -> int:
-        return self._safely(lambda db: int(db.execute("SELECT count(*) FROM memo").fetchone()[0]), 0)
+        return self._safely(lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_open": None}
@@ -136,25 +145,46 @@ class Memo:
 
 
 def encoded(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Arrays as bytes: checksum, a line of JSON with their types and shapes, then what they hold."""
+    """Arrays as bytes: checksum, a line of JSON with their types and shapes, then what they hold.
+
+    Raises ValueError for arrays of objects or records.
+    """
     columns = [np.ascontiguousarray(column) for column in arrays]
-    head = json.dumps([(column.dtype.str, column.shape) for column in columns]).encode() + b"\n"
-    body = b"".join([head, *(column.tobytes() for column in columns)])
+    for column in columns:
+        if column.dtype.kind not in KINDS:
+            raise ValueError(f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one")
+    content = b"".join(column.tobytes() for column in columns)
+    compressed = len(content) >= COMPRESSED
+    described = [compressed, *((column.dtype.str, column.shape) for column in columns)]
+    body = json.dumps(described).encode() + b"\n" + (zlib.compress(content, 1) if compressed else content)
     return _checksum(key, body) + body
 
 
 def decoded(key: bytes, value: bytes) -> Arrays | None:
-    """The arrays that `encoded` turned into bytes, None where a bit of them has changed since."""
+    """The arrays that `encoded` turned into bytes, None where they are not those."""
     body = value[CHECKSUM:]
     if value[:CHECKSUM] != _checksum(key, body):
         return None
-    head, _, rest = body.partition(b"\n")
-    columns, first = [], 0
-    for dtype, shape in json.loads(head):
-        column = np.ndarray(shape, dtype, rest, first)
-        columns.append(column)
-        first += column.nbytes
-    return tuple(columns)
+    head, _, content = body.partition(b"\n")
+    try:
+        return _arrays(json.loads(head), content)
+    except (ValueError, TypeError, IndexError, OverflowError, RecursionError, zlib.error):
+        return None
+
+
+def _arrays(described: Any, content: bytes) -> Arrays:
+    compressed, *columns = described
+    types = [np.dtype(str(dtype)) for dtype, _ in columns]
+    shapes = [[int(length) for length in shape] for _, shape in columns]
+    sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)]
+    if any(dtype.kind not in KINDS for dtype in types) or any(length < 0 for shape in shapes for length in shape):
+        raise ValueError("no plain arrays")
+    if compressed:
+        content = zlib.decompressobj().decompress(content, sum(sizes) + 1)
+    if len(content) != sum(sizes):
+        raise ValueError("arrays of another size")
+    first = np.cumsum([0, *sizes]).tolist()
+    return tuple(np.ndarray(*each) for each in zip(shapes, types, [content] * len(types), first, strict=False))
 
 
 def _checksum(key: bytes, body: bytes) -> bytes:
@@ -163,13 +193,13 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 def _select(database: sqlite3.Connection, keys: list[bytes]) -> dict[bytes, bytes]:
     marks = ",".join("?" * len(keys))
-    return dict(database.execute(f"SELECT key, value FROM memo WHERE key IN ({marks})", keys))
+    return dict(database.execute(f"SELECT key, value FROM entries WHERE key IN ({marks})", keys))
 
 
 def _insert(database: sqlite3.Connection, rows: list[tuple[bytes, bytes]]) -> None:
     database.execute("BEGIN IMMEDIATE")
     try:
-        database.executemany("INSERT OR REPLACE INTO memo VALUES (?, ?)", rows)
+        database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", rows)
     except BaseException:
         database.execute("ROLLBACK")
         raise

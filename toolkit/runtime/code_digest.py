@@ -1,29 +1,148 @@
-"""`code_digest`: what is kept on disk is believed only while the code that computed it is the same."""
+"""What is kept on disk is believed only while the code that computed it is the same: a digest of a job's source.
+
+The source of a job is its import closure: its module, what that imports, inside functions too, and so on, as far as it
+is ours. What stands under `if TYPE_CHECKING:` is not run and does not count. A package whose face loads lazily brings
+only the names that are asked of it. Of libraries the version counts.
+"""
 
 from __future__ import annotations
 
-import hashlib
+import ast
+import sys
+from collections.abc import Iterator
 from functools import cache
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-RENDERING = (
-    *("toolkit/boxes.py", "toolkit/mesh.py", "toolkit/points.py", "toolkit/rendering/renderer.py"),
-    *("toolkit/rendering/static_scene.py", "toolkit/rendering/silhouettes.py", "toolkit/sensors/sensor.py"),
-    *("models/packed.py", "models/packing.py", "placement_env/fidelity/renders.py"),
-    *("placement_env/fidelity/occlusion.py", "placement_env/fidelity/visibility.py"),
-)
-DETECTION = (
-    *("toolkit/detection/cluster.py", "toolkit/detection/fusion.py", "toolkit/detection/metrics.py"),
-    *("toolkit/objects.py", "models/anchors.py", "models/detector.py", "models/folding.py", "models/published.py"),
-    *("models/sparse.py", "models/sparse_middle.py", "models/sparse_columns.py", "models/voxelnet.py"),
-    *("models/voxels.py", "placement_env/fidelity/detector.py"),
-)
+TOP = Path(__file__).parents[2]  # of this checkout or installation
+PACKAGES = ("toolkit", "models", "placement_env")
+
+_Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 
 @cache
-def code_digest(*files: str) -> str:
-    """SHA-256 over source files of this checkout or installation, named from its top."""
-    root, digest = Path(__file__).parents[2], hashlib.sha256()
-    for name in files:
-        digest.update(name.encode() + (root / name).read_bytes())
+def code_digest(*modules: str) -> str:
+    """SHA-256 over all source that `modules` run, and the versions of the libraries they import; computed once.
+
+    A module of the user's counts as well: its file, and what it imports of ours.
+    """
+    return digest_of_source(modules)
+
+
+def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
+    """`code_digest` of the source that lies below `top`, read now."""
+    files, libraries = import_closure(modules, top)
+    digest = sha256()
+    for module in sorted(files):
+        digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
+    for library in sorted(libraries):
+        digest.update(f"{library} {_version(library)}\n".encode())
     return digest.hexdigest()
+
+
+def import_closure(modules: tuple[str, ...], top: Path = TOP) -> tuple[dict[str, Path], set[str]]:
+    """The source file of each module that `modules` import, directly or not, and the libraries that these import."""
+    files: dict[str, Path] = {}
+    libraries: set[str] = set()
+    pending: list[_Import] = [(module, "") for module in modules]
+    done: set[_Import] = set()
+    while pending:
+        module, name = pending.pop()
+        if (module, name) in done:
+            continue
+        done.add((module, name))
+        parent = module.rpartition(".")[0]
+        pending.extend([(parent, "")] if parent and _is_ours(module) else [])
+        path = _file(module, top) if _is_ours(module) or module in modules else None
+        if path is None:
+            libraries.update(set() if _is_ours(module) else {module.partition(".")[0]} - sys.stdlib_module_names)
+            continue
+        if name and path.name == "__init__.py":
+            below = f"{module}.{name}"
+            pending.extend([(below, "")] if _file(below, top) else _offers(path.read_bytes(), module, name))
+        if module not in files:
+            files[module] = path
+            pending.extend(_imports(path.read_bytes(), module, path.name == "__init__.py"))
+    return files, libraries
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] in PACKAGES
+
+
+def _file(module: str, top: Path) -> Path | None:
+    """The source file of a module: of ours below `top`, of another where it was loaded from."""
+    if not _is_ours(module):
+        loaded = getattr(sys.modules.get(module), "__file__", None)
+        return Path(loaded) if loaded and loaded.endswith(".py") else None
+    path = top.joinpath(*module.split("."))
+    return next((each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file()), None)
+
+
+@cache
+def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
+    """What a module imports when it and its functions run."""
+    return tuple(
+        each
+        for node in _run(ast.parse(source))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for each in _imported(node, module if is_package else module.rpartition(".")[0])
+    )
+
+
+def _run(tree: ast.AST) -> Iterator[ast.AST]:
+    """All statements but those that only type checkers read."""
+    pending = [tree]
+    while pending:
+        node = pending.pop()
+        yield node
+        skipped = isinstance(node, ast.If) and _names_type_checking(node.test)
+        for block in ("orelse",) if skipped else ("body", "orelse", "handlers", "finalbody", "cases"):
+            inner = getattr(node, block, ())
+            pending.extend(inner if isinstance(inner, list) else ())
+
+
+def _names_type_checking(test: ast.expr) -> bool:
+    return isinstance(test, ast.Name | ast.Attribute) and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
+
+
+def _imported(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
+    if isinstance(node, ast.Import):
+        return [(alias.name, "") for alias in node.names]
+    module = node.module or ""
+    if node.level:
+        parts = package.split(".")
+        above = ".".join(parts[: len(parts) - node.level + 1])
+        module = f"{above}.{module}" if module else above
+    return [(module, alias.name) for alias in node.names]
+
+
+@cache
+def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
+    """Where a face that loads lazily has a name from: it says so to type checkers, or in a table of names and modules.
+
+    Empty where it defines the name itself; all that it offers for a star.
+    """
+    offered: dict[str, _Import] = {}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom):
+            for alias, place in zip(node.names, _imported(node, package), strict=True):
+                offered[alias.asname or alias.name] = place
+        elif isinstance(node, ast.Dict):
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and isinstance(value, ast.Constant) and isinstance(value.value, str):
+                    offered[str(key.value)] = (f"{package}.{value.value}", "")
+    if name == "*":
+        return tuple(offered.values())
+    return (offered[name],) if name in offered else ()
+
+
+@cache
+def _version(library: str) -> str:
+    for name in (library, f"{library}-cpu"):  # Open3D has a distribution for each
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    return ""

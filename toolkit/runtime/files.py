@@ -30,26 +30,25 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 @contextmanager
-def writing(path: str | Path) -> Iterator[Path]:
+def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
     """The name under which the block shall write a file (same ending, same folder); at its end it gets its own name.
 
     For libraries that write files themselves. Where the block raises, `path` stays what it was. Raises OSError, with
     file and reason in one line, where the disk is full or the folder cannot be written.
+
+    unfinished: that name, if it matters, on the same file system as `path`; none is made before the block.
     """
     target = Path(os.path.realpath(path))
-    unfinished: Path | None = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        number, name = tempfile.mkstemp(f".unfinished{target.suffix}", f".{target.name[:100]}.", target.parent)
-        os.close(number)
-        unfinished = Path(name)
+        unfinished = unfinished or _beside(target)
         yield unfinished
         with unfinished.open("rb") as file:
             os.fsync(file.fileno())
         unfinished.chmod(_mode(target))
         unfinished.replace(target)
     except (OSError, RuntimeError) as error:  # h5py raises both
-        reason = _reason(error)
+        reason = reason_of(error)
         if reason is None:
             raise
         raise _explained(path, reason) from error
@@ -57,6 +56,14 @@ def writing(path: str | Path) -> Iterator[Path]:
         if unfinished is not None:
             with suppress(OSError):
                 unfinished.unlink(missing_ok=True)
+
+
+def reserve(path: Path, size: int) -> None:
+    """Raise OSError where a file of so many bytes has no room, for libraries that do not tell; `path` is left empty."""
+    with path.open("wb") as file:
+        if hasattr(os, "posix_fallocate") and size:
+            os.posix_fallocate(file.fileno(), 0, size)
+        file.truncate(0)
 
 
 def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
@@ -74,6 +81,13 @@ def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrit
         raise FileExistsError(f"{out} exists: write to another file, or replace it with --overwrite")
 
 
+def _beside(target: Path) -> Path:
+    """A new empty file in the folder of another, of its kind, hidden, and of a name of its own."""
+    number, name = tempfile.mkstemp(f".unfinished{target.suffix}", f".{target.name[:100]}.", target.parent)
+    os.close(number)
+    return Path(name)
+
+
 def _same(a: Path, b: Path) -> bool:
     with suppress(OSError):
         return a.samefile(b)
@@ -89,7 +103,7 @@ def _mode(target: Path) -> int:
     return 0o666 & ~mask
 
 
-def _reason(error: BaseException) -> int | None:
+def reason_of(error: BaseException) -> int | None:
     """The error number of a file system that refused, also where HDF5 hides it in a message; None for other errors."""
     number = getattr(error, "errno", None)
     if number is None and (found := re.search(r"errno = (\d+)", str(error))):

@@ -9,11 +9,10 @@ import multiprocessing
 import os
 import pickle
 import signal
-import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -21,10 +20,11 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
 
-RETRIES = 3  # how often work that was lost is done again
+from toolkit.runtime.ray_backend import RETRIES, on_ray
+
 AHEAD = 2  # inputs handed out per process
+TICK_S = 0.2  # between two looks at the ticks
 IDLE_S = 20.0  # that processes wait for more of the same job
-AHEAD_ON_RAY = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
 def spread(
@@ -34,6 +34,7 @@ def spread(
     workers: int = 1,
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
+    ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Any]:
     """`job(x)` for each of `inputs`, in their order, as `map` would give it; what `job` raises is raised.
 
@@ -42,20 +43,32 @@ def spread(
     workers: processes on this machine, a script that asks for several must do so under `if __name__ == "__main__":`;
     ray: instead of them the cores of a Ray cluster, by its address; "auto" for the one this machine is part of, "local"
     for one started here for the time being; coview must be installed on all its machines. progress: told how many
-    results are done.
+    results are done; ticks: told now and then how often jobs in processes called `tick`.
 
-    Raises ValueError where workers is less than 1; RuntimeError where work was lost more than RETRIES times;
-    ImportError without Ray; ConnectionError where no cluster answers.
+    Raises ValueError where workers is no whole number of at least 1; RuntimeError where work was lost more than RETRIES
+    times; ImportError without Ray; ConnectionError where no cluster answers.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
+    if workers < 1 or workers != int(workers):
+        rule = "at least 1" if workers < 1 else "a whole number"
+        raise ValueError(f"workers must be {rule}, got {workers}")
     if ray is not None:
-        results = _on_ray(job, inputs, ray)
+        results = on_ray(job, inputs, ray)
     elif workers == 1:
         results = map(job, inputs)
     else:
-        results = _in_processes(job, inputs, workers)
+        results = _in_processes(job, inputs, workers, ticks or _ignore)
     return _counted(results, progress)
+
+
+def tick() -> None:
+    """Say, in a job, that a part of it is done, so that long jobs show that they go on. Does nothing on Ray."""
+    if _ticks is not None:
+        with _ticks.get_lock():
+            _ticks.value += 1
+
+
+def _ignore(_: int) -> None:
+    pass
 
 
 def _counted(results: Iterator[Any], progress: Callable[[int], None] | None) -> Iterator[Any]:
@@ -78,14 +91,16 @@ class _Task:
         return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
-def _in_processes(job: Callable[[Any], Any], inputs: Iterable[Any], workers: int) -> Iterator[Any]:
+def _in_processes(
+    job: Callable[[Any], Any], inputs: Iterable[Any], workers: int, ticks: Callable[[int], None]
+) -> Iterator[Any]:
     pickled, remaining = pickle.dumps(job), iter(inputs)
     pending: deque[_Task] = deque()
     deaths = given = given_before = 0  # deaths since there was a result
     while True:
         try:
-            with _pool(pickled, workers) as submit:
-                for result in _results(submit, pending, remaining, AHEAD * workers):
+            with _pool(pickled, workers) as pool:
+                for result in _results(pool, pending, remaining, ticks):
                     given += 1
                     yield result
             return
@@ -100,23 +115,28 @@ def _in_processes(job: Callable[[Any], Any], inputs: Iterable[Any], workers: int
 
 
 def _results(
-    submit: Callable[[Any], Future[Any]], pending: deque[_Task], remaining: Iterator[Any], ahead: int
+    pool: _Pool, pending: deque[_Task], remaining: Iterator[Any], ticks: Callable[[int], None]
 ) -> Iterator[Any]:
     """Results in order. What is in `pending` and has no future is handed out first; after a BrokenProcessPool it still
     holds every input whose result was not given."""
     while True:
-        pending.extend(_Task(x) for x in islice(remaining, ahead - len(pending)))
+        pending.extend(_Task(x) for x in islice(remaining, AHEAD * pool.workers - len(pending)))
         for task in pending:
-            task.future = task.future or submit(task.input)
+            task.future = task.future or pool.submit(task.input)
         if not pending:
             return
-        result = pending[0].future.result()  # type: ignore[union-attr]
+        future = pending[0].future
+        assert future is not None
+        while not wait([future], TICK_S).done:
+            ticks(pool.ticks)
+        result = future.result()
+        ticks(pool.ticks)
         pending.popleft()
         yield result
 
 
 @contextmanager
-def _pool(pickled: bytes, workers: int) -> Iterator[Callable[[Any], Future[Any]]]:
+def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
     """Processes that end with this one, and at once where the block raises or is left early. The last ones are kept for
     `IDLE_S` seconds: a search asks for the same job time and again, and a process takes seconds to begin."""
     with _lock:
@@ -124,8 +144,9 @@ def _pool(pickled: bytes, workers: int) -> Iterator[Callable[[Any], Future[Any]]
     if pool is None:
         _end_kept()
         pool = _Pool(pickled, workers)
+    pool.ticks = 0
     try:
-        yield pool.submit
+        yield pool
     except BaseException:
         pool.end(at_once=True)
         raise
@@ -140,9 +161,20 @@ class _Pool:
 
     def __init__(self, pickled: bytes, workers: int) -> None:
         context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
+        self.workers = workers
         self._reader, self._writer = context.Pipe(duplex=False)
-        self._executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader))
+        self._ticks = context.Value("q")
+        self._executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader, self._ticks))
         self._idle: threading.Timer | None = None
+
+    @property
+    def ticks(self) -> int:
+        """How often the job called `tick` since this was set to 0."""
+        return int(self._ticks.value)
+
+    @ticks.setter
+    def ticks(self, count: int) -> None:
+        self._ticks.value = count
 
     def submit(self, x: Any) -> Future[Any]:
         """Have the job done on an input."""
@@ -180,13 +212,14 @@ def _end_kept() -> None:
 
 
 _job: Callable[[Any], Any]
+_ticks: Any = None  # a number that all workers of a pool count up; None in other processes
 
 
-def _start_worker(pickled: bytes, parent: Connection) -> None:
-    global _job
+def _start_worker(pickled: bytes, parent: Connection, ticks: Any) -> None:
+    global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    _job = pickle.loads(pickled)
+    _job, _ticks = pickle.loads(pickled), ticks
 
 
 def _end_with(parent: Connection) -> None:
@@ -204,82 +237,3 @@ def _died(times: int, x: str) -> str:
         f"a worker process died {times} times in a row, at or near input {x[:60]}: out of memory (use fewer workers), "
         'or called from a script without `if __name__ == "__main__":`'
     )
-
-
-def _on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
-    """Ray's scheduler gives tasks to nodes, and gives them again when a worker or a node is lost."""
-    ray = _connected(address)
-    pending: deque[Any] = deque()
-    try:
-        task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
-        shared, remaining = ray.put(job), iter(inputs)
-        ahead = AHEAD_ON_RAY * max(1, int(ray.cluster_resources().get("CPU", 1)))
-        while True:
-            pending.extend(task.remote([shared], x) for x in islice(remaining, ahead - len(pending)))
-            if not pending:
-                return
-            yield _got(ray, pending.popleft())
-    finally:
-        for reference in pending:
-            ray.cancel(reference, force=True)
-
-
-def _got(ray: Any, reference: Any) -> Any:
-    try:
-        return ray.get(reference)
-    except ray.exceptions.RayTaskError as error:  # what the job raised
-        raise error.cause from None
-    except ray.exceptions.RayError as error:
-        reason = str(error).partition("\n")[0]
-        raise RuntimeError(
-            f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs"
-        ) from None
-
-
-_jobs: dict[str, Callable[[Any], Any]] = {}  # of a Ray worker: the last it was given, so that what it keeps is kept
-
-
-def _work_on_ray(shared: list[Any], x: Any) -> Any:
-    key = shared[0].hex()
-    if key not in _jobs:
-        _jobs.clear()
-        _jobs[key] = _ray().get(shared[0])
-    return _jobs[key](x)
-
-
-_address: str | None = None  # of the cluster that we are connected to
-
-
-def _connected(address: str) -> Any:
-    """Ray, connected until this process ends or asks for another cluster; a connection of the caller's own stays."""
-    global _address
-    ray = _ray()
-    if ray.is_initialized() and _address not in (None, address):
-        ray.shutdown()
-    if not ray.is_initialized():
-        _connect(ray, address)
-        _address = address
-    return ray
-
-
-def _connect(ray: Any, address: str) -> None:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    here = {"include_dashboard": False} if address == "local" else {}
-    host, colon, port = address.rpartition("://")[2].rpartition(":")
-    try:
-        if colon:  # Ray itself takes minutes to find out
-            socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
-        ray.init(address=address, log_to_driver=False, **here)
-    except (OSError, ValueError, RuntimeError) as error:
-        reason = str(error).partition("\n")[0]
-        raise ConnectionError(
-            f"no Ray cluster answers at {address!r} ({reason}): start one with `ray start --head`, or ask for 'local'"
-        ) from None
-
-
-def _ray() -> Any:
-    try:
-        import ray
-    except ImportError:
-        raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]") from None
-    return ray

@@ -8,28 +8,26 @@ from __future__ import annotations
 
 import errno
 import json
-import multiprocessing
 import os
 import re
 import shutil
-import signal
-import threading
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
+
+from toolkit.runtime.files import DISK_ERRORS, reason_of, write_bytes, write_text, writing
+from toolkit.runtime.parallel import spread, tick
 
 try:
     import fcntl
 except ImportError:  # not a Unix
     fcntl = None  # type: ignore[assignment]
 
+_UNFINISHED = ".unfinished"  # in the names of files that a killed run left
 _PART = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
-_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 @runtime_checkable
@@ -64,7 +62,7 @@ class PartFolder:
             )
         if found is None or differences:
             self._clear()
-            write_whole(note, json.dumps(self.plan, indent=1).encode())
+            write_text(note, json.dumps(self.plan, indent=1))
 
     def verified(self) -> dict[int, Path]:
         """The undamaged parts by block; all else is removed."""
@@ -73,24 +71,21 @@ class PartFolder:
             name = _PART.fullmatch(path.name)
             if name and zlib.crc32(path.read_bytes()) == int(name[2], 16):
                 parts[int(name[1])] = path
-            elif name or path.suffix == ".unfinished":
+            elif name or _UNFINISHED in path.name:
                 path.unlink()
         return parts
 
     def add(self, block: int, content: bytes) -> None:
         """Store the part of a block, all of it or nothing."""
-        write_whole(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
+        write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], None]) -> None:
         """Join all parts into `out`, which appears whole, and remove them."""
-        joined = self.path / "joined.unfinished"
         size = sum(path.stat().st_size for path in self.parts().values())
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the parts")
-        join([self.parts()[block] for block in sorted(self.parts())], joined)
-        with joined.open("rb") as file:
-            os.fsync(file.fileno())
-        joined.replace(out)
+        with writing(out, self.path / f"joined{_UNFINISHED}") as joined:
+            join([self.parts()[block] for block in sorted(self.parts())], joined)
         self.remove()
 
     def parts(self) -> dict[int, Path]:
@@ -108,7 +103,7 @@ class PartFolder:
 
     def _clear(self) -> None:
         for path in self.path.iterdir():
-            if _PART.fullmatch(path.name) or path.name.endswith(".unfinished"):
+            if _PART.fullmatch(path.name) or _UNFINISHED in path.name:
                 path.unlink()
 
     @contextmanager
@@ -129,12 +124,10 @@ class PartFolder:
         try:
             yield
         except (OSError, RuntimeError) as error:  # h5py raises both
-            number = getattr(error, "errno", None) or _errno_in(str(error))
-            if number not in _DISK_ERRORS:
+            number = reason_of(error)
+            if number not in DISK_ERRORS:
                 raise
             safe = frames(self.parts())
-            for unfinished in self.path.glob("*.unfinished"):
-                unfinished.unlink(missing_ok=True)
             free = shutil.disk_usage(self.path).free
             explained = OSError(
                 f"cannot write {out}: {os.strerror(number)} ({free / 1e6:.0f} MB free); {safe} frames are safe in"
@@ -148,31 +141,16 @@ def make_parts(
     work: Work, folder: PartFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
 ) -> None:
     """Make the parts of `blocks` in `workers` processes, in this one if it is one; progress: told the items done."""
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    done = 0
-    if blocks and min(workers, len(blocks)) == 1:
-        make = work.start(os.cpu_count() or 1)
+    workers, done = min(workers, max(1, len(blocks))), 0
 
-        def count() -> None:
-            nonlocal done
-            done += 1
-            progress(done)
+    def count() -> None:
+        nonlocal done
+        done += 1
+        progress(done)
 
-        for block in blocks:
-            _make_part(work, folder, make, block, count)
-    elif blocks:
-        _make_parts_in_processes(work, folder, blocks, min(workers, len(blocks)), progress)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that is there under its name only when all of it is on the disk."""
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}.unfinished")
-    with unfinished.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    unfinished.replace(path)
+    job = _Part(work, folder, (os.cpu_count() or 1) // max(1, workers) or 1, count if workers == 1 else tick)
+    for _ in spread(job, blocks, workers=workers, ticks=progress):
+        pass
 
 
 def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
@@ -185,68 +163,26 @@ def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
     return ", ".join(f"{key} {found.get(key)} instead of {asked.get(key)}" for key in keys)
 
 
-def _make_part(
-    work: Work, folder: PartFolder, make: Callable[[int], Iterator[Any]], block: int, count: Callable[[], None]
-) -> None:
-    items = []
-    for item in make(block):
-        items.append(item)
-        count()
-    folder.add(block, work.encode(items))
+@dataclass
+class _Part:
+    """The job of making the part of a block; what does not change is got ready with the first one in a process."""
 
+    work: Work
+    folder: PartFolder
+    threads: int
+    count: Callable[[], None]
+    make: Callable[[int], Iterator[Any]] | None = field(default=None, init=False)
 
-def _make_parts_in_processes(
-    work: Work, folder: PartFolder, blocks: Sequence[int], workers: int, progress: Callable[[int], None]
-) -> None:
-    context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
-    done = context.Value("q")
-    threads = max(1, (os.cpu_count() or 1) // workers)
-    others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(workers, context, _start_worker, (work, folder, done, threads)) as pool:
-        pending = {pool.submit(_work, block) for block in blocks}
+    def __call__(self, block: int) -> None:
+        self.make = self.make or self.work.start(self.threads)
+        items = []
+        for item in self.make(block):
+            items.append(item)
+            self.count()
         try:
-            while pending:
-                finished, pending = wait(pending, timeout=0.2, return_when=FIRST_EXCEPTION)
-                for future in finished:
-                    future.result()
-                progress(done.value)
-        except BrokenProcessPool:
-            raise RuntimeError(
-                "a worker process ended unexpectedly: out of memory, or called from a script without"
-                ' `if __name__ == "__main__":`; start again to go on, with fewer workers'
-            ) from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in set(multiprocessing.active_children()) - others:
-                process.terminate()
-            raise
-
-
-_worker: tuple[Work, PartFolder, Callable[[int], Iterator[Any]], Callable[[], None]]
-
-
-def _start_worker(work: Work, folder: PartFolder, done: Any, threads: int) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-    def count() -> None:
-        with done.get_lock():
-            done.value += 1
-
-    _worker = work, folder, work.start(threads), count
-
-
-def _work(block: int) -> None:
-    work, folder, make, count = _worker
-    _make_part(work, folder, make, block, count)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()  # returns when the parent is gone, killed or not
-        os._exit(1)
+            self.folder.add(block, self.work.encode(items))
+        except OSError as error:  # with the number in its arguments, so that it is not lost between processes
+            raise OSError(error.errno, str(error)) from error
 
 
 def _read_json(path: Path) -> dict[str, Any] | None:
@@ -254,9 +190,3 @@ def _read_json(path: Path) -> dict[str, Any] | None:
         return json.loads(path.read_text())
     except (FileNotFoundError, ValueError):
         return None
-
-
-def _errno_in(message: str) -> int | None:
-    """The error number HDF5 writes into its messages."""
-    number = re.search(r"errno = (\d+)", message)
-    return int(number[1]) if number else None

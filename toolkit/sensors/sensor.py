@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 
@@ -47,6 +49,16 @@ class Sensor:
     def world_SE3_body(self) -> Float64[np.ndarray, "4 4"]:
         """The pose of its body: x along the optical axis, y left, z up, whatever the axes of its own frame."""
         return self.pose @ invert(self.model.body_SE3_sensor)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of model and pose, whatever the sensor is called: equal where two measure the same."""
+        told = json.dumps(
+            [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
+            sort_keys=True,
+            default=np.ndarray.tolist,
+        )
+        return sha256(told.encode()).hexdigest()
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from toolkit.runtime.files import write_text
 from toolkit.sites import BUILT_IN
 from toolkit.sites.geojson import dumps, parse
 from toolkit.sites.site import Site
@@ -33,4 +34,4 @@ def load_site(name_or_path: str | Path) -> Site:
 
 def save_site(site: Site, path: str | Path) -> None:
     """Write a site as GeoJSON (local metres), to be read by `load_site` and by GIS tools."""
-    Path(path).write_text(dumps(site), encoding="utf-8")
+    write_text(path, dumps(site))

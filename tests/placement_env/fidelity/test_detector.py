@@ -1,5 +1,6 @@
 import hashlib
 import pickle
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,10 +14,10 @@ from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.detection.fusion import hybrid_radius
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.frame import Frame
-from toolkit.geometry import look
+from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import beyond, frame_points
-from toolkit.runtime.cache import Memo
+from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -130,7 +131,7 @@ def test_it_equals_evaluate_dataset_to_the_last_digit(rows, scheme):
 
 
 def test_detections_are_shared_among_sets_schemes_and_sensors_without_points():
-    memo, detector, seen = Memo(), Guess(), Seen(Recording(frames=2))
+    memo, detector, seen = Cache(), Guess(), Seen(Recording(frames=2))
     for scheme, calls in (("late", 4), ("early", 4), ("hybrid", 7)):
         before = detector.calls
         Detected(seen, detector, scheme, memo=memo)(SETS[1:])
@@ -159,6 +160,8 @@ def test_a_kept_set_costs_nothing_and_more_frames_only_what_they_add(tmp_path, s
         (Seen(Recording(tuple(Sensor(s.name + "b", s.model, s.pose) for s in SENSORS))), Guess()),
         (Seen(Recording(tuple(Sensor(s.name, DepthCamera(40, 30, 1, sigma=1.0), s.pose) for s in SENSORS))), Guess()),
         (Seen(Recording(SENSORS[1::-1] + SENSORS[2:])), Guess()),
+        (Seen(Recording(tuple(replace(s, pose=s.pose @ pose(0.5)) for s in SENSORS))), Guess()),
+        (Seen(Recording(tuple(replace(s, pose=s.pose @ pose(yaw=0.2)) for s in SENSORS))), Guess()),
     ],
 )
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -167,6 +170,14 @@ def test_whatever_a_score_depends_on_it_is_never_an_old_one(tmp_path, scheme, se
     Detected(Seen(Recording()), Guess(), scheme, memo=tmp_path / "memo").partial(sets, 2)
     found = Detected(seen, detector, scheme, memo=tmp_path / "memo").partial(sets, 2)
     np.testing.assert_array_equal(found, Detected(seen, detector, scheme).partial(sets, 2))
+
+
+def test_code_that_changed_is_run_again(tmp_path, monkeypatch):
+    for code, calls in (("before", 4), ("before", 0), ("after", 4)):
+        monkeypatch.setattr("placement_env.fidelity.detector.code_digest", lambda *_, code=code: code)
+        detected = Detected(Seen(Recording(frames=2)), Guess(), "late", memo=tmp_path / "memo")
+        detected(SETS[[1, 2]])
+        assert detected.detector.calls == calls
 
 
 def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
@@ -220,7 +231,7 @@ class Nameless:
         ({"scheme": "middle"}, "early"),
         ({"iou": 1.5}, "iou"),
         ({"frames": 0}, "a frame"),
-        ({"detector": Nameless(), "memo": Memo()}, "digest"),
+        ({"detector": Nameless(), "memo": Cache()}, "digest"),
     ],
 )
 def test_bad_requests_are_refused(options, message):

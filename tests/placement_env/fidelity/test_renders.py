@@ -1,4 +1,6 @@
 import pickle
+import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
+from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points
 from toolkit.rendering.renderer import Renderer
+from toolkit.runtime.cache import Cache
 from toolkit.sites.files import load_site
 
 
@@ -63,22 +67,47 @@ def test_far_points_and_objects(renders, small_traffic):
     assert renders.frames == 5
 
 
-def test_a_folder_is_shared_and_its_damage_repaired(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
-    first = Renders(small_traffic, small_candidates, tmp_path)
+def test_a_cache_is_shared_and_its_damage_repaired(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
+    path = tmp_path / "cache.sqlite"
+    first = Renders(small_traffic, small_candidates, Cache(path))
     assert np.array_equal(first.clouds(0, 1), renders.clouds(0, 1))
-    (path,) = tmp_path.iterdir()
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-50])
-    assert np.array_equal(Renders(small_traffic, small_candidates, tmp_path).clouds(3, 1), renders.clouds(3, 1))
-    assert path.read_bytes() == whole
+    with sqlite3.connect(path) as database:  # a bit of what is kept
+        ((value,),) = database.execute("SELECT value FROM entries")
+        database.execute("UPDATE entries SET value = ?", [value[:-9] + bytes([value[-9] ^ 1]) + value[-8:]])
+    assert np.array_equal(Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1))
+    assert len(Cache(path)) == 1
     monkeypatch.setattr(Renders, "_render", None)
-    kept = Renders(small_traffic, small_candidates.select([1]), tmp_path, noise_seed=0)
+    kept = Renders(small_traffic, small_candidates.select([1]), Cache(path), noise_seed=0)
     assert np.array_equal(kept.clouds(3, 0), renders.clouds(3, 1))
+    with pytest.raises(TypeError):
+        Renders(small_traffic, small_candidates.select([0]), Cache(path)).clouds(3, 0)
 
 
-def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, tmp_path, monkeypatch):
+def test_a_sensor_that_was_only_turned_is_rendered_again(small_traffic, small_candidates, tmp_path):
+    cache, sensor = Cache(tmp_path / "cache.sqlite"), small_candidates.sensors[1]
+    turned = replace(sensor, pose=sensor.pose @ pose(yaw=0.3))
+    clouds = []
+    for each in (sensor, turned):
+        there = replace(small_candidates.select([1]), sensors=(each,))
+        clouds.append(Renders(small_traffic, there, cache).clouds(0, 0))
+        assert np.array_equal(clouds[-1], Renders(small_traffic, there).clouds(0, 0))
+    assert len(cache) == 2
+    assert not np.array_equal(*clouds)
+
+
+def test_code_that_changed_is_run_again(small_traffic, small_candidates, tmp_path, monkeypatch):
+    cache = Cache(tmp_path / "cache.sqlite")
+    digest = Renders(small_traffic, small_candidates).digest
+    Renders(small_traffic, small_candidates, cache).clouds(0, 0)
+    monkeypatch.setattr("placement_env.fidelity.renders.code_digest", lambda *modules: "other")
+    Renders(small_traffic, small_candidates, cache).clouds(0, 0)
+    assert len(cache) == 2
+    assert digest != Renders(small_traffic, small_candidates).digest
+
+
+def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, monkeypatch):
     monkeypatch.setattr("placement_env.fidelity.renders.IN_MEMORY", 2)
-    kept = Renders(small_traffic, small_candidates, tmp_path)
+    kept = Renders(small_traffic, small_candidates, Cache())
     for c in (0, 1, 2, 0, 3):
         assert np.array_equal(kept.clouds(0, c), renders.clouds(0, c))
     assert list(kept._packed) == [0, 3]

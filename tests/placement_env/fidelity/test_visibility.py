@@ -1,3 +1,4 @@
+import sqlite3
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,9 +12,11 @@ from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
 from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
+from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points, inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.array_files import write_arrays
+from toolkit.runtime.cache import Cache
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -139,23 +142,34 @@ def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkey
 
 
 def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, tmp_path, monkeypatch):
-    assert equal(see(small_traffic, small_candidates, cache=tmp_path), seen)
-    (path,) = tmp_path.iterdir()
-    whole = path.read_bytes()
-
-    path.write_bytes(whole[: len(whole) // 2])
-    assert equal(see(small_traffic, small_candidates, cache=tmp_path), seen)
-    assert path.read_bytes() == whole
+    cache = Cache(tmp_path / "cache.sqlite")
+    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
+    assert len(cache) == 1
+    with sqlite3.connect(cache.path) as database:
+        database.execute("UPDATE entries SET value = substr(value, 1, 500)")
+    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
 
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
     monkeypatch.setattr(visibility, "look_at", fail)
-    assert equal(see(small_traffic, small_candidates, cache=tmp_path), seen)
+    assert equal(see(small_traffic, small_candidates, cache=cache), seen)
     with pytest.raises(AssertionError, match="made again"):
-        see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, cache=tmp_path)
+        see(replace(small_traffic, snapshots=small_traffic.snapshots[:1]), small_candidates, cache=cache)
     with pytest.raises(AssertionError, match="made again"):
-        see(small_traffic, small_candidates.select([0]), cache=tmp_path)
+        see(small_traffic, small_candidates.select([0]), cache=cache)
+    monkeypatch.setattr(visibility, "code_digest", lambda *modules: "other")
+    with pytest.raises(AssertionError, match="made again"):
+        see(small_traffic, small_candidates, cache=cache)
+
+
+@pytest.mark.parametrize("movement", [pose(yaw=0.3), pose(0.2)])
+def test_a_sensor_that_was_only_turned_or_moved_is_looked_through_again(small_traffic, small_candidates, movement):
+    cache, sensor = Cache(), small_candidates.sensors[1]
+    for each in (sensor, replace(sensor, pose=sensor.pose @ movement)):
+        there = replace(small_candidates.select([1]), sensors=(each,))
+        assert equal(see(small_traffic, there, cache=cache), see(small_traffic, there))
+    assert len(cache) == 2
 
 
 def test_saved_and_loaded(seen, tmp_path):

@@ -213,8 +213,30 @@ a, b = small_job()["sensors"]
         ({"sensors": (a, a)}, "different names"),
         ({"sensors": (Sensor("a/b", a.model, a.pose),)}, "without '/'"),
         ({"workers": 0}, "workers must be at least 1"),
+        ({"workers": 1.5}, "workers must be at least 1 and whole, got 1.5"),
+        ({"frames": 1.5}, "frames and seed must be whole numbers, got 1.5 and 3"),
+        ({"seed": 0.5}, "whole numbers"),
     ],
 )
-def test_arguments_that_do_not_fit(tmp_path, changes, says):
+def test_arguments_that_do_not_fit_leave_nothing(tmp_path, changes, says):
     with pytest.raises(ValueError, match=says):
-        simulate_dataset(out=tmp_path / "out.hdf5", **small_job(**changes))
+        simulate_dataset(out=tmp_path / "new" / "out.hdf5", **small_job(**changes))
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_of_numpy_will_do_and_a_link_is_followed(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    link, real = tmp_path / "out.hdf5", tmp_path / "elsewhere" / "real.hdf5"
+    link.symlink_to(real)
+    assert simulate_dataset(out=link, **small_job(frames=np.int64(1), seed=np.int32(3))) == 1
+    assert link.is_symlink()
+    assert len(CoopDataset(real)) == 1
+    assert simulate_dataset(out=link, **small_job(frames=1)) == 0
+    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["real.hdf5"]
+
+
+def test_progress_is_told_while_processes_work(tmp_path):
+    told: list[int] = []
+    simulate_dataset(out=tmp_path / "out.hdf5", workers=2, progress=told.append, **small_job())
+    assert told == sorted(told)
+    assert told[-1] == FRAMES

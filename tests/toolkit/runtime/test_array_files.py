@@ -1,3 +1,6 @@
+from hashlib import sha256
+from io import BytesIO
+
 import numpy as np
 import pytest
 
@@ -46,3 +49,12 @@ def test_what_is_missing_or_not_ours_is_refused(tmp_path):
     np.savez(tmp_path / "objects.npz", a=np.array([{}], object))
     with pytest.raises(ValueError, match="checksum"):
         read_arrays(tmp_path / "objects.npz")
+
+
+def test_objects_are_refused_whatever_the_checksum_says(tmp_path):
+    content = BytesIO()
+    np.savez(content, a=np.array([{}], object))
+    for value in (content.getvalue(), b"no archive"):
+        (tmp_path / "x.npz").write_bytes(value + sha256(value).digest())
+        with pytest.raises(ValueError, match="no plain arrays"):
+            read_arrays(tmp_path / "x.npz")

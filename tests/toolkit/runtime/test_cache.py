@@ -1,3 +1,5 @@
+import hashlib
+import json
 import multiprocessing
 import os
 import pickle
@@ -6,13 +8,14 @@ import subprocess
 import sys
 import time
 import warnings
+import zlib
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toolkit.runtime.cache import Memo, decoded, encoded, key_of
+from toolkit.runtime.cache import CHECKSUM, Cache, decoded, encoded, key_of
 
 KEYS = [key_of("number", k) for k in range(40)]
 
@@ -28,14 +31,14 @@ def same(found, expected):
 
 
 @pytest.fixture
-def memo(tmp_path):
-    memo = Memo(tmp_path / "folder" / "memo.sqlite")
-    memo.put({key: value(k) for k, key in enumerate(KEYS[:30])})
-    return memo
+def cache(tmp_path):
+    cache = Cache(tmp_path / "folder" / "cache.sqlite")
+    cache.put({key: value(k) for k, key in enumerate(KEYS[:30])})
+    return cache
 
 
-def test_what_was_put_is_found_again_also_by_another(memo):
-    for reader in (memo, Memo(memo.path), pickle.loads(pickle.dumps(memo))):
+def test_what_was_put_is_found_again_also_by_another(cache):
+    for reader in (cache, Cache(cache.path), pickle.loads(pickle.dumps(cache))):
         found = reader.get(KEYS)
         assert all(same(each, value(k)) for k, each in enumerate(found[:30]))
         assert found[30:] == [None] * 10
@@ -43,12 +46,12 @@ def test_what_was_put_is_found_again_also_by_another(memo):
 
 
 def test_many_keys_at_once():
-    memo, keys = Memo(), [key_of(k) for k in range(1234)]
-    memo.put({key: (np.array([k]),) for k, key in enumerate(keys[:-1])})
-    found = memo.get(keys)
+    cache, keys = Cache(), [key_of(k) for k in range(1234)]
+    cache.put({key: (np.array([k]),) for k, key in enumerate(keys[:-1])})
+    found = cache.get(keys)
     assert [int(each[0][0]) for each in found[:-1]] == list(range(1233))
     assert found[-1] is None
-    assert memo.get([]) == []
+    assert cache.get([]) == []
 
 
 def test_keys_tell_apart_what_differs():
@@ -69,6 +72,59 @@ def test_no_changed_bit_is_believed(place, bit):
     assert same(decoded(KEYS[0], whole), value(3))
 
 
+def sealed(head, content=b""):
+    """A value whose checksum fits whatever it says."""
+    body = json.dumps(head).encode() + b"\n" + content
+    return hashlib.blake2b(body, digest_size=CHECKSUM, key=KEYS[0]).digest() + body
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        sealed([False, ["|O", [1]]], bytes(8)),
+        sealed([False, ["i4,O", [1]]], bytes(12)),
+        sealed([False, ["|V8", [1]]], bytes(8)),
+        sealed([False, ["<f8", [-1]]], bytes(8)),
+        sealed([False, ["<f8", [-1, -1]]], bytes(8)),
+        sealed([False, ["<f8", [1 << 62]]], bytes(8)),
+        sealed([False, ["<f8", [1 << 40, 0, 1 << 40]]]),
+        sealed([True, ["<f8", [1 << 62]]], zlib.compress(bytes(8))),
+        sealed([True, ["<f8", [1]]], zlib.compress(bytes(1 << 24))),
+        sealed([True, ["<f8", [1]]], b"not compressed"),
+        sealed([False, ["<f8", [2]]], bytes(8)),
+        sealed([False, ["<f8", [1]]], bytes(16)),
+        sealed([False, ["nothing", [1]]], bytes(8)),
+        sealed([False, ["<f8"]], bytes(8)),
+        sealed({"dtype": "<f8"}, bytes(8)),
+        sealed([]),
+        sealed(7),
+        b"",
+    ],
+)
+def test_what_is_no_plain_array_is_damaged_whatever_its_checksum_says(value):
+    assert decoded(KEYS[0], value) is None
+
+
+def test_objects_and_records_are_not_kept():
+    for column in (np.array([{}], object), np.zeros(1, [("a", "f4")])):
+        with pytest.raises(ValueError, match="plain arrays"):
+            Cache().put({KEYS[0]: (column,)})
+
+
+def test_large_values_are_compressed():
+    zeros = np.zeros((100_000, 3))
+    assert len(encoded(KEYS[0], [zeros])) < zeros.nbytes / 100
+    assert same(decoded(KEYS[0], encoded(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5)))
+
+
+def test_values_too_large_for_the_file_are_left_out(monkeypatch):
+    monkeypatch.setattr("toolkit.runtime.cache.LARGEST", 200)
+    cache = Cache()
+    with pytest.warns(UserWarning, match="1 values are too large"):
+        cache.put({KEYS[0]: (np.arange(9),), KEYS[1]: (np.arange(900),)})
+    assert [each is None for each in cache.get(KEYS[:2])] == [False, True]
+
+
 def damage(path, kind):
     content = path.read_bytes()
     match kind:
@@ -84,11 +140,11 @@ def damage(path, kind):
 
 
 @pytest.mark.parametrize("kind", ["header", "short", "pages", "noise"])
-def test_a_damaged_file_is_put_aside_and_begun_anew(memo, kind):
-    memo.put({key: (np.random.default_rng(k).random(300),) for k, key in enumerate(KEYS)})
-    memo.close()
-    damage(memo.path, kind)
-    again = Memo(memo.path)
+def test_a_damaged_file_is_put_aside_and_begun_anew(cache, kind):
+    cache.put({key: (np.random.default_rng(k).random(300),) for k, key in enumerate(KEYS)})
+    cache.close()
+    damage(cache.path, kind)
+    again = Cache(cache.path)
     with pytest.warns(UserWarning, match="damaged"):
         found = again.get(KEYS)
     again.put({KEYS[0]: value(0)})
@@ -96,68 +152,68 @@ def test_a_damaged_file_is_put_aside_and_begun_anew(memo, kind):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert same(again.get(KEYS[:1])[0], value(0))
-    assert any("damaged" in path.name for path in memo.path.parent.iterdir())
+    assert any("damaged" in path.name for path in cache.path.parent.iterdir())
 
 
-def test_another_process_s_new_file_stays_where_it_is(memo):
-    assert len(memo) == 30
-    os.replace(memo.path, memo.path.with_name("aside"))
-    other = Memo(memo.path)
+def test_another_process_s_new_file_stays_where_it_is(cache):
+    assert len(cache) == 30
+    os.replace(cache.path, cache.path.with_name("aside"))
+    other = Cache(cache.path)
     other.put({KEYS[0]: value(0)})
-    memo._put_aside("damaged")
-    assert len(other) == len(Memo(memo.path)) == 1
+    cache._put_aside("damaged")
+    assert len(other) == len(Cache(cache.path)) == 1
 
 
 def test_where_nothing_can_be_kept_it_warns_and_goes_on(tmp_path):
-    memo = Memo(tmp_path)  # a folder
+    cache = Cache(tmp_path)  # a folder
     with pytest.warns(UserWarning, match="cannot be used"):
-        memo.put({KEYS[0]: value(0)})
+        cache.put({KEYS[0]: value(0)})
     with pytest.warns(UserWarning, match="cannot be used"):
-        assert memo.get(KEYS[:1]) == [None]
+        assert cache.get(KEYS[:1]) == [None]
 
 
 def put_slowly(path, first, gate):
     gate.wait()
-    memo = Memo(path)
+    cache = Cache(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for k in range(100):
-            memo.put({key_of(first, k): (np.array([k]),), key_of("both", k): (np.array([k]),)})
-            assert memo.get([key_of(first, k)])[0][0] == k
+            cache.put({key_of(first, k): (np.array([k]),), key_of("both", k): (np.array([k]),)})
+            assert cache.get([key_of(first, k)])[0][0] == k
 
 
 def test_processes_share_a_file_that_none_of_them_has_made(tmp_path):
     context = multiprocessing.get_context("fork")
     gate = context.Barrier(4)
-    path = tmp_path / "memo.sqlite"
+    path = tmp_path / "cache.sqlite"
     workers = [context.Process(target=put_slowly, args=(path, first, gate)) for first in range(4)]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
     assert [worker.exitcode for worker in workers] == [0] * 4
-    assert len(Memo(path)) == 500
+    assert len(Cache(path)) == 500
 
 
 ENDLESS = """
 import sys, numpy as np
-from toolkit.runtime.cache import Memo, key_of
-memo, k = Memo(sys.argv[1]), 0
+from toolkit.runtime.cache import Cache, key_of
+cache, k = Cache(sys.argv[1]), 0
 while True:
-    memo.put({key_of("pair", k, side): (np.full(5000, k),) for side in "ab"})
+    cache.put({key_of("pair", k, side): (np.full(5000, k),) for side in "ab"})
     k += 1
 """
 
 
 def test_a_process_killed_in_mid_write_leaves_whole_values(tmp_path):
-    path = tmp_path / "memo.sqlite"
+    path = tmp_path / "cache.sqlite"
     for _ in range(2):
         process = subprocess.Popen([sys.executable, "-c", ENDLESS, str(path)])
-        while not path.exists() or len(Memo(path)) < 20:
+        while not path.exists() or len(Cache(path)) < 20:
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()
         keys = [[key_of("pair", k, side) for k in range(5000)] for side in "ab"]
-        a, b = (Memo(path).get(some) for some in keys)
+        a, b = (Cache(path).get(some) for some in keys)
         assert [each is None for each in a] == [each is None for each in b]
         assert all((each[0] == k).all() for k, each in enumerate(a) if each is not None)

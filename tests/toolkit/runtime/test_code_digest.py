@@ -1,13 +1,141 @@
-"""The digest of source files."""
+"""The digest of a job's source: every module that it runs counts, no other does."""
 
+import shutil
 from pathlib import Path
 
-from toolkit.runtime.code_digest import DETECTION, RENDERING, code_digest
+import pytest
 
-TOP = Path(__file__).parents[3]
+from toolkit.runtime.code_digest import PACKAGES, TOP, code_digest, digest_of_source, import_closure
+
+JOBS = {
+    "rendering": "placement_env.fidelity.renders",
+    "visibility": "placement_env.fidelity.visibility",
+    "detection": "placement_env.fidelity.detector",
+    "networks": "models.detector",
+}
 
 
-def test_it_tells_files_and_their_order_apart_and_names_files_that_are_there():
-    assert all((TOP / name).is_file() for name in RENDERING + DETECTION)
-    assert not set(RENDERING) & set(DETECTION)
-    assert len({code_digest(*RENDERING), code_digest(*DETECTION), code_digest(*reversed(DETECTION))}) == 3
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """A copy of all source."""
+    top = tmp_path_factory.mktemp("source")
+    for package in PACKAGES:
+        shutil.copytree(TOP / package, top / package, ignore=lambda _, names: [n for n in names if "." in n[:-3]])
+    return top
+
+
+@pytest.mark.parametrize("job", JOBS.values(), ids=JOBS)
+def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
+    closure, _ = import_closure((job,), tree)
+    before = digest_of_source((job,), tree)
+    assert before == digest_of_source((job,), TOP)
+    others = {path for package in PACKAGES for path in (tree / package).rglob("*.py")} - set(closure.values())
+    assert len(closure) > 10
+    assert len(others) > 20
+    for path in {*closure.values(), *others}:
+        source = path.read_bytes()
+        path.write_bytes(source + b"\n# touched\n")
+        touched = digest_of_source((job,), tree)
+        path.write_bytes(source)
+        assert (touched != before) == (path not in others), path
+    assert digest_of_source((job,), tree) == before
+
+
+@pytest.mark.parametrize(
+    ("job", "module"),
+    [
+        ("rendering", "toolkit.rendering.static_scene"),
+        ("rendering", "models.packing"),
+        ("rendering", "toolkit.detection.fusion"),
+        ("visibility", "toolkit.rendering.silhouettes"),
+        ("visibility", "placement_env.fidelity.traffic"),
+        ("visibility", "toolkit.detection.fusion"),
+        ("detection", "toolkit.detection.fusion"),
+        ("detection", "toolkit.detection.metrics"),
+        ("detection", "placement_env.fidelity.traffic"),
+        ("networks", "models.voxelnet"),
+        ("networks", "models.sparse"),
+    ],
+)
+def test_a_job_runs_what_its_figures_depend_on(job, module):
+    assert module in import_closure((JOBS[job],))[0]
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "jobs"),
+    [
+        ("toolkit/detection/fusion.py", "20.0", "10.0", ["rendering", "visibility", "detection"]),
+        ("placement_env/fidelity/traffic.py", "== VEHICLE", ">= VEHICLE", ["rendering", "visibility", "detection"]),
+    ],
+)
+def test_changes_that_were_served_stale_figures_count(tree, module, old, new, jobs):
+    path = tree / module
+    source = path.read_text()
+    assert old in source
+    before = [digest_of_source((JOBS[job],), tree) for job in jobs]
+    path.write_text(source.replace(old, new))
+    after = [digest_of_source((JOBS[job],), tree) for job in jobs]
+    path.write_text(source)
+    assert all(a != b for a, b in zip(after, before, strict=True))
+
+
+def package(top: Path, **files: str) -> Path:
+    for name, source in files.items():
+        path = top / "toolkit" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(source)
+    return top
+
+
+FACE = """
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from toolkit.b import thing as thing
+    from toolkit.c import other
+else:
+    import toolkit.d
+__getattr__ = lazily({"named": "e"})
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "runs"),
+    [
+        ("", ""),
+        ("import toolkit.b", "b"),
+        ("from toolkit import b", "b"),
+        ("from . import b", "b"),
+        ("from .b import thing", "b"),
+        ("from toolkit import thing", "b"),
+        ("from toolkit import other", "c"),
+        ("from toolkit import named", "e"),
+        ("from toolkit import *", "bcde"),
+        ("def f():\n    if True:\n        from toolkit.c import x", "c"),
+        (
+            "try:\n    import toolkit.b\nexcept ImportError:\n    import toolkit.c\nfinally:\n    import toolkit.e",
+            "bce",
+        ),
+        ("match 1:\n    case 1:\n        import toolkit.b", "b"),
+        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import toolkit.b", ""),
+        ("import typing\nif typing.TYPE_CHECKING:\n    import toolkit.b\nelse:\n    import toolkit.c", "c"),
+        ("import os, json.decoder\nimport numpy.linalg", ""),
+        ("'''from toolkit import b'''", ""),
+    ],
+)
+def test_what_is_imported_is_followed_as_python_would(tmp_path, source, runs):
+    package(tmp_path, __init__=FACE, a=source, b="", c="", d="", e="")
+    files, libraries = import_closure(("toolkit.a",), tmp_path)
+    assert set(files) == {"toolkit", "toolkit.a", "toolkit.d", *(f"toolkit.{each}" for each in runs)}
+    assert libraries == ({"numpy"} if "numpy" in source else set())
+
+
+def test_modules_of_the_user_s_count_by_their_file():
+    own, detection = __name__, JOBS["detection"]
+    assert code_digest(detection, own) != code_digest(detection)
+    assert import_closure((own,))[0][own] == Path(__file__)
+
+
+def test_it_is_computed_once(monkeypatch):
+    first = code_digest("toolkit.boxes")
+    monkeypatch.setattr(Path, "read_bytes", lambda path: 1 / 0)
+    assert code_digest("toolkit.boxes") == first

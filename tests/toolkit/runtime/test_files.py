@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.files import check_output, write_bytes, write_text, writing
+from toolkit.runtime.files import check_output, reserve, write_bytes, write_text, writing
 
 
 def test_it_makes_folders_replaces_what_was_there_and_leaves_nothing_else(tmp_path):
@@ -102,3 +102,22 @@ def test_what_is_there_is_replaced_only_when_told(tmp_path):
         with pytest.raises(FileExistsError, match="--overwrite"):
             check_output(tmp_path / name)
         check_output(tmp_path / name, overwrite=True)
+
+
+def test_a_place_of_the_caller_s_own_for_what_is_unfinished(tmp_path):
+    own, path = tmp_path / "own.unfinished", tmp_path / "new" / "file"
+    with writing(path, own) as unfinished:
+        assert unfinished == own
+        assert not own.exists()
+        own.write_text("whole")
+    assert path.read_text() == "whole"
+    assert not own.exists()
+
+
+def test_room_is_reserved_or_refused(tmp_path):
+    path = tmp_path / "file"
+    reserve(path, 100_000)
+    assert path.read_bytes() == b""
+    with pytest.raises(OSError, match=r"."):
+        reserve(path, 1 << 62)
+    assert path.read_bytes() == b""

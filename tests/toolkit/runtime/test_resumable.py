@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.resumable import PartFolder, describe_differences, make_parts, write_whole
+from toolkit.runtime.resumable import PartFolder, describe_differences, make_parts
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -182,13 +182,6 @@ class Nothing:
 def test_workers_must_be_some(tmp_path):
     with pytest.raises(ValueError, match="at least 1, got 0"):
         make_parts(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
-
-
-def test_written_whole(tmp_path):
-    write_whole(tmp_path / "a", b"1")
-    write_whole(tmp_path / "a", b"22")
-    assert (tmp_path / "a").read_bytes() == b"22"
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_differences_in_words():

@@ -139,3 +139,16 @@ def test_impossible_sensors_are_refused(make, message):
 @given(st.floats(width=32, allow_nan=True, allow_infinity=True))
 def test_returned_means_finite_and_positive(value):
     assert returned(np.array([value], np.float32))[0] == (np.isfinite(value) and value > 0 and value < 3.4028234e38)
+
+
+def test_the_digest_is_that_of_model_and_pose_alone():
+    lidar, place = SpinningLidar(), pose(1.0, 2.0, 3.0)
+    sensor = Sensor("a", lidar, place)
+    assert sensor.digest == Sensor("b", SpinningLidar(), place.copy()).digest
+    others = [
+        Sensor("a", CAMERA, place),
+        Sensor("a", SpinningLidar(sigma=0.5), place),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0 + 1e-9)),
+        Sensor("a", lidar, pose(1.0, 2.0, 3.0, yaw=1e-9)),
+    ]
+    assert len({sensor.digest, *(other.digest for other in others)}) == 5

@@ -1,0 +1,30 @@
+"""Weights files: the same bytes for the same network, whole or not there."""
+
+import torch
+
+from models.config import VoxelNetConfig
+from models.voxelnet import VoxelNet
+from models.weights import Header, load_weights, save_weights
+
+AREA = (-8.0, -8.0, 8.0, 8.0)
+
+
+def test_the_bytes_are_the_same_every_time(tmp_path):
+    network, header = VoxelNet(VoxelNetConfig.light(AREA)), Header("a", 3, "c", {"b": 1, "a": 2})
+    for k in range(5):
+        save_weights(tmp_path / f"{k}", network, header)
+    assert len({(tmp_path / f"{k}").read_bytes() for k in range(5)}) == 1
+    found, found_header = load_weights(tmp_path / "0")
+    assert found_header == header
+    expected = network.state_dict()
+    assert all(torch.equal(tensor, expected[name]) for name, tensor in found.state_dict().items())
+
+
+def test_the_tensors_stay_aligned_and_links_are_followed(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    for length in range(9):
+        save_weights(tmp_path / "link", VoxelNet(VoxelNetConfig.light(AREA)), Header("x" * length))
+        content = (tmp_path / "real").read_bytes()
+        assert int.from_bytes(content[:8], "little") % 8 == 0
+        assert load_weights(tmp_path / "real")[1].site == "x" * length
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "real"]

@@ -1,0 +1,76 @@
+"""HDF5 on a disk that is full: one error, wherever it strikes, and the process lives."""
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from toolkit.runtime.hdf5 import hdf5_file
+
+SIZES = [0, 1, 96, 2000, 5000, 20_000, 100_000, 200_000]
+
+
+def write(file, check=lambda: None):
+    column = file.create_dataset("column", (0,), np.float64, maxshape=(None,), chunks=(1 << 12,), compression="gzip")
+    for k in range(10):
+        column.resize(len(column) + 3000, axis=0)
+        column[-3000:] = np.random.default_rng(k).random(3000)
+        file.create_dataset(f"frames/{k}", data=np.arange(50), track_times=False)
+        check()
+
+
+def test_what_is_written_is_read(tmp_path):
+    with hdf5_file(tmp_path / "a.hdf5") as (file, check):
+        write(file, check)
+    with h5py.File(tmp_path / "a.hdf5") as file:
+        assert (file["column"][-3000:] == np.random.default_rng(9).random(3000)).all()
+        assert len(file["frames"]) == 10
+    with hdf5_file(tmp_path / "b.hdf5") as (file, _):
+        write(file)
+    assert (tmp_path / "a.hdf5").read_bytes() == (tmp_path / "b.hdf5").read_bytes()
+    assert (tmp_path / "a.hdf5").stat().st_size > SIZES[-1]
+
+
+def test_errors_of_the_block_pass(tmp_path):
+    def fail() -> None:
+        with hdf5_file(tmp_path / "a.hdf5") as (file, _):
+            write(file)
+            raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        fail()
+
+
+LIMITED = """
+import gc, resource, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+limit = int(sys.argv[1])
+from tests.toolkit.runtime.test_hdf5 import hdf5_file, write
+from toolkit.runtime.files import writing
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    with writing("a.hdf5") as unfinished, hdf5_file(unfinished) as (file, check):
+        write(file, check if len(sys.argv) > 2 else lambda: None)
+except OSError as error:
+    gc.collect()
+    sys.exit(f"{error.errno} {error}")
+"""
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("early", [[], ["early"]])
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, size, early):
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(size), *early],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(Path(__file__).parents[3])},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == f"{errno.EFBIG} cannot write a.hdf5: File too large; make room, or give another path\n"
+    assert not list(tmp_path.iterdir())
