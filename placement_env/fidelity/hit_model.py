@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float
-from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.runtime.files import write_text
 
 FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {
@@ -43,11 +43,12 @@ RANGES = {
 
 @dataclass(frozen=True)
 class HitModel:
-    """The numbers above, for one scheme and IoU threshold. false_alarms: how many false alarms outrank a hit, for each
-    object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is out of range.
+    """The numbers above, for one scheme (its name) and IoU threshold. false_alarms: how many false alarms outrank a
+    hit, for each object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is
+    out of range.
     """
 
-    scheme: Scheme
+    scheme: str
     iou: float
     intercept: float
     density: float
@@ -62,8 +63,8 @@ class HitModel:
         for name, (lowest, highest) in RANGES.items():
             if not lowest <= getattr(self, name) <= highest:
                 raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
-        if self.scheme not in SCHEMES:
-            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {self.scheme!r}")
+        if not self.scheme or not isinstance(self.scheme, str):
+            raise ValueError(f"scheme must be the name of a fusion scheme, got {self.scheme!r}")
 
     def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """p, from Σ n_i ^ norm; it grows with it."""
@@ -93,15 +94,10 @@ def load_models(path: str | Path) -> tuple[HitModel, ...]:
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     """Write models as JSON; the file appears whole or not at all."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(
-        json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
-    partial.replace(path)
+    write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
-def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:
+def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general") -> HitModel:
     """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
 
     Raises ValueError, which lists what there is, where there is none for the scheme and IoU threshold.
@@ -112,7 +108,10 @@ def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -
         if model.scheme == scheme and math.isclose(model.iou, iou):
             return model
     there = ", ".join(f"{model.scheme} at {model.iou:g}" for model in models)
-    raise ValueError(f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}")
+    raise ValueError(
+        f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}; fidelity detector or coverage "
+        "takes any, and placement_env.fidelity.hit_fit.fit makes a model"
+    )
 
 
 def _model(row: Any) -> HitModel:
@@ -122,8 +121,6 @@ def _model(row: Any) -> HitModel:
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
-    if row["scheme"] not in SCHEMES or not isinstance(row["source"], str):
-        raise ValueError(
-            f"scheme must be one of {', '.join(SCHEMES)} and source a text, got {row['scheme']!r} and {row['source']!r}"
-        )
+    if not isinstance(row["scheme"], str) or not isinstance(row["source"], str):
+        raise ValueError(f"scheme and source must be texts, got {row['scheme']!r} and {row['source']!r}")
     return HitModel(**row | {name: float(row[name]) for name in RANGES})

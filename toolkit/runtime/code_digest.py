@@ -14,6 +14,8 @@ RENDERING = (
 )
 DETECTION = (
     *("toolkit/detection/cluster.py", "toolkit/detection/fusion.py", "toolkit/detection/metrics.py"),
+    *("toolkit/detection/view.py", "toolkit/detection/scheme.py", "toolkit/detection/codec.py"),
+    *("toolkit/detection/early.py", "toolkit/detection/late.py", "toolkit/detection/hybrid.py"),
     *("toolkit/objects.py", "models/anchors.py", "models/detector.py", "models/folding.py", "models/published.py"),
     *("models/sparse.py", "models/sparse_middle.py", "models/sparse_columns.py", "models/voxelnet.py"),
     *("models/voxels.py", "placement_env/fidelity/detector.py"),

@@ -8,7 +8,6 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import scored
 from placement_env.fidelity.visibility import Visibility, see
 from toolkit.boxes import count_points
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.points import beyond, inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.array_files import write_arrays
@@ -73,7 +72,7 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
             points, valid = unproject(sensor, depth)
             points = points.T[valid & inside(points.T, small_traffic.site.area, small_traffic.site.height)]
             assert abs(found.sent[c, k] - len(points)) < 2
-            far = beyond(points, sensor, hybrid_radius(small_traffic.site)).sum()
+            far = beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
             assert abs(found.far[c, k] - far) < 2
 
 
