@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float
+from toolkit.detection.schemes import SCHEMES
 from toolkit.runtime.files import write_text
 
 FOLDER = Path(__file__).parent / "surrogates"
@@ -78,8 +80,9 @@ class HitModel:
         return z
 
 
-def load_models(path: str | Path) -> tuple[HitModel, ...]:
-    """The models of a file. Raises FileNotFoundError; ValueError, in one line, where it is no file of models."""
+def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
+    """The models of a file, of schemes with these names. Raises FileNotFoundError; ValueError, in one line, where it is
+    no file of models."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with placement_env.fidelity.hit_fit.fit and save_models")
@@ -87,7 +90,7 @@ def load_models(path: str | Path) -> tuple[HitModel, ...]:
         rows = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(rows, list):
             raise ValueError(f"needs a list of models, got {type(rows).__name__}")
-        return tuple(_model(row) for row in rows)
+        return tuple(_model(row, schemes) for row in rows)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -114,13 +117,16 @@ def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general") -> H
     )
 
 
-def _model(row: Any) -> HitModel:
+def _model(row: Any, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
     if not isinstance(row, dict) or set(row) != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
-    if not isinstance(row["scheme"], str) or not isinstance(row["source"], str):
-        raise ValueError(f"scheme and source must be texts, got {row['scheme']!r} and {row['source']!r}")
+    if row["scheme"] not in schemes or not isinstance(row["source"], str):
+        raise ValueError(
+            f"scheme must be one of {', '.join(schemes)} and source a text, got {row['scheme']!r} and "
+            f"{row['source']!r}: for a scheme of your own, pass schemes="
+        )
     return HitModel(**row | {name: float(row[name]) for name in RANGES})

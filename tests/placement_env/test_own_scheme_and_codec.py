@@ -9,6 +9,8 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.hit_fit import fit_detected
+from placement_env.fidelity.hit_model import load_models, save_models
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Surrogate
@@ -43,13 +45,10 @@ class Thinned:
         return repr(self)
 
     def fuse(self, view, sensors, /):
-        keep = [
-            view.part(
-                view.cloud(s), f"every {self.every}th", lambda points, _: np.arange(len(points)) % self.every == 0
-            )
-            for s in sensors
-        ]
-        sent = [view.send_points(cloud) for cloud in keep]
+        def keep(points, sensor):
+            return np.arange(len(points)) % self.every == 0
+
+        sent = [view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep)) for s in sensors]
         centre = view.detect([each.arrived for each in sent])
         return fused(view.suppressed([centre]), [each.bits for each in sent])
 
@@ -236,6 +235,16 @@ def test_objective_and_search_take_both(seen, renders, candidates, detector, fid
     found = greedy.search(objective, 2)
     assert found.best.reward == objective.scores(all_subsets(4)[[3, 5, 6, 9, 10, 12]]).reward.max()
     assert objective.provenance["scheme"] == scheme.digest
+
+
+def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
+    sets = all_subsets(4)[1:]
+    detected = Detected(renders, detector, Thinned())
+    models = fit_detected(seen, detected, sets, source="places")
+    save_models(models, tmp_path / "own.json")
+    assert load_models(tmp_path / "own.json", schemes=["thinned"]) == models
+    estimate = Surrogate(seen, Thinned(), models[0])(sets)
+    assert np.corrcoef(estimate.ap, detected.estimates(sets)[0.7].ap)[0, 1] > 0.8
 
 
 def test_where_nothing_fits_them_the_remedy_is_named(seen):
