@@ -2,14 +2,13 @@
 
 kbit per sensor is the paper's measure of communication (section IV-A): what the sensors of a set send in a frame, its
 mean over frames and sensors. What the whole set sends is reported beside it. A set is feasible when no two of its
-sensors hang on one mount and, where points are sent (early and hybrid fusion), no sensor sends more than the link of
-its mount carries.
+sensors hang on one mount and, where the scheme sends points, no sensor sends more than the link of its mount carries.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -19,8 +18,10 @@ import numpy as np
 from placement_env.fidelity.protocol import ByFrames, Fidelity
 from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.detection.evaluation import SCHEMES, Scheme
-from toolkit.detection.fusion import PAPER
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.provenance import detector_origin, settings_origin
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -84,7 +85,8 @@ class Scores(NamedTuple):
 class Objective:
     """Scores sets of candidate sensors at a site.
 
-    site: a site or its name; frames: of traffic, drawn from `seed`; fidelity: how a set is scored, see `FIDELITIES`;
+    site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
+    codec: of what they send; fidelity: how a set is scored, see `FIDELITIES`;
     candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
     makes them of a site; detector: of fidelity "detector", None for the shipped network; iou: at which a detection
     counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or
@@ -97,12 +99,13 @@ class Objective:
         self,
         site: Site | str,
         frames: int = 200,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         fidelity: FidelityName = "surrogate",
         weights: Weights = AP_ONLY,
         *,
         candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None = None,
         detector: Detector | None = None,
+        codec: Codec = PAPER,
         iou: float = 0.7,
         seed: int = 0,
         cache: str | Path | None = None,
@@ -111,44 +114,57 @@ class Objective:
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, site_candidates
 
-        site = load_site(site) if isinstance(site, str) else site
-        candidates = site_candidates(site, candidates)
-        check_scheme(scheme)
         check_fidelity(fidelity)
-        preparation = Preparation(site, candidates, frames, scheme, iou, seed, cache, workers, ray, detector)
+        check_frames(frames)
+        if not 0 < iou <= 1:
+            raise ValueError(f"iou must lie in (0, 1], got {iou}: the paper has 0.7")
+        site = load_site(site) if isinstance(site, str) else site
+        preparation = Preparation(
+            site=site,
+            candidates=site_candidates(site, candidates),
+            frames=frames,
+            scheme=scheme_of(scheme),
+            iou=iou,
+            seed=seed,
+            codec=check_codec(codec),
+            cache=cache,
+            workers=workers,
+            ray=ray,
+            detector=detector,
+        )
         visibility = None if fidelity == "table" else preparation.visibility
         scored_by = preparation.fidelity(fidelity)
-        self._hold(candidates, scored_by, scheme, weights, site, visibility, preparation)
+        self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec)
+        self._know(site, visibility, preparation)
 
     @classmethod
     def of(
         cls,
         candidates: Candidates,
         fidelity: Fidelity,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         weights: Weights = AP_ONLY,
         *,
         site: Site | None = None,
         visibility: Visibility | None = None,
+        codec: Codec = PAPER,
     ) -> Objective:
-        """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that."""
+        """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that.
+        scheme and codec: those by which `fidelity` scores."""
         objective = cls.__new__(cls)
-        objective._hold(candidates, fidelity, check_scheme(scheme), weights, site, visibility)
+        objective._hold(candidates, fidelity, weights, scheme_of(scheme), check_codec(codec))
+        objective._know(site, visibility, None)
         return objective
 
     def _hold(
-        self,
-        candidates: Candidates,
-        fidelity: Fidelity,
-        scheme: Scheme,
-        weights: Weights,
-        site: Site | None,
-        visibility: Visibility | None,
-        preparation: Preparation | None = None,
+        self, candidates: Candidates, scored_by: Fidelity, weights: Weights, scheme: Scheme, codec: Codec
     ) -> None:
-        self.candidates, self.scored_by, self.scheme, self.weights = candidates, fidelity, scheme, weights
-        self.site, self.visibility, self.preparation = site, visibility, preparation
+        self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
+        self.scheme, self.codec = scheme, codec
         self._known = self._of_none()
+
+    def _know(self, site: Site | None, visibility: Visibility | None, preparation: Preparation | None) -> None:
+        self.site, self.visibility, self.preparation = site, visibility, preparation
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": self._of_none()}
@@ -166,6 +182,24 @@ class Objective:
         """Name of the fidelity."""
         return self.scored_by.name
 
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where its scores come from: site, candidates, traffic, fidelity, detector, scheme, codec, version."""
+        made = self.preparation
+        site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
+        traffic = {} if made is None else {"frames": made.frames, "seed": made.seed, "iou": made.iou}
+        detector = getattr(self.scored_by, "detector", None)
+        return settings_origin(
+            self.codec,
+            **site,
+            **traffic,
+            candidates=self.candidates.digest(),
+            scheme=self.scheme.digest,
+            fidelity=self.fidelity,
+            weights=asdict(self.weights),
+            **({} if detector is None else detector_origin(detector)),
+        )
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the candidates."""
@@ -174,15 +208,15 @@ class Objective:
     @cached_property
     def sent(self) -> Float64[np.ndarray, " C"]:
         """kbit of a frame that each candidate sends."""
-        if self.visibility is None or self.scheme == "late":
+        if self.visibility is None or not self.scheme.sends_points:
             return self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit
-        points = self.visibility.sent if self.scheme == "early" else self.visibility.far
-        return np.asarray(points.mean(axis=1, dtype=np.float64) * PAPER.bits_per_point / 1000)
+        points = self.scheme.sent_points(self.visibility).mean(axis=1, dtype=np.float64)
+        return np.asarray(self.codec.bits(points=points) / 1000)
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Which candidates send no more than their mount's link carries; late fusion sends boxes, which always fit."""
-        if self.scheme == "late":
+        """Which candidates send no more than their mount's link carries; boxes alone always fit."""
+        if not self.scheme.sends_points:
             return np.ones(len(self.candidates), np.bool_)
         return np.asarray(self.sent <= self.candidates.capacity)
 
@@ -278,11 +312,11 @@ def index_of(member: Any, names: Sequence[str]) -> int:
     raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")
 
 
-def check_scheme(scheme: Scheme) -> Scheme:
-    """The scheme, or ValueError where there is none of that name."""
-    if scheme not in SCHEMES:
-        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
-    return scheme
+def check_frames(frames: int) -> int:
+    """The number of frames, or ValueError where it is no whole number from 1 up."""
+    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
+        raise ValueError(f"frames must be a whole number, at least 1, got {frames!r}: 200 are usual")
+    return int(frames)
 
 
 def check_fidelity(fidelity: FidelityName) -> FidelityName:

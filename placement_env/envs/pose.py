@@ -17,9 +17,10 @@ from placement_env.envs.scenario import Scene, Sites, check_budget, checked, pos
 from placement_env.envs.state import Boards
 from placement_env.fidelity.preparation import Preparation, site_candidates
 from placement_env.fidelity.visibility import Visibility, see
-from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_fidelity, check_scheme, index_of
+from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_fidelity, index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.sites.site import Site
 
@@ -79,12 +80,12 @@ class PoseScenes:
     """Where the sensors of an episode come from. arguments: further ones of `placement_env.objective.Objective`."""
 
     def __init__(
-        self, site: Any, budget: int, scheme: Scheme, fidelity: FidelityName, arguments: Mapping[str, Any]
+        self, site: Any, budget: int, scheme: Scheme | str, fidelity: FidelityName, arguments: Mapping[str, Any]
     ) -> None:
         if fidelity == "table":
             raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
         self.sites = Sites(site)
-        self.budget, self.scheme, self.fidelity = check_budget(budget), check_scheme(scheme), check_fidelity(fidelity)
+        self.budget, self.scheme, self.fidelity = check_budget(budget), scheme_of(scheme), check_fidelity(fidelity)
         signature(_prepared).bind_partial(**arguments)
         self.weights: Weights = arguments.get("weights", AP_ONLY)
         self._arguments = dict(arguments)
@@ -111,7 +112,7 @@ class PoseScenes:
         return PoseStart(preparation, Rig.of(candidates.select(chosen)))
 
     def _preparation(self, options: Mapping[str, Any], rng: np.random.Generator) -> Preparation:
-        scheme = check_scheme(options.get("scheme", self.scheme))
+        scheme = scheme_of(options.get("scheme", self.scheme))
         index = self.sites.index(options.get("site"), rng)
         if (index, scheme) not in self._made:
             self._made[index, scheme] = _prepared(self.sites[index], scheme, **self._arguments)
@@ -251,7 +252,7 @@ class SensorPoseEnv(GameEnv):
         *,
         budget: int = 4,
         moves: int = 20,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         fidelity: FidelityName = "surrogate",
         render_mode: str | None = None,
         **arguments: Any,
@@ -270,7 +271,10 @@ def _prepared(
     iou: float = 0.7,
     seed: int = 0,
 ) -> Preparation:
-    return Preparation(site, site_candidates(site, candidates), frames, scheme, iou, seed, None, 1, None, detector)
+    chosen = site_candidates(site, candidates)
+    return Preparation(
+        site=site, candidates=chosen, frames=frames, scheme=scheme, iou=iou, seed=seed, detector=detector
+    )
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

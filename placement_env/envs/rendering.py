@@ -73,7 +73,7 @@ def summary(objective: Objective, members: list[int]) -> str:
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     where = objective.site.name if objective.site is not None else "a site"
     return (
-        f"{where}, {objective.scheme} fusion, by {score.fidelity}\n{names}\n"
+        f"{where}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\n"
         f"AP {score.ap:.3f}, recall {score.recall:.3f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
         f"{score.kbit:.1f} kbit, price {score.price:g}: reward {score.reward:.3f}\n"
     )

@@ -18,9 +18,10 @@ from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.preparation import site_candidates
-from placement_env.objective import Objective, check_fidelity, check_scheme
+from placement_env.objective import Objective, check_fidelity
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -97,7 +98,7 @@ class Scene:
     def constants(self) -> Float32[np.ndarray, "5"]:
         """The last of what is observed of the whole: weights, of a kbit in Mbit, as x / (x + 1), and the scheme."""
         weights = np.array([1000 * self.objective.weights.comm, self.objective.weights.price])
-        scheme = [self.objective.scheme == name for name in SCHEMES]
+        scheme = [self.objective.scheme.name == name for name in PAPER_SCHEMES]
         return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
     def failed_row(self, failed: Sequence[int | str]) -> Bool[np.ndarray, " slots"]:
@@ -164,13 +165,13 @@ class Scenes:
         self,
         site: Any,
         budget: int,
-        scheme: Scheme,
+        scheme: Scheme | str,
         slots: int | None,
         objective: Objective | None,
         arguments: Mapping[str, Any],
     ) -> None:
         self.sites = Sites(site)
-        self.budget, self.scheme, self.objective = check_budget(budget), check_scheme(scheme), objective
+        self.budget, self.scheme, self.objective = check_budget(budget), scheme_of(scheme), objective
         signature(Objective).bind_partial(**arguments)
         check_fidelity(arguments.get("fidelity", "surrogate"))
         self._arguments = dict(arguments)
@@ -188,7 +189,7 @@ class Scenes:
         return Start(scene, int(budget), scene.failed_row(options.get("failed", ())))
 
     def _scene(self, options: Mapping[str, Any], rng: np.random.Generator) -> Scene:
-        scheme = check_scheme(options.get("scheme", self.objective.scheme if self.objective else self.scheme))
+        scheme = scheme_of(options.get("scheme", self.objective.scheme if self.objective else self.scheme))
         if self.objective is not None:
             if "site" in options or scheme != self.objective.scheme:
                 raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")

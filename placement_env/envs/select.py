@@ -12,7 +12,7 @@ from placement_env.envs.scenario import Scene, Scenes, Start
 from placement_env.envs.state import Boards
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.scheme import Scheme
 
 Actions = Literal["flat", "factored"]
 
@@ -154,7 +154,7 @@ class SensorSelectEnv(GameEnv):
         actions: Actions = "flat",
         slots: int | None = None,
         objective: Objective | None = None,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 from placement_env.envs.scenario import STATIC, Scene, Start
 from placement_env.objective import Objective, Scores
 from toolkit.arrays import Bool, Float32, Int64, Shaped
-from toolkit.detection.evaluation import SCHEMES
+from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
 GLOBAL = (
     *("budget left", "budget", "turns left", "ap", "recall", "kbit per sensor", "price", "covered"),
-    *("weight of kbit", "weight of price", *SCHEMES),
+    *("weight of kbit", "weight of price", *PAPER_SCHEMES),
 )
 TURNS = 2  # for each sensor of the budget
 
@@ -33,7 +33,7 @@ class Boards:
         self.n, self.slots, self._most_turns = n, slots, turns
         self.scenes: list[Scene] = []
         self.scene = np.zeros(n, np.int64)
-        self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(SCHEMES)), np.float32)
+        self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)
         self.chosen, self.failed = np.zeros((n, slots), np.bool_), np.zeros((n, slots), np.bool_)
         self.budget, self.turns = np.ones(n, np.int64), np.zeros(n, np.int64)

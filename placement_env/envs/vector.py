@@ -20,7 +20,7 @@ from placement_env.envs.scenario import Scenes
 from placement_env.envs.select import Actions, SelectGame
 from placement_env.envs.subset import SubsetGame
 from placement_env.objective import FidelityName, Objective
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.scheme import Scheme
 
 
 class GameVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -97,7 +97,7 @@ class SensorSelectVectorEnv(GameVectorEnv):
         actions: Actions = "flat",
         slots: int | None = None,
         objective: Objective | None = None,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
@@ -116,7 +116,7 @@ class SensorSubsetVectorEnv(GameVectorEnv):
         budget: int = 4,
         slots: int | None = None,
         objective: Objective | None = None,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
@@ -134,7 +134,7 @@ class SensorPoseVectorEnv(GameVectorEnv):
         *,
         budget: int = 4,
         moves: int = 20,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         fidelity: FidelityName = "surrogate",
         render_mode: str | None = None,
         **arguments: Any,

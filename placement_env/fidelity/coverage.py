@@ -11,9 +11,10 @@ import numpy as np
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float, Float64
-from toolkit.detection.evaluation import Scheme
-from toolkit.detection.fusion import PAPER
+from toolkit.arrays import Bool
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.scheme import Scheme, bits_sent
+from toolkit.detection.schemes import scheme_of
 
 LEAST = 20.0  # points on a vehicle that make a view
 
@@ -21,22 +22,28 @@ LEAST = 20.0  # points on a vehicle that make a view
 class Coverage:
     """The share of scored objects with at least `least` points from each of at least `views` sensors of a set.
 
-    Both `ap` and `recall` of the estimate are this share. What a set sends is known for points; of late and hybrid
-    fusion's boxes it is taken that a sensor sends one for each object that it sees with `least` points.
+    Both `ap` and `recall` of the estimate are this share. What a set sends is known for points; of boxes, where the
+    scheme sends them, it is taken that a sensor sends one for each object that it sees with `least` points.
     Raises ValueError for `least` that is not positive or fewer views than 1.
     """
 
     name = "coverage"
 
     def __init__(
-        self, visibility: Visibility, scheme: Scheme = "early", *, least: float = LEAST, views: int = 1
+        self,
+        visibility: Visibility,
+        scheme: Scheme | str = "early",
+        *,
+        least: float = LEAST,
+        views: int = 1,
+        codec: Codec = PAPER,
     ) -> None:
         if not least > 0 or views < 1:
             raise ValueError(f"a view needs more than 0 points and a set 1 view or more, got {least} and {views}")
         seen = visibility.points >= least
         self.views = views
         self._sums = MemberSums(seen.astype(np.uint16))
-        self._bits = bits_sent(visibility, scheme, seen.sum(axis=1).astype(np.float64))
+        self._bits = bits_sent(scheme_of(scheme), codec, visibility, seen.sum(axis=1).astype(np.float64))
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
@@ -46,17 +53,3 @@ class Coverage:
             covered[block] = (views >= self.views).sum(axis=1)
         share = covered / max(1, self._sums.rows.shape[1])
         return Estimate(share, share.copy(), subsets @ self._bits / (1000 * self._frames))
-
-
-def bits_sent(visibility: Visibility, scheme: Scheme, boxes: Float[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
-    """Bits that each candidate sends in all frames together, a whole number; `boxes`: how many it detects in them all.
-
-    Early fusion sends the points in the crop, late fusion the boxes, hybrid fusion the far points and the boxes.
-    Raises ValueError for another scheme.
-    """
-    points = {"early": visibility.sent, "late": None, "hybrid": visibility.far}
-    if scheme not in points:
-        raise ValueError(f"scheme must be one of {', '.join(points)}, got {scheme!r}")
-    sent = points[scheme]
-    bits = np.zeros(len(boxes)) if sent is None else sent.sum(axis=1, dtype=np.float64) * PAPER.bits_per_point
-    return np.rint(bits if scheme == "early" else bits + boxes * PAPER.bits_per_box)

@@ -7,10 +7,10 @@ frames.
 
 Two kinds of value are kept, of one frame each:
 
-    detections   what the detector says of the points of some sensors together, near and far or far alone. Sensors that
-                 add no point are left out of the key, so that sets which differ by them share it. What each sensor
-                 detects by itself is shared by all late and hybrid sets.
-    outcome      what one set detects in one scheme, fused and matched at each IoU threshold
+    detections   what the detector says of the points of some sensors together, under what was done to these points:
+                 nothing, only the far ones kept, encoded with loss. Sensors that add no point are left out of the
+                 key, so that sets which differ by them share it; schemes and codecs with the same points do, too.
+    outcome      what one set detects in one scheme with one codec, fused and matched at each IoU threshold
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -27,9 +27,11 @@ import numpy as np
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
-from toolkit.detection.evaluation import SCHEMES, Scheme
-from toolkit.detection.fusion import Fused, fuse_early, fuse_hybrid, fuse_late, hybrid_radius
+from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, match, precision_recall
+from toolkit.detection.scheme import Fused, Scheme
+from toolkit.detection.schemes import scheme_of
+from toolkit.detection.view import Cloud, View, together
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
@@ -59,10 +61,6 @@ class Measured(Protocol):
         """The points of candidate c in frame k inside the crop, with noise."""
         ...
 
-    def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Those of them outside hybrid fusion's radius."""
-        ...
-
     def objects(self, k: int) -> Objects:
         """All that is there in frame k."""
         ...
@@ -89,9 +87,9 @@ class Hits(NamedTuple):
 class Detected:
     """AP of sensor sets by detection: the fidelity that the others approximate.
 
-    scheme: early, late or hybrid; iou: at which a detection counts; memo: where detections and outcomes are kept, or
-    the path of its file, None for this object's memory; frames: only the first so many; workers, ray: where frames are
-    worked on, see `toolkit.runtime.parallel.spread`; the figures are the same.
+    scheme: how sets fuse, an object or a name; codec: of what is sent; iou: at which a detection counts; memo: where
+    detections and outcomes are kept, or the path of its file, None for this object's memory; frames: only the first so
+    many; workers, ray: where frames are worked on, see `toolkit.runtime.parallel.spread`; the figures are the same.
     Raises ValueError where these do not fit, and for a detector without `digest` with a memo that others share.
     """
 
@@ -101,19 +99,19 @@ class Detected:
         self,
         renders: Measured,
         detector: Detector,
-        scheme: Scheme,
+        scheme: Scheme | str,
         *,
+        codec: Codec = PAPER,
         iou: float = 0.7,
         memo: Cache | str | Path | None = None,
         frames: int | None = None,
         workers: int = 1,
         ray: str | None = None,
     ) -> None:
-        if scheme not in SCHEMES:
-            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
         if not 0 < iou <= 1:
             raise ValueError(f"iou must lie in (0, 1], got {iou}")
-        self.renders, self.detector, self.scheme, self.iou = renders, detector, scheme, iou
+        self.renders, self.detector, self.iou = renders, detector, iou
+        self.scheme, self.codec = scheme_of(scheme), check_codec(codec)
         self.frames = len(_indices(renders.frames, frames))
         self.workers, self.ray = workers, ray
         self.ious = tuple(sorted({*IOUS, iou}))
@@ -197,7 +195,7 @@ class Detected:
         return self._scored[k]
 
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
-        return self.key(k, self.scheme, chosen, self.ious)
+        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.ious)
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
         if subsets.shape[1] != len(self.renders.sensors):
@@ -207,8 +205,9 @@ class Detected:
     @cached_property
     def _depends_on(self) -> str:
         """A digest of what all values depend on."""
-        parts = [self.renders.digest, getattr(self.detector, "digest", ""), hybrid_radius(self.renders.site)]
-        return key_of(*parts, code_digest(__name__, self.detector.__module__)).hex()
+        parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
+        code = code_digest(__name__, *(each.__module__ for each in (self.detector, self.scheme, self.codec)))
+        return key_of(*parts, code).hex()
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
@@ -234,13 +233,16 @@ class _Frame:
 
     def __init__(self, rules: Detected, k: int) -> None:
         self._rules, self._k = rules, k
-        self._measured: dict[tuple[str, int], np.ndarray] = {}
         self._detected: dict[bytes, Detections] = {}
         self.new: dict[bytes, Arrays] = {}
+        renders = rules.renders
+        measure = partial(renders.clouds, k)
+        self._view = View(renders.site, renders.sensors, measure=measure, run=self._detections, codec=rules.codec)
 
     def outcome(self, chosen: tuple[int, ...]) -> Outcome:
         """What the sensors of a set detect together, matched."""
-        fused = self._fused(chosen) if chosen else fuse_late([])
+        nothing = Fused(Detections.empty(), np.zeros(0, np.int64))
+        fused = self._rules.scheme.fuse(self._view, chosen) if chosen else nothing
         objects, counted = self._rules.renders.objects(self._k), self._rules.scored(self._k)
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
         truth = np.empty((len(self._rules.ious), len(fused.detections)), np.int16)
@@ -249,35 +251,17 @@ class _Frame:
             truth[row] = np.where(matched.ignored, IGNORED, place[matched.truth])
         return Outcome(fused.detections.scores, truth, fused.bits)
 
-    def _fused(self, chosen: tuple[int, ...]) -> Fused:
-        if self._rules.scheme == "late":
-            return fuse_late([self._detections("near", (c,)) for c in chosen])
-        kind = "near" if self._rules.scheme == "early" else "far"
-        clouds = [self._points(kind, c) for c in chosen]
-        centre = fuse_early(clouds, lambda _: self._detections(kind, chosen))
-        if self._rules.scheme == "early":
-            return centre
-        return fuse_hybrid([self._detections("near", (c,)) for c in chosen], centre)
-
-    def _detections(self, kind: str, sensors: tuple[int, ...]) -> Detections:
-        """What the detector says of the points of some sensors together."""
-        adding = [c for c in sensors if len(self._points(kind, c))]
-        key = self._rules.key(self._k, kind if adding else "near", adding)
+    def _detections(self, clouds: Sequence[Cloud]) -> Detections:
+        """What the detector says of the points of some clouds together."""
+        adding = [cloud for cloud in clouds if len(cloud.points)]
+        key = self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding])
         if key not in self._detected:
             kept = self._rules.memo.get([key])[0]
             if kept is None:
-                clouds = [np.zeros((0, 3), np.float32), *(self._points(kind, c) for c in adding)]
-                found = self._rules.detector(np.concatenate(clouds))
+                found = self._rules.detector(together(adding))
                 kept = self.new[key] = found.boxes, found.scores, found.labels
             self._detected[key] = Detections(*kept)
         return self._detected[key]
-
-    def _points(self, kind: str, c: int) -> np.ndarray:
-        """The points of one sensor, all in the crop or those far from it."""
-        if (kind, c) not in self._measured:
-            measure = self._rules.renders.clouds if kind == "near" else self._rules.renders.far
-            self._measured[kind, c] = measure(self._k, c)
-        return self._measured[kind, c]
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
@@ -295,6 +279,8 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
     """Frames as indices: the first so many, all, or these themselves."""
+    if isinstance(frames, float):
+        raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     chosen = range(available)[:frames] if frames is None or isinstance(frames, int) else frames
     if not len(chosen) or (isinstance(frames, int) and frames < 1):
         raise ValueError(f"there must be a frame to score, got {frames} of {available}")

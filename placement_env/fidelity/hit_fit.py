@@ -8,17 +8,19 @@ import numpy as np
 
 from placement_env.fidelity.hit_model import RANGES, HitModel
 from placement_env.fidelity.protocol import Estimate
-from placement_env.fidelity.surrogate import evidence_rows, expected_ap, joined
+from placement_env.fidelity.surrogate import Evidence, expected_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
+from toolkit.sites.site import HYBRID_RADIUS
 
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
 
 FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and the ceiling, as a logit
-NORM = {"early": 0.8, "late": 4.0, "hybrid": 4.0}  # to start from
+NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 
 
@@ -28,9 +30,9 @@ def fit(
     hits: Bool[np.ndarray, "n O"],
     ap: Float64[np.ndarray, " n"],
     *,
-    scheme: Scheme,
+    scheme: Scheme | str,
     iou: float,
-    radius: float = 20.0,
+    radius: float = HYBRID_RADIUS,
     source: str = "",
 ) -> HitModel:
     """The model under which these hits are likeliest, and whose AP is nearest to the detector's in the mean square.
@@ -39,22 +41,25 @@ def fit(
     Raises ValueError where there is nothing to fit; ModuleNotFoundError without SciPy.
     """
     _check(visibility, subsets, hits, ap)
+    scheme = scheme_of(scheme)
+    evidence = Evidence(visibility, scheme, radius)
     minimize, minimize_scalar = _scipy()
 
     def model_of(numbers: Float64[np.ndarray, " 6"], false_alarms: float = 0.0) -> HitModel:
         named = dict(zip(FITTED, map(float, numbers[:-1]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-1])))
-        return HitModel(scheme=scheme, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, **named)
+        return HitModel(scheme=scheme.name, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, **named)
 
     def unlikelihood(numbers: Float64[np.ndarray, " 6"]) -> float:
-        p = np.clip(_probability(visibility, subsets, model_of(numbers), radius), 1e-9, 1 - 1e-9)
+        p = np.clip(_probability(evidence, subsets, model_of(numbers)), 1e-9, 1 - 1e-9)
         return -float(np.where(hits, np.log(p), np.log1p(-p)).mean())
 
     bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT]
-    starts = [(-2.0 - 3.0 * reach, 1.6, NORM[scheme], reach, 0.5, 3.0) for reach in (0.0, 1.0)]
+    norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
+    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 3.0) for reach in (0.0, 1.0)]
     ends = [minimize(unlikelihood, start, method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(ends, key=lambda end: float(end.fun)).x
-    ranked = -np.sort(-_probability(visibility, subsets, model_of(best), radius), axis=1)
+    ranked = -np.sort(-_probability(evidence, subsets, model_of(best)), axis=1)
     misfit = minimize_scalar(
         lambda rate: float(np.square(expected_ap(ranked, float(rate))[0] - ap).mean()),
         bounds=RANGES["false_alarms"],
@@ -64,7 +69,12 @@ def fit(
 
 
 def fit_detected(
-    visibility: Visibility, detected: Detected, subsets: Bool[np.ndarray, "n C"], *, radius: float = 20.0, source: str
+    visibility: Visibility,
+    detected: Detected,
+    subsets: Bool[np.ndarray, "n C"],
+    *,
+    radius: float = HYBRID_RADIUS,
+    source: str,
 ) -> tuple[HitModel, ...]:
     """A model at each IoU threshold of what `detected`, of the same candidates and frames, says of the sets."""
     from placement_env.fidelity.detector import IOUS
@@ -75,9 +85,9 @@ def fit_detected(
     return tuple(fit(visibility, subsets, hits[i], estimates[iou].ap, iou=iou, **common) for i, iou in enumerate(IOUS))
 
 
-def _probability(visibility: Visibility, subsets: np.ndarray, model: HitModel, radius: float) -> np.ndarray:
-    rows = evidence_rows(visibility, model, radius, np.float64)
-    return model.probability(joined(MemberSums(rows)(subsets), model))
+def _probability(evidence: Evidence, subsets: np.ndarray, model: HitModel) -> np.ndarray:
+    sums = MemberSums(evidence.rows(model, np.float64))(subsets)
+    return model.probability(evidence.joined(sums, model))
 
 
 def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float
-from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.detection.schemes import SCHEMES
 from toolkit.runtime.files import write_text
 
 FOLDER = Path(__file__).parent / "surrogates"
@@ -44,11 +45,12 @@ RANGES = {
 
 @dataclass(frozen=True)
 class HitModel:
-    """The numbers above, for one scheme and IoU threshold. false_alarms: how many false alarms outrank a hit, for each
-    object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is out of range.
+    """The numbers above, for one scheme (its name) and IoU threshold. false_alarms: how many false alarms outrank a
+    hit, for each object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is
+    out of range.
     """
 
-    scheme: Scheme
+    scheme: str
     iou: float
     intercept: float
     density: float
@@ -63,8 +65,8 @@ class HitModel:
         for name, (lowest, highest) in RANGES.items():
             if not lowest <= getattr(self, name) <= highest:
                 raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
-        if self.scheme not in SCHEMES:
-            raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {self.scheme!r}")
+        if not self.scheme or not isinstance(self.scheme, str):
+            raise ValueError(f"scheme must be the name of a fusion scheme, got {self.scheme!r}")
 
     def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """p, from Σ n_i ^ norm; it grows with it."""
@@ -78,8 +80,9 @@ class HitModel:
         return z
 
 
-def load_models(path: str | Path) -> tuple[HitModel, ...]:
-    """The models of a file. Raises FileNotFoundError; ValueError, in one line, where it is no file of models."""
+def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
+    """The models of a file, of schemes with these names. Raises FileNotFoundError; ValueError, in one line, where it is
+    no file of models."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with placement_env.fidelity.hit_fit.fit and save_models")
@@ -87,7 +90,7 @@ def load_models(path: str | Path) -> tuple[HitModel, ...]:
         rows = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(rows, list):
             raise ValueError(f"needs a list of models, got {type(rows).__name__}")
-        return tuple(_model(row) for row in rows)
+        return tuple(_model(row, schemes) for row in rows)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -97,7 +100,7 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
-def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -> HitModel:
+def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general") -> HitModel:
     """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
 
     Raises ValueError, which lists what there is, where there is none for the scheme and IoU threshold.
@@ -108,18 +111,22 @@ def shipped_model(scheme: Scheme, iou: float = 0.7, detector: str = "general") -
         if model.scheme == scheme and math.isclose(model.iou, iou):
             return model
     there = ", ".join(f"{model.scheme} at {model.iou:g}" for model in models)
-    raise ValueError(f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}")
+    raise ValueError(
+        f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}; fidelity detector or coverage "
+        "takes any, and placement_env.fidelity.hit_fit.fit makes a model"
+    )
 
 
-def _model(row: Any) -> HitModel:
+def _model(row: Any, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
     if not isinstance(row, dict) or set(row) != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
-    if row["scheme"] not in SCHEMES or not isinstance(row["source"], str):
+    if row["scheme"] not in schemes or not isinstance(row["source"], str):
         raise ValueError(
-            f"scheme must be one of {', '.join(SCHEMES)} and source a text, got {row['scheme']!r} and {row['source']!r}"
+            f"scheme must be one of {', '.join(schemes)} and source a text, got {row['scheme']!r} and "
+            f"{row['source']!r}: for a scheme of your own, pass schemes="
         )
     return HitModel(**row | {name: float(row[name]) for name in RANGES})

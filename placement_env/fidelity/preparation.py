@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from placement_env.fidelity.protocol import Fidelity
-from toolkit.detection.evaluation import Scheme
-from toolkit.detection.fusion import hybrid_radius
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.scheme import Scheme
 from toolkit.objects import Detector
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -37,7 +37,7 @@ def site_candidates(
     return candidates(site) if callable(candidates) else candidates
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Preparation:
     """What the fidelities of one objective are made from; its arguments are those of `Objective`."""
 
@@ -45,12 +45,13 @@ class Preparation:
     candidates: Candidates
     frames: int
     scheme: Scheme
-    iou: float
-    seed: int
-    cache: str | Path | None
-    workers: int
-    ray: str | None
-    detector: Detector | None
+    iou: float = 0.7
+    seed: int = 0
+    codec: Codec = PAPER
+    cache: str | Path | None = None
+    workers: int = 1
+    ray: str | None = None
+    detector: Detector | None = None
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -87,27 +88,25 @@ class Preparation:
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name."""
-        if name == "coverage":
-            return self._coverage()
-        if name == "surrogate":
-            return self._surrogate()
-        if name == "detector":
-            return self._detected()
-        if name == "table":
-            return self._table()
-        raise ValueError(f"fidelity must be one of coverage, surrogate, detector, table, got {name!r}")
+        made = {
+            "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
+        }  # fmt: skip
+        if name not in made:
+            raise ValueError(f"fidelity must be one of {', '.join(made)}, got {name!r}")
+        return made[name]()
 
     def _coverage(self) -> Fidelity:
         from placement_env.fidelity.coverage import Coverage
 
-        return Coverage(self.visibility, self.scheme)
+        return Coverage(self.visibility, self.scheme, codec=self.codec)
 
     def _surrogate(self) -> Fidelity:
         from placement_env.fidelity.hit_model import shipped_model
         from placement_env.fidelity.surrogate import Surrogate
 
-        model = shipped_model(self.scheme, self.iou, self.network)
-        return Surrogate(self.visibility, self.scheme, model, radius=hybrid_radius(self.site))
+        model = shipped_model(self.scheme.name, self.iou, self.network)
+        radius = self.site.hybrid_radius
+        return Surrogate(self.visibility, self.scheme, model, radius=radius, codec=self.codec)
 
     def _detected(self) -> Fidelity:
         from models import load_detector
@@ -119,7 +118,7 @@ class Preparation:
         if detector is None:
             detector = load_detector(self.network, area=self.site.area)
         return Detected(
-            renders, detector, self.scheme, iou=self.iou, memo=self.kept,
+            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.kept,
             workers=self.workers, ray=self.ray,
         )  # fmt: skip
 
@@ -127,12 +126,13 @@ class Preparation:
         from placement_env.fidelity.table import TableFidelity, digest_of, load_table
 
         table = load_table(self.site.name)
-        if table.origin.place != digest_of(self.site, self.candidates.sensors):
+        site, origin = self.site, table.origin
+        if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
                 "not of these candidates or this version of the site: take another fidelity, or make_table"
             )
-        return TableFidelity(table, self.scheme, self.iou)
+        return TableFidelity(table, self.scheme, self.iou, self.codec)
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -36,13 +36,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_env.fidelity.coverage import LEAST, bits_sent
+from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import points_in_boxes
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.scheme import Scheme, bits_sent
+from toolkit.detection.schemes import scheme_of
 
 SLOPE, OFFSET = 0.152, 0.659
 LOWEST, HIGHEST = 0.001, 0.999
@@ -55,18 +57,20 @@ class PerceptionEntropy:
 
     name = "perception entropy"
 
-    def __init__(self, visibility: Visibility, scheme: Scheme = "early") -> None:
-        self._early = scheme == "early"
+    def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
+        self._adds_points = not scheme_of(scheme).sends_boxes
         points = visibility.points.astype(np.float32)
-        self._sums = MemberSums(points if self._early else np.where(points > 0, spread(points) ** -2, 0))
-        self._cost = _Cost(visibility, scheme)
+        self._sums = MemberSums(points if self._adds_points else np.where(points > 0, spread(points) ** -2, 0))
+        self._cost = _Cost(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """1 for the least entropy, 0 for that of nothing seen."""
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
-            log_spread = np.log(spread(sums)) if self._early else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+            log_spread = (
+                np.log(spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+            )
             entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
             score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
         return self._cost.estimate(score, subsets)
@@ -77,13 +81,13 @@ class InformationGain:
 
     name = "information gain"
 
-    def __init__(self, visibility: Visibility, scheme: Scheme = "early") -> None:
+    def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
         over = cells_over(visibility.boxes)
         entropy, reached = cell_entropy(over, visibility), (visibility.points > 0).astype(np.float32) @ over > 0
         uncertain = entropy > 0
         self._entropy = entropy[uncertain].astype(np.float32)
         self._sums = MemberSums(reached[:, uncertain].astype(np.uint16))
-        self._cost = _Cost(visibility, scheme)
+        self._cost = _Cost(visibility, scheme, codec)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """The share of the entropy of all cells that a set does away with."""
@@ -124,9 +128,9 @@ def cell_entropy(over: Float[np.ndarray, "O V"], visibility: Visibility) -> Floa
 class _Cost:
     """What sets send, as `Coverage` takes it."""
 
-    def __init__(self, visibility: Visibility, scheme: Scheme) -> None:
+    def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._kbit = bits_sent(visibility, scheme, boxes) / (1000 * visibility.frames)
+        self._kbit = bits_sent(scheme_of(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
 
     def estimate(self, score: Float64[np.ndarray, " n"], subsets: Bool[np.ndarray, "n C"]) -> Estimate:
         return Estimate(score, score.copy(), subsets @ self._kbit)

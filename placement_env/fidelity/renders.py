@@ -21,7 +21,6 @@ from models.packing import change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import beyond, frame_points
@@ -79,7 +78,7 @@ class Renders:
 
     def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Those of them outside the radius of hybrid fusion."""
-        return _far(self.clouds(k, c), self.sensors[c], hybrid_radius(self.site))
+        return _far(self.clouds(k, c), self.sensors[c], self.site.hybrid_radius)
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""
@@ -146,7 +145,7 @@ class Recorded:
 
     def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Those of them outside the radius of hybrid fusion."""
-        return _far(self.clouds(k, c), self.sensors[c], hybrid_radius(self.site))
+        return _far(self.clouds(k, c), self.sensors[c], self.site.hybrid_radius)
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""

@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_env.fidelity.coverage import LEAST, bits_sent
+from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.hit_model import HitModel, shipped_model
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64
-from toolkit.detection.evaluation import Scheme
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.scheme import Scheme, bits_sent
+from toolkit.detection.schemes import scheme_of
+from toolkit.sites.site import HYBRID_RADIUS
 
 MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
 
@@ -25,7 +28,8 @@ MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float3
 class Surrogate:
     """Sets of the candidates of `visibility` scored by a model, the shipped one of `scheme` at `iou` if none is given.
 
-    radius: of hybrid fusion (m). Raises ValueError where the model is of another scheme or there is none.
+    radius: the site's hybrid radius (m); codec: of what is sent. Raises ValueError where the model is of another scheme
+    or there is none.
     """
 
     name = "surrogate"
@@ -33,18 +37,23 @@ class Surrogate:
     def __init__(
         self,
         visibility: Visibility,
-        scheme: Scheme = "early",
+        scheme: Scheme | str = "early",
         model: HitModel | None = None,
         *,
         iou: float = 0.7,
-        radius: float = 20.0,
+        radius: float = HYBRID_RADIUS,
+        codec: Codec = PAPER,
     ) -> None:
-        self.model = shipped_model(scheme, iou) if model is None else model
-        if self.model.scheme != scheme:
-            raise ValueError(f"the model is for {self.model.scheme} fusion, not for {scheme}: pass one fitted to it")
-        self._sums = MemberSums(evidence_rows(visibility, self.model, radius))
+        scheme = scheme_of(scheme)
+        self.model = shipped_model(scheme.name, iou) if model is None else model
+        if self.model.scheme != scheme.name:
+            raise ValueError(
+                f"the model is for {self.model.scheme} fusion, not for {scheme.name}: pass one fitted to it"
+            )
+        self._evidence = Evidence(visibility, scheme, radius)
+        self._sums = MemberSums(self._evidence.rows(self.model))
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._bits = bits_sent(visibility, scheme, boxes)
+        self._bits = bits_sent(scheme, codec, visibility, boxes)
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
@@ -57,7 +66,7 @@ class Surrogate:
     def _expected(
         self, sums: Float32[np.ndarray, "n w"]
     ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-        sums = joined(sums, self.model)
+        sums = self._evidence.joined(sums, self.model)
         sums.sort(axis=1)
         return expected_ap(self.model.probability(sums[:, ::-1]), self.model.false_alarms)
 
@@ -80,22 +89,31 @@ def expected_ap(
     return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
 
 
-def evidence_rows(
-    visibility: Visibility, model: HitModel, radius: float, dtype: type = np.float32
-) -> Float[np.ndarray, "C w"]:
-    """n ^ norm of each candidate and object; for hybrid fusion, beside it, n where the object is beyond the radius."""
-    points: np.ndarray = visibility.points.astype(dtype)
-    points *= (np.maximum(visibility.distance, 1).astype(dtype) / 20) ** model.reach
-    points *= np.exp(-model.oblique * np.abs(np.sin(2 * visibility.boxes[:, 6]))).astype(dtype)
-    powers = np.minimum(points, MOST_POINTS) ** model.norm
-    if model.scheme != "hybrid":
-        return powers
-    return np.concatenate([powers, np.where(visibility.distance > radius, points, 0)], axis=1)
+class Evidence:
+    """What each candidate knows of each object, in numbers that add up over the members of a set.
 
+    scheme: how sets fuse; radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the
+    model's Σ n_i ^ norm. Where points reach the centre beside boxes, it counts as one sensor more that holds them all.
+    """
 
-def joined(sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
-    """Σ n_i ^ norm of sets, from the sums of their members' `evidence_rows`."""
-    if model.scheme != "hybrid":
-        return sums
-    near, far = np.split(sums, 2, axis=1)
-    return near + far**model.norm
+    def __init__(self, visibility: Visibility, scheme: Scheme, radius: float) -> None:
+        self._visibility = visibility
+        self._pooled = scheme.pooled_beside(visibility.distance, radius)
+
+    def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
+        """n ^ norm of each candidate and object and, beside it, n where the centre gets the points too."""
+        seen = self._visibility
+        points: np.ndarray = seen.points.astype(dtype)
+        points *= (np.maximum(seen.distance, 1).astype(dtype) / 20) ** model.reach
+        points *= np.exp(-model.oblique * np.abs(np.sin(2 * seen.boxes[:, 6]))).astype(dtype)
+        powers = np.minimum(points, MOST_POINTS) ** model.norm
+        if self._pooled is None:
+            return powers
+        return np.concatenate([powers, np.where(self._pooled, points, 0)], axis=1)
+
+    def joined(self, sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
+        """Σ n_i ^ norm of sets, from the sums of their members' rows."""
+        if self._pooled is None:
+            return sums
+        near, centre = np.split(sums, 2, axis=1)
+        return near + centre**model.norm

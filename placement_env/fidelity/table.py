@@ -18,12 +18,16 @@ from placement_env.fidelity.detector import IOUS, Detected, Measured
 from placement_env.fidelity.protocol import Estimate
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.detection.evaluation import SCHEMES, Scheme
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
 from toolkit.objects import Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
+from toolkit.sites import BUILT_IN
+from toolkit.sites.files import load_site
+from toolkit.sites.site import HYBRID_RADIUS, Site
 
 SHIPPED = Path(__file__).parent / "exact"
 
@@ -31,7 +35,8 @@ SHIPPED = Path(__file__).parent / "exact"
 @dataclass(frozen=True)
 class Origin:
     """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
-    objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code.
+    objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
+    the site's hybrid radius (m).
     """
 
     site: str
@@ -43,12 +48,13 @@ class Origin:
     detector: str
     seed: int
     commit: str
+    hybrid_radius: float = HYBRID_RADIUS
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Figures of all 2^C sets of C sensors, by scheme (of `SCHEMES`) and IoU threshold (of `IOUS`); kbit is what the
-    sensors of a set send together in a frame.
+    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`); kbit is what
+    the sensors of a set send together in a frame by the paper's codec.
 
     Raises ValueError where the shapes do not fit.
     """
@@ -59,7 +65,7 @@ class Table:
     kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
 
     def __post_init__(self) -> None:
-        shape = (1 << len(self.origin.sensors), len(SCHEMES), len(IOUS))
+        shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
             raise ValueError(f"a table of {len(self.origin.sensors)} sensors must be {shape}, got {self.ap.shape}")
 
@@ -79,16 +85,19 @@ class Table:
 class TableFidelity:
     """Sets scored by looking them up: as exact as detection, at no cost.
 
-    Raises ValueError for a scheme or IoU threshold that the table has not.
+    Raises ValueError for a scheme, IoU threshold or codec that the table has not.
     """
 
     table: Table
-    scheme: Scheme = "early"
+    scheme: Scheme | str = "early"
     iou: float = 0.7
+    codec: Codec = PAPER
     name: str = field(default="table", init=False)
 
     def __post_init__(self) -> None:
         _column(self.scheme, self.iou)
+        if self.codec != PAPER:
+            raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: take fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set."""
@@ -104,7 +113,7 @@ class Best(NamedTuple):
     ap: float
 
 
-def best_sets(table: Table, scheme: Scheme = "early", iou: float = 0.7, top: int = 3) -> dict[int, list[Best]]:
+def best_sets(table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3) -> dict[int, list[Best]]:
     """The best sets of each number of sensors, best first, as the paper's table lists them; all sensors first."""
     ap, subsets = table.ap[(slice(None), *_column(scheme, iou))], table.subsets
     sizes = subsets.sum(axis=1)
@@ -138,9 +147,9 @@ def make_table(
     out, subsets = Path(out), all_subsets(len(renders.sensors))
     memo = Cache(out.with_name(out.name + ".detections"))
     columns = []
-    for done, scheme in enumerate(SCHEMES):
+    for done, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)
-        told = _told(progress, done * detected.frames, len(SCHEMES) * detected.frames)
+        told = _told(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
         columns.append(list(detected.estimates(subsets, progress=told).values()))
     origin = Origin(
         site=renders.site.name,
@@ -152,6 +161,7 @@ def make_table(
         detector=getattr(detector, "digest", ""),
         seed=seed,
         commit=commit,
+        hybrid_radius=renders.site.hybrid_radius,
     )
     ap, recall, kbit = np.transpose(np.array(columns), (2, 3, 0, 1))
     table = Table(origin, ap.copy(), recall.copy(), kbit[..., 0].copy())
@@ -161,11 +171,11 @@ def make_table(
 
 
 def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
-    """SHA-256 over a site and sensors there: a table says nothing about others."""
+    """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
     from toolkit.sites.geojson import dumps
 
     hung = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
-    return key_of(dumps(site), hung).hex()
+    return key_of(dumps(site, without=["hybrid_radius"]), hung).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:
@@ -186,15 +196,25 @@ def load_table(name: str | Path) -> Table:
     arrays = read_arrays(path)
     try:
         values: dict[str, Any] = json.loads(arrays.pop("origin").tobytes())
-        return Table(Origin(**values | {"sensors": tuple(values["sensors"])}), **arrays)
+        radius = values.get("hybrid_radius", _hybrid_radius(values["site"]))
+        return Table(Origin(**values | {"sensors": tuple(values["sensors"]), "hybrid_radius": radius}), **arrays)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with make_table") from None
 
 
-def _column(scheme: str, iou: float) -> tuple[int, int]:
-    if scheme not in SCHEMES or iou not in IOUS:
-        raise ValueError(f"tables have schemes {', '.join(SCHEMES)} and IoU {IOUS}, got {scheme!r} and {iou}")
-    return SCHEMES.index(scheme), IOUS.index(iou)
+def _hybrid_radius(site: str) -> float:
+    """Of a table that does not say: it was made when only the built-in sites had one of their own."""
+    return load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
+
+
+def _column(scheme: Scheme | str, iou: float) -> tuple[int, int]:
+    scheme = scheme_of(scheme)
+    if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name] or iou not in IOUS:
+        raise ValueError(
+            f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {IOUS}, got {scheme} and {iou}: "
+            "take fidelity detector"
+        )
+    return PAPER_SCHEMES.index(scheme.name), IOUS.index(iou)
 
 
 def _told(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:

@@ -21,7 +21,6 @@ from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.points import beyond, frame_points
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
@@ -84,7 +83,7 @@ class Visibility:
         there.
         """
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
-        radius = hybrid_radius(site)
+        radius = site.hybrid_radius
         points, sent, far, boxes = [], [], [], []
         for k in range(count):
             frame = recording[k]

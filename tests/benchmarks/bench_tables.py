@@ -17,7 +17,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Float32
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.evaluation import SCHEMES
+from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import Detections
 from toolkit.runtime.cache import Cache
 
@@ -47,7 +47,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         memo, all_start = Cache(Path(folder) / "memo"), process_time()
         for kept in ("detected", "kept"):
-            for scheme in SCHEMES:
+            for scheme in PAPER_SCHEMES:
                 start, calls, inside = process_time(), detector.calls, detector.seconds
                 Detected(renders, detector, scheme, memo=memo, frames=frames)(subsets)
                 seconds, calls = (process_time() - start) / frames, (detector.calls - calls) / frames

@@ -69,8 +69,7 @@ def main() -> None:
     from placement_env.fidelity.surrogate import Surrogate
     from placement_env.fidelity.traffic import traffic
     from placement_env.fidelity.visibility import see
-    from toolkit.detection.evaluation import SCHEMES
-    from toolkit.detection.fusion import hybrid_radius
+    from toolkit.detection.schemes import PAPER_SCHEMES
     from toolkit.sites.files import load_site
 
     rng = np.random.default_rng(asked.seed)
@@ -83,9 +82,9 @@ def main() -> None:
         f"{asked.frames} frames of {asked.site} traffic, seed {asked.seed}, {len(sets)} sets, detector {asked.detector}"
     )
     detector, models = load_detector(asked.detector, area=site.area), []
-    for scheme in SCHEMES:
+    for scheme in PAPER_SCHEMES:
         detected = Detected(renders, detector, scheme, memo=asked.memo)
-        for model in fit_detected(visibility, detected, sets, radius=hybrid_radius(site), source=source):
+        for model in fit_detected(visibility, detected, sets, radius=site.hybrid_radius, source=source):
             ap = detected.estimates(sets)[model.iou].ap
             rho = spearmanr(Surrogate(visibility, scheme, model)(sets).ap, ap).statistic
             print(model, f"Spearman {rho:.3f}", flush=True)

@@ -16,7 +16,6 @@ from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
 from placement_env.racing import race
 from placement_env.subsets import all_subsets
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.points import beyond
@@ -80,7 +79,7 @@ class Scene:
 
     def far(self, k, c):
         points = self.clouds(k, c)
-        return points[beyond(points, self.sensors[c], hybrid_radius(self.site))]
+        return points[beyond(points, self.sensors[c], self.site.hybrid_radius)]
 
 
 @dataclass(frozen=True)

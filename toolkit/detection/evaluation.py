@@ -1,9 +1,10 @@
 """Score fusion schemes and sensor sets over a recording with a detector: the first table of the paper.
 
-What a sensor sees and detects is computed once per frame and shared by all schemes and sets; of a frame only the fused
-boxes are kept, so memory does not grow with what the sensors measure. The truth is what stands with its centre in the
-site's area. Under the exact protocol an object centred outside it is there but not scored, neither a miss nor a false
-alarm (`counted` of `toolkit.detection.metrics.evaluate`); under the published one it is not there.
+What a sensor sees and detects is computed once per frame and shared by all schemes and sets (`toolkit.detection.view`);
+of a frame only the fused boxes are kept, so memory does not grow with what the sensors measure. The truth is what
+stands with its centre in the site's area. Under the exact protocol an object centred outside it is there but not
+scored, neither a miss nor a false alarm (`counted` of `toolkit.detection.metrics.evaluate`); under the published one it
+is not there.
 
 Milliseconds are the median frame's, from measurements to fused boxes, sensors working side by side as in the paper:
 
@@ -16,40 +17,30 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar, get_args, runtime_checkable
+from typing import Any, Protocol, overload, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Bool
 from toolkit.boxes import Metric as Overlap
 from toolkit.datasets.dataset import noisy
-from toolkit.detection.fusion import (
-    NMS_IOU,
-    PAPER,
-    Accounting,
-    Fused,
-    fuse_early,
-    fuse_hybrid,
-    fuse_late,
-    hybrid_radius,
-)
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.fusion import sensor_set
 from toolkit.detection.metrics import Curve, evaluate
 from toolkit.detection.metrics import Protocol as Scoring
+from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
+from toolkit.detection.scheme import Fused, Scheme
+from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import Metric, beyond, centred_in, frame_points, select_sensors
+from toolkit.points import centred_in
 from toolkit.runtime.files import write_text
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-
-Scheme = Literal["early", "late", "hybrid"]
-SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
-Result = TypeVar("Result")
 
 
 @runtime_checkable
@@ -68,7 +59,7 @@ class Row:
     """One scheme, sensor set (indices) and IoU threshold: AP, and at the last detection recall and precision; kbit per
     sensor and frame; milliseconds per frame; the PR curve."""
 
-    scheme: Scheme
+    scheme: str
     sensors: tuple[int, ...]
     iou: float
     ap: float
@@ -85,67 +76,89 @@ class Row:
         return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
 
 
+@dataclass(frozen=True)
+class Evaluation(Sequence[Row]):
+    """The rows of an evaluation, and where they come from: dataset, detector, settings and version."""
+
+    rows: tuple[Row, ...]
+    provenance: dict[str, Any]
+
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Row, ...]: ...
+    def __getitem__(self, index: int | slice) -> Row | tuple[Row, ...]:
+        return self.rows[index]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+
 def evaluate_dataset(
     dataset: Recording,
     detector: Detector,
     *,
-    schemes: Sequence[Scheme] = SCHEMES,
+    schemes: Sequence[Scheme | str] = tuple(SCHEMES),
     sensor_sets: Sequence[Sequence[int | str] | None] = (None,),
     iou_thresholds: Sequence[float] = (0.7, 0.8, 0.9),
     frames: int | None = None,
     noise_seed: int | None = 0,
     radius: float | None = None,
-    radius_metric: Metric = "horizontal",
-    accounting: Accounting = PAPER,
+    codec: Codec = PAPER,
     nms_iou: float = NMS_IOU,
     protocol: Scoring = "exact",
     metric: Overlap = "3d",
     label: str | int = "vehicle",
     progress: Callable[[int], None] | None = None,
-) -> list[Row]:
+) -> Evaluation:
     """Score every scheme with every sensor set at every IoU threshold, in this order.
 
-    sensor_sets: indices or names, None for all; frames: only the first so many; noise_seed: None for none;
-    radius (m) and radius_metric: of hybrid fusion, see `toolkit.detection.fusion.hybrid`; protocol, metric and label:
+    schemes: objects or names; sensor_sets: indices or names, None for all; frames: only the first so many; noise_seed:
+    None for none; radius: in place of the site's hybrid radius (m); codec: of what is sent; protocol, metric and label:
     see `toolkit.detection.metrics.evaluate`; progress is told the number of frames done. Raises ValueError for a scheme
-    or sensor that does not exist and for a recording without frames.
+    or sensor that does not exist, two schemes of one name, and a recording without frames.
     """
-    site, count = dataset.site, min(len(dataset), len(dataset) if frames is None else frames)
-    if count < 1:
-        raise ValueError(f"there must be a frame to evaluate, got {count} of {len(dataset)}")
+    count = min(len(dataset), len(dataset) if frames is None else frames)
+    if count < 1 or isinstance(frames, float):
+        raise ValueError(f"there must be a frame to evaluate, a whole number, got {frames} of {len(dataset)}")
     if not (len(schemes) and len(sensor_sets) and len(iou_thresholds)):
         raise ValueError("there must be a scheme, a sensor set and an IoU threshold to evaluate")
-    sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
-    runs = {(_known(scheme), chosen): _Run() for scheme in schemes for chosen in sets}
-    rules = _Rules(
-        detector, site, hybrid_radius(site) if radius is None else radius, radius_metric, accounting, nms_iou
-    )
+    site = dataset.site if radius is None else replace(dataset.site, hybrid_radius=radius)
+    named = _named(schemes)
+    sets = [tuple(sensor_set(dataset.sensors, chosen)) for chosen in sensor_sets]
+    runs = {(name, chosen): _Run() for name in named for chosen in sets}
+    settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou}
     truths, counted = [], []
     for k in range(count):
         frame = dataset[k] if noise_seed is None else noisy(dataset[k], noise_seed)
         truth, scored = _truth(frame.objects, site, protocol)
         truths.append(truth)
         counted.append(scored)
-        seen = _Seen(frame, rules)
-        for (scheme, chosen), run in runs.items():
-            run.add(*seen.fused(scheme, chosen))
+        view = frame_view(frame, detector, site, **settings)
+        for (name, chosen), run in runs.items():
+            run.add(named[name].fuse(view, sorted(chosen)))
         if progress is not None:
             progress(k + 1)
 
-    score = partial(
-        evaluate,
-        truths=truths,
-        counted=counted,
-        iou_thresholds=iou_thresholds,
-        metric=metric,
-        protocol=protocol,
-        label=label,
+    scoring: dict[str, Any] = {"metric": metric, "protocol": protocol, "label": label}
+    truth_of: dict[str, Any] = {"truths": truths, "counted": counted, "iou_thresholds": iou_thresholds}
+    rows = tuple(
+        Row(name, chosen, iou, at.ap, at.recall, at.precision, run.kbit_per_sensor, run.ms_per_frame, at.curve)
+        for (name, chosen), run in runs.items()
+        for iou, at in evaluate(run.detections, **truth_of, **scoring).items()
     )
-    return [
-        Row(scheme, chosen, iou, at.ap, at.recall, at.precision, run.kbit_per_sensor, run.ms_per_frame, at.curve)
-        for (scheme, chosen), run in runs.items()
-        for iou, at in score(run.detections).items()
-    ]
+    digests = {name: scheme.digest for name, scheme in named.items()}
+    ious = [float(iou) for iou in iou_thresholds]
+    place = {"site": site.name, "hybrid_radius": site.hybrid_radius, "frames": count, "noise_seed": noise_seed}
+    return Evaluation(
+        rows,
+        dataset_origin(dataset)
+        | detector_origin(detector)
+        | settings_origin(codec, **place, schemes=digests, iou=ious, nms_iou=nms_iou, **scoring),
+    )
 
 
 def format_table(rows: Iterable[Row]) -> str:
@@ -168,13 +181,14 @@ def format_table(rows: Iterable[Row]) -> str:
     )
 
 
-def save_evaluation(rows: Sequence[Row], folder: str | Path) -> None:
-    """Write table.json, {"rows": [...]}, and the PR curves, pr_0.7.png and so on, into a folder made if missing."""
+def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
+    """Write table.json, {"provenance": {...}, "rows": [...]}, and the PR curves, pr_0.7.png and so on, into a folder
+    made if missing."""
     from toolkit.plots import draw_pr_curves
 
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "table.json", json.dumps({"rows": [row.as_dict() for row in rows]}, indent=1))
+    table = {"provenance": with_file_digest(rows.provenance), "rows": [row.as_dict() for row in rows]}
+    write_text(folder / "table.json", json.dumps(table, indent=1))
     for iou in dict.fromkeys(row.iou for row in rows):
         curves = {
             f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}": (row.curve.recall, row.curve.precision)
@@ -182,17 +196,6 @@ def save_evaluation(rows: Sequence[Row], folder: str | Path) -> None:
             if row.iou == iou
         }
         draw_pr_curves(curves, folder / f"pr_{iou:g}.png", title=f"IoU {iou:g}")
-
-
-class _Rules(NamedTuple):
-    """What stays the same over all frames."""
-
-    detector: Detector
-    site: Site
-    radius: float
-    radius_metric: Metric
-    accounting: Accounting
-    nms_iou: float
 
 
 class _Run:
@@ -203,10 +206,10 @@ class _Run:
         self._kbit: list[float] = []
         self._ms: list[float] = []
 
-    def add(self, fused: Fused, ms: float) -> None:
+    def add(self, fused: Fused) -> None:
         self.detections.append(fused.detections)
         self._kbit.append(fused.kbit_per_sensor)
-        self._ms.append(ms)
+        self._ms.append(fused.ms)
 
     @property
     def kbit_per_sensor(self) -> float:
@@ -217,53 +220,6 @@ class _Run:
         return float(np.median(self._ms))
 
 
-class _Seen:
-    """One frame as its sensors see it, each step done when first asked for, with the milliseconds it took."""
-
-    def __init__(self, frame: Frame, rules: _Rules) -> None:
-        self._frame, self._rules = frame, rules
-        self._points: dict[int, tuple[np.ndarray, float]] = {}
-        self._detections: dict[int, tuple[Detections, float]] = {}
-
-    def points(self, sensor: int) -> tuple[np.ndarray, float]:
-        """The cropped points of one sensor."""
-        if sensor not in self._points:
-            (points,), ms = _timed(partial(frame_points, self._frame, [sensor], area=self._rules.site))
-            self._points[sensor] = points, ms
-        return self._points[sensor]
-
-    def detections(self, sensor: int) -> tuple[Detections, float]:
-        """What one sensor detects by itself, cropping included."""
-        if sensor not in self._detections:
-            points, crop_ms = self.points(sensor)
-            detections, ms = _timed(partial(self._rules.detector, points))
-            self._detections[sensor] = detections, crop_ms + ms
-        return self._detections[sensor]
-
-    def far(self, sensor: int) -> tuple[np.ndarray, float]:
-        """The cropped points of one sensor outside hybrid fusion's radius."""
-        points, crop_ms = self.points(sensor)
-        place, radius, metric = self._frame.sensors[sensor], self._rules.radius, self._rules.radius_metric
-        outside, ms = _timed(lambda: points[beyond(points, place, radius, metric)])
-        return outside, crop_ms + ms
-
-    def fused(self, scheme: Scheme, sensors: Sequence[int]) -> tuple[Fused, float]:
-        """One scheme with one sensor set."""
-        costs: dict[str, Any] = {"accounting": self._rules.accounting, "iou_threshold": self._rules.nms_iou}
-        sensors = sorted(sensors)
-        if scheme == "late":
-            boxes, boxes_ms = _parallel(map(self.detections, sensors))
-            fused, ms = _timed(partial(fuse_late, boxes, **costs))
-            return fused, boxes_ms + ms
-        clouds, clouds_ms = _parallel(map(self.points if scheme == "early" else self.far, sensors))
-        centre, ms = _timed(partial(fuse_early, clouds, self._rules.detector, **costs))
-        if scheme == "early":
-            return centre, clouds_ms + ms
-        boxes, boxes_ms = _parallel(map(self.detections, sensors))
-        fused, fusion_ms = _timed(partial(fuse_hybrid, boxes, centre, **costs))
-        return fused, max(boxes_ms, clouds_ms + ms) + fusion_ms
-
-
 def _truth(objects: Objects, site: Site, protocol: Scoring) -> tuple[Objects, Bool[np.ndarray, " n"]]:
     """The objects that are there, and which of them are scored."""
     within = centred_in(objects.boxes, site.area)
@@ -271,19 +227,10 @@ def _truth(objects: Objects, site: Site, protocol: Scoring) -> tuple[Objects, Bo
     return objects[there], within[there]
 
 
-def _timed(call: Callable[[], Result]) -> tuple[Result, float]:
-    start = perf_counter()
-    result = call()
-    return result, (perf_counter() - start) * 1e3
-
-
-def _parallel(steps: Iterable[tuple[Result, float]]) -> tuple[list[Result], float]:
-    """The results of steps that run side by side, and the milliseconds of the slowest."""
-    steps = list(steps)
-    return [result for result, _ in steps], max((ms for _, ms in steps), default=0.0)
-
-
-def _known(scheme: Scheme) -> Scheme:
-    if scheme not in SCHEMES:
-        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
-    return scheme
+def _named(schemes: Sequence[Scheme | str]) -> dict[str, Scheme]:
+    """The schemes by their names. Raises ValueError where two share one."""
+    named: dict[str, Scheme] = {}
+    for scheme in map(scheme_of, schemes):
+        if named.setdefault(scheme.name, scheme) != scheme:
+            raise ValueError(f"two schemes are called {scheme.name!r}, {named[scheme.name]} and {scheme}: rename one")
+    return named

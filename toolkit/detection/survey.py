@@ -7,7 +7,7 @@ point for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,8 @@ import numpy as np
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
-from toolkit.detection.fusion import PAPER, Accounting
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.points import centred_in, frame_points, select_sensors
 
@@ -25,13 +26,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Survey:
-    """frames: how many; objects_per_frame: mean in the area, by class; kbit_per_sensor: of early fusion, sensor by
-    sensor; counts: points of each sensor on each vehicle in the area."""
+    """frames: how many; objects_per_frame: mean in the area, by class; kbit_per_sensor: of all points, sensor by
+    sensor; counts: points of each sensor on each vehicle in the area; provenance: dataset, settings and version."""
 
     frames: int
     objects_per_frame: dict[str, float]
     kbit_per_sensor: Float64[np.ndarray, " sensors"]
     counts: Int64[np.ndarray, "vehicles sensors"]
+    provenance: dict[str, Any] = field(default_factory=dict)
 
     def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
         """The point density of each vehicle in the fused cloud of a sensor set (indices)."""
@@ -50,6 +52,7 @@ class Survey:
             "kbit_per_sensor": float(self.kbit_per_sensor.mean()),
             "vehicles": len(self.counts),
             "unseen": {",".join(map(str, chosen)): self.unseen(chosen) for chosen in sensor_sets},
+            "provenance": with_file_digest(self.provenance),
         }
 
 
@@ -58,13 +61,15 @@ def survey(
     *,
     frames: int | None = None,
     noise_seed: int = 0,
-    accounting: Accounting = PAPER,
+    codec: Codec = PAPER,
     progress: Callable[[int], None] | None = None,
 ) -> Survey:
-    """Count over the first `frames` frames of a recording, all if not given; progress is told how many are done."""
+    """Count over the first `frames` frames of a recording, all if not given; codec: of the points; progress is told how
+    many frames are done."""
+    check_codec(codec)
     total = min(len(dataset), len(dataset) if frames is None else frames)
-    if total < 1:
-        raise ValueError(f"there must be a frame to survey, got {total} of {len(dataset)}")
+    if total < 1 or isinstance(frames, float):
+        raise ValueError(f"there must be a frame to survey, a whole number, got {frames} of {len(dataset)}")
     site, everyone = dataset.site, select_sensors(dataset.sensors)
     labels, sent, counts = np.zeros(len(LABELS), np.int64), np.zeros(len(everyone)), []
     for k in range(total):
@@ -74,8 +79,9 @@ def survey(
         boxes = objects.boxes[objects.labels == VEHICLE]
         counts.append(np.stack([count_points(points, boxes) for points in clouds], axis=1))
         labels += np.bincount(objects.labels, minlength=len(LABELS))
-        sent += [len(points) * accounting.bits_per_point / 1000 for points in clouds]
+        sent += [codec.encode_points(points).bits / 1000 for points in clouds]
         if progress is not None:
             progress(k + 1)
     per_frame = {name: float(count) / total for name, count in zip(LABELS, labels, strict=True)}
-    return Survey(total, per_frame, sent / total, np.concatenate(counts))
+    settings = settings_origin(codec, site=site.name, frames=total, noise_seed=noise_seed)
+    return Survey(total, per_frame, sent / total, np.concatenate(counts), dataset_origin(dataset) | settings)

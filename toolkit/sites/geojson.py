@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import Field, asdict, fields
 from typing import Any
 
@@ -18,7 +18,7 @@ from toolkit.geometry import pose
 from toolkit.sensors.catalogue import class_names, make_model, model_class
 from toolkit.sensors.model import SensorModel, is_angle
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Mount, Relief, Site, Solid, check_polygon
+from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
 
 VERSION = 1
 Json = dict[str, Any]
@@ -44,6 +44,7 @@ def document(site: Site) -> Json:
         "coview_site": VERSION,
         "name": site.name,
         "height": site.height,
+        "hybrid_radius": site.hybrid_radius,
         "relief": asdict(site.relief),
         "map_SE3_site": site.map_SE3_site.tolist(),
         "geo_reference": site.geo_reference,
@@ -52,10 +53,12 @@ def document(site: Site) -> Json:
     }
 
 
-def dumps(site: Site) -> str:
-    """The text of `document(site)`, one feature and one line of the network to a line."""
+def dumps(site: Site, *, without: Collection[str] = ()) -> str:
+    """The text of `document(site)` without some of its members, one feature and one line of the network to a line."""
     members = []
     for key, value in document(site).items():
+        if key in without:
+            continue
         if key in ("features", "network") and value:
             rows = ",\n".join(json.dumps(row, allow_nan=False) for row in value)
             members.append(f"{json.dumps(key)}: [\n{rows}\n]")
@@ -95,7 +98,12 @@ def parse(collection: Any) -> Site:
         map_SE3_site=_matrix(collection, "map_SE3_site"),
         geo_reference=geo_reference,
         relief=Relief(_number(relief, "amplitude", "relief"), _member(relief, "seed", int, "relief")),
+        hybrid_radius=_hybrid_radius(collection),
     )
+
+
+def _hybrid_radius(collection: Json) -> float:
+    return _number(collection, "hybrid_radius", "") if "hybrid_radius" in collection else HYBRID_RADIUS
 
 
 def _feature(feature: Any, where: str) -> tuple[str, Any]:

@@ -93,6 +93,7 @@ def build() -> Site:
         network=net,
         map_SE3_site=np.eye(4),
         relief=RELIEF,
+        hybrid_radius=12.0,  # m, paper section IV-B
     )
 
 

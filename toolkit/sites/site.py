@@ -23,6 +23,7 @@ KINDS = (
     *("kerb", "island", "pond"),
 )
 EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
+HYBRID_RADIUS = 20.0  # m, where the paper says nothing else of a site (its section IV-B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,8 @@ class Site:
     lanes, footways: (k, 2) polygons of what wheels and feet may use, in and around the area;
     solids, mounts, sensors: what stands there, where sensors may hang, which sensors hang there now;
     parking: (n, 3) bays x, y, yaw where vehicles stand for good; network: SUMO net.xml text, "" for a site without
-    traffic, in site coordinates; geo_reference: PROJ string of the map frame, None when it has none.
+    traffic, in site coordinates; geo_reference: PROJ string of the map frame, None when it has none;
+    hybrid_radius: within which sensors send no points in hybrid fusion (m, paper section IV-B).
 
     Raises ValueError that names the field where something does not fit.
     """
@@ -112,11 +114,14 @@ class Site:
     map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None
     relief: Relief = Relief()
+    hybrid_radius: float = HYBRID_RADIUS
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {"area": check_area(self.area)}
         if not 0 < self.height < np.inf:
             raise ValueError(f"height must be positive, got {self.height}")
+        if not 0 <= self.hybrid_radius < np.inf:
+            raise ValueError(f"hybrid_radius must be finite and at least 0 m, got {self.hybrid_radius}")
         for layer in ("lanes", "footways"):
             checked[layer] = tuple(check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer)))
         for layer in ("solids", "mounts", "sensors"):

@@ -65,6 +65,7 @@ def build() -> Site:
         network=net,
         map_SE3_site=MAP_SE3_SITE,
         relief=RELIEF,
+        hybrid_radius=20.0,  # m, paper section IV-B
     )
 
 

@@ -3,9 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_env.fidelity.coverage import Coverage, bits_sent
+from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.visibility import Visibility
+from toolkit.detection.codec import PAPER
+from toolkit.detection.early import Early
+from toolkit.detection.scheme import bits_sent
 
 
 def visibility(points, sent=2.0, far=1.0, frames=2, distance=30.0):
@@ -74,5 +77,5 @@ def test_one_view_is_monotone_and_submodular(seed):
 
 
 def test_bits_are_whole_numbers():
-    bits = bits_sent(visibility(np.ones((3, 4)), sent=1.3), "early", np.zeros(3))
+    bits = bits_sent(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
     np.testing.assert_array_equal(bits, np.rint(bits))

@@ -11,7 +11,6 @@ from placement_env.fidelity.protocol import Fidelity
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
 from toolkit.detection.evaluation import evaluate_dataset
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -86,7 +85,7 @@ class Seen:
 
     def far(self, k, c):
         points = self.clouds(k, c)
-        return points[beyond(points, self.sensors[c], hybrid_radius(self.site))]
+        return points[beyond(points, self.sensors[c], self.site.hybrid_radius)]
 
     def objects(self, k):
         return self.recording[k].objects

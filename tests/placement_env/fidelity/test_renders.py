@@ -10,7 +10,6 @@ from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points
@@ -60,7 +59,7 @@ def test_noise_differs_between_frames_and_sensors(small_traffic, small_candidate
 
 def test_far_points_and_objects(renders, small_traffic):
     points, sensor = renders.clouds(0, 1), renders.sensors[1]
-    far = beyond(points, sensor, hybrid_radius(small_traffic.site))
+    far = beyond(points, sensor, small_traffic.site.hybrid_radius)
     assert 0 < far.sum() < len(points)
     assert np.array_equal(renders.far(0, 1), points[far])
     assert renders.objects(0) is small_traffic.snapshots[0].objects

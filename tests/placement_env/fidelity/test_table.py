@@ -7,7 +7,6 @@ import pytest
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.table import (
-    SCHEMES,
     SHIPPED,
     Origin,
     Table,
@@ -20,6 +19,7 @@ from placement_env.fidelity.table import (
     save_table,
 )
 from toolkit.boxes import count_points
+from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.array_files import write_arrays
 from toolkit.sensors.depth_camera import DepthCamera

@@ -10,7 +10,6 @@ from placement_env.fidelity.traffic import scored
 from placement_env.fidelity.visibility import Visibility, see
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
-from toolkit.detection.fusion import hybrid_radius
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points, inside, unproject
@@ -79,7 +78,7 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
             points, valid = unproject(sensor, depth)
             points = points.T[valid & inside(points.T, small_traffic.site.area, small_traffic.site.height)]
             assert abs(found.sent[c, k] - len(points)) < 2
-            far = beyond(points, sensor, hybrid_radius(small_traffic.site)).sum()
+            far = beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
             assert abs(found.far[c, k] - far) < 2
 
 
@@ -115,9 +114,7 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
     frames = recording.frames if seed is None else [noisy(frame, seed) for frame in recording.frames]
     clouds = [frame_points(frame, area=site) for frame in frames]
     assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
-    far = [
-        [beyond(c, s, hybrid_radius(site)).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds
-    ]
+    far = [[beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds]
     assert found.far.tolist() == np.array(far).T.tolist()
     clean = Visibility.of(recording, noise_seed=None)
     assert np.array_equal(found.points, clean.points)

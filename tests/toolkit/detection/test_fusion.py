@@ -1,24 +1,21 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from toolkit.boxes import iou_bev
-from toolkit.detection.fusion import (
-    Accounting,
-    Fused,
-    early,
-    fuse_early,
-    fuse_late,
-    hybrid,
-    hybrid_radius,
-    late,
-    suppress,
-)
+from toolkit.detection.codec import PaperCodec
+from toolkit.detection.fusion import early, hybrid, late
+from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.scheme import Fused
+from toolkit.detection.view import suppress
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.points import beyond, frame_points
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 AREA = (-40, -20, 40, 20)
@@ -126,7 +123,16 @@ def test_order_of_the_sensors_in_the_frame_does_not_matter(scheme):
 
 
 def test_a_duplicated_sensor_adds_nothing_to_late_fusion():
-    same(late(frame(), grid_detector, [0, 0, 1], site=AREA), late(frame(), grid_detector, [0, 1], site=AREA))
+    scene, twin = frame(), Sensor("twin", SENSORS[0].model, SENSORS[0].pose)
+    twins = Frame((*SENSORS, twin), (*scene.measurements, scene.measurements[0]), scene.objects)
+    same(late(twins, grid_detector, [0, 4, 1], site=AREA), late(scene, grid_detector, [0, 1], site=AREA))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("sensors", [[0, 0], [1, "s1"], [2, 0, 1, 2]])
+def test_a_sensor_named_twice_is_refused(scheme, sensors):
+    with pytest.raises(ValueError, match=r"a set has each sensor once, got 's\d' twice"):
+        scheme(frame(), grid_detector, sensors, site=AREA)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -149,12 +155,15 @@ def test_unknown_sensors_are_refused(scheme):
         scheme(frame(), grid_detector, [7], site=AREA)
 
 
-def test_accounting_can_be_replaced():
+def test_the_codec_can_be_replaced():
     clouds = frame_points(frame(), area=AREA)
-    cost = Accounting(bits_per_point=48, bits_per_box=100)
-    assert fuse_early(clouds, grid_detector, accounting=cost).bits.tolist() == [48 * len(c) for c in clouds]
+    cost = PaperCodec(bits_per_point=48, bits_per_box=100)
+    assert early(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [48 * len(c) for c in clouds]
     boxes = [grid_detector(points) for points in clouds]
-    assert fuse_late(boxes, accounting=cost).bits.tolist() == [100 * len(b) for b in boxes]
+    assert late(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [100 * len(b) for b in boxes]
+    far = [points[beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    sent = hybrid(frame(), grid_detector, site=AREA, radius=12.0, codec=cost).bits
+    assert sent.tolist() == [48 * len(f) + 100 * len(b) for f, b in zip(far, boxes, strict=True)]
 
 
 def test_equal_scores_are_settled_without_regard_to_order():
@@ -163,7 +172,17 @@ def test_equal_scores_are_settled_without_regard_to_order():
     np.testing.assert_array_equal(forward.boxes, backward.boxes)
 
 
-def test_hybrid_radius_is_the_papers():
-    assert hybrid_radius(Site("tjunction", np.array(AREA, float))) == 20
-    assert hybrid_radius(Site("roundabout", np.array(AREA, float))) == 12
-    assert hybrid_radius(AREA) == 20
+@pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
+def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
+    site = load_site(name)
+    assert Hybrid().radius_at(site) == Hybrid().radius_at(replace(site, name="renamed")) == radius
+    assert Hybrid(5.0).radius_at(site) == 5.0
+    assert Hybrid().radius_at(AREA) == Hybrid().radius_at(Site("any", np.array(AREA, float))) == 20.0
+
+
+def test_hybrid_takes_the_radius_of_its_site():
+    site = Site("here", np.array(AREA, float), hybrid_radius=12.0)
+    given = hybrid(frame(), grid_detector, site=AREA, radius=12.0)
+    same(hybrid(frame(), grid_detector, site=site), given)
+    assert hybrid(frame(), grid_detector, site=site).bits.tolist() == given.bits.tolist()
+    assert hybrid(frame(), grid_detector, site=AREA).bits.tolist() != given.bits.tolist()

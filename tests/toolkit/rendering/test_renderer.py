@@ -147,6 +147,7 @@ def test_agrees_with_casting_everything_at_once(seed):
 def test_lidar_sees_a_box_across_the_seam_of_its_turn(heading):
     sensor = lidar((0.0, 0.0, 1.0), heading, channels=32)
     hits = Renderer(FLAT, (CUBE,), (sensor,)).render(snapshot((CUBE,), (0, -6.0, 0.0, 0.0))).hits[0]
+    assert isinstance(sensor.model, SpinningLidar)
     seen = np.flatnonzero((hits == 0).any(axis=0)) * sensor.model.azimuth_step
     assert len(seen) * sensor.model.azimuth_step == pytest.approx(2 * np.arctan(1 / 5), abs=0.02)
 

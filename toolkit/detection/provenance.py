@@ -1,0 +1,47 @@
+"""Where figures come from: what every result file says of its data, detector, settings and version."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from toolkit.detection.codec import Codec
+from toolkit.objects import Detector
+
+
+def coview_version() -> str:
+    """Of this installation; "unknown" where coview runs from a checkout that is not installed."""
+    try:
+        return version("coview")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def dataset_origin(dataset: object) -> dict[str, Any]:
+    """Name and file of a recording, None where it is in memory alone."""
+    path = getattr(dataset, "path", None)
+    return {"dataset": type(dataset).__name__ if path is None else Path(path).name, "dataset_path": path and str(path)}
+
+
+def detector_origin(detector: Detector) -> dict[str, Any]:
+    """Kind and digest of a detector, None where it has none."""
+    name = getattr(detector, "__name__", type(detector).__name__)
+    return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
+
+
+def settings_origin(codec: Codec, **settings: Any) -> dict[str, Any]:
+    """Settings, codec and version."""
+    return {**settings, "codec": codec.digest, "coview": coview_version()}
+
+
+def with_file_digest(origin: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with the SHA-256 of the recording's file, None where there is none (any more)."""
+    path = origin.get("dataset_path")
+    digest = None
+    if path and Path(path).is_file():
+        with Path(path).open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {**origin, "dataset_sha256": digest}

@@ -1,0 +1,185 @@
+"""`View`: one frame as its sensors saw it, from which a fusion scheme takes clouds and detections, each computed once.
+
+All schemes and sensor sets that are scored on a frame share one view. Every value says when it is ready: milliseconds
+after the measurement, the sensors working side by side, so that a step begins when the last of its inputs is ready.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float32
+from toolkit.boxes import nms
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.frame import Frame
+from toolkit.objects import Detections, Detector
+from toolkit.points import Area, frame_points
+from toolkit.sensors.sensor import Sensor
+
+NMS_IOU = 0.1
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
+    frame with equal histories are equal."""
+
+    sensor: int
+    history: tuple[str, ...]
+    points: Float32[np.ndarray, "n 3"]
+    ms: float
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Detections, and when they are ready."""
+
+    detections: Detections
+    ms: float
+
+
+class SentCloud(NamedTuple):
+    """Points that arrived at the fusion centre, and what sending them took."""
+
+    arrived: Cloud
+    bits: int
+
+
+class SentBoxes(NamedTuple):
+    """Detections that arrived at the fusion centre, and what sending them took."""
+
+    arrived: Boxes
+    bits: int
+
+
+class View:
+    """One frame.
+
+    site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
+    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes is dropped.
+    """
+
+    def __init__(
+        self,
+        site: Area,
+        sensors: tuple[Sensor, ...],
+        *,
+        measure: Callable[[int], Float32[np.ndarray, "n 3"]],
+        run: Callable[[Sequence[Cloud]], Detections],
+        codec: Codec = PAPER,
+        nms_iou: float = NMS_IOU,
+    ) -> None:
+        self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
+        self._measure, self._run = measure, run
+        self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
+        self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
+        self._sent_clouds: dict[Cloud, SentCloud] = {}
+        self._sent_boxes: dict[Boxes, SentBoxes] = {}
+
+    def cloud(self, sensor: int) -> Cloud:
+        """What a sensor measured: its points in the site's area, world frame."""
+        if (sensor, ()) not in self._clouds:
+            points, ms = _timed(partial(self._measure, sensor))
+            self._clouds[sensor, ()] = Cloud(sensor, (), points, ms)
+        return self._clouds[sensor, ()]
+
+    def part(
+        self, cloud: Cloud, name: str, keep: Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
+    ) -> Cloud:
+        """The points of a cloud that `keep` keeps; name: says all that this depends on."""
+        key = cloud.sensor, (*cloud.history, name)
+        if key not in self._clouds:
+            points, ms = _timed(lambda: cloud.points[keep(cloud.points, self.sensors[cloud.sensor])])
+            self._clouds[key] = Cloud(*key, points, cloud.ms + ms)
+        return self._clouds[key]
+
+    def detect(self, clouds: Sequence[Cloud]) -> Boxes:
+        """What the detector says of the points of some clouds together."""
+        key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
+        if key in self._detected:
+            return self._detected[key]
+        detections, ms = _timed(partial(self._run, clouds))
+        boxes = Boxes(detections, _last(clouds) + ms)
+        if key is not None:
+            self._detected[key] = boxes
+        return boxes
+
+    def send_points(self, cloud: Cloud) -> SentCloud:
+        """A cloud through the codec."""
+        if cloud not in self._sent_clouds:
+            (points, bits), ms = _timed(partial(self._transmitted_points, cloud))
+            coded = () if points is cloud.points else (self.codec.digest,)
+            arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + ms)
+            self._sent_clouds[cloud] = SentCloud(arrived, bits)
+        return self._sent_clouds[cloud]
+
+    def send_boxes(self, boxes: Boxes) -> SentBoxes:
+        """Detections through the codec."""
+        if boxes not in self._sent_boxes:
+            (detections, bits), ms = _timed(partial(self._transmitted_boxes, boxes))
+            self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + ms), bits)
+        return self._sent_boxes[boxes]
+
+    def suppressed(self, parts: Sequence[Boxes]) -> Boxes:
+        """The boxes of all parts, best first, less those that overlap a surer one."""
+        merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
+        return Boxes(merged, _last(parts) + ms)
+
+    def _transmitted_points(self, cloud: Cloud) -> tuple[Float32[np.ndarray, "m 3"], int]:
+        message = self.codec.encode_points(cloud.points)
+        return self.codec.decode_points(message), message.bits
+
+    def _transmitted_boxes(self, boxes: Boxes) -> tuple[Detections, int]:
+        message = self.codec.encode_boxes(boxes.detections)
+        return self.codec.decode_boxes(message), message.bits
+
+
+def frame_view(
+    frame: Frame,
+    detector: Detector,
+    site: Area,
+    *,
+    height: float | None = None,
+    codec: Codec = PAPER,
+    nms_iou: float = NMS_IOU,
+) -> View:
+    """The view of a frame, cropped to a site or area and below a height (m), else the site's own."""
+
+    def measure(sensor: int) -> Float32[np.ndarray, "n 3"]:
+        return frame_points(frame, [sensor], area=site, height=height)[0]
+
+    def run(clouds: Sequence[Cloud]) -> Detections:
+        return detector(together(clouds))
+
+    return View(site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou)
+
+
+def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
+    """The points of several clouds as one."""
+    return np.concatenate([np.zeros((0, 3), np.float32), *(cloud.points for cloud in clouds)])
+
+
+def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
+    """The detections, best first, less those whose BEV IoU with a surer one exceeds the threshold.
+
+    Equal scores are settled by the boxes' numbers, so that the order they come in makes no difference.
+    """
+    ordered = detections[np.lexsort(detections.boxes.T)]
+    return ordered[nms(ordered.boxes, ordered.scores, iou_threshold)]
+
+
+def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:
+    return max((each.ms for each in inputs), default=0.0)
+
+
+def _timed(call: Callable[[], Result]) -> tuple[Result, float]:
+    start = perf_counter()
+    result = call()
+    return result, (perf_counter() - start) * 1e3
