@@ -21,6 +21,8 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
 
+from toolkit.runtime.lost import WorkLost
+
 RETRIES = 3  # how often work that was lost is done again
 AHEAD = 2  # inputs handed out per process
 IDLE_S = 20.0  # that processes wait for more of the same job
@@ -44,7 +46,7 @@ def spread(
     for one started here for the time being; coview must be installed on all its machines. progress: told how many
     results are done.
 
-    Raises ValueError where workers is less than 1; RuntimeError where work was lost more than RETRIES times;
+    Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
     ImportError without Ray; ConnectionError where no cluster answers.
     """
     if workers < 1:
@@ -94,7 +96,7 @@ def _in_processes(job: Callable[[Any], Any], inputs: Iterable[Any], workers: int
             known = given + len(pending) - len(lost)
             deaths, given_before = deaths + 1 if known == given_before else 1, known
             if deaths > RETRIES:
-                raise RuntimeError(_died(deaths, str(lost[0].input))) from None
+                raise WorkLost(_died(deaths, str(lost[0].input))) from None
             for task in lost:
                 task.future = None
 
@@ -231,9 +233,7 @@ def _got(ray: Any, reference: Any) -> Any:
         raise error.cause from None
     except ray.exceptions.RayError as error:
         reason = str(error).partition("\n")[0]
-        raise RuntimeError(
-            f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs"
-        ) from None
+        raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
 
 
 _jobs: dict[str, Callable[[Any], Any]] = {}  # of a Ray worker: the last it was given, so that what it keeps is kept
