@@ -17,7 +17,7 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
     check_output(out, inputs=inputs, overwrite=overwrite)
     if out.is_dir():
         raise IsADirectoryError(f"{out} is a folder: give the name of a file in it")
-    _check_folder(out.resolve().parent, out)
+    check_writable(out.resolve().parent, out)
 
 
 def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
@@ -27,7 +27,8 @@ def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrit
     check_file(out / holds, inputs=inputs, overwrite=overwrite)
 
 
-def _check_folder(folder: Path, out: Path) -> None:
+def check_writable(folder: Path, out: Path) -> None:
+    """Raise OSError where `out` cannot be written into a folder, or the folder cannot be made."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     if not there.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")

@@ -11,6 +11,7 @@ from tyro.conf import Positional
 from coview.arguments import check_ious, check_least, check_positive, check_ray
 from coview.detectors import check_digest, site_detector
 from coview.exits import OK
+from coview.outputs import check_writable
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
@@ -87,7 +88,15 @@ def search(
         check_least(option, weight, 0)
     check_ious([iou])
     check_ray(ray)
+    if cache is not None:
+        check_writable(cache.resolve(), cache)
     place = load_site(site)
+    if fidelity == "table" and candidates != "paper":
+        raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
+    if candidates == "paper" and not place.sensors:
+        raise ValueError(f"site {place.name!r} has no sensors of its own: say --candidates pool")
+    if candidates == "paper" and model:
+        raise ValueError("--model is for --candidates pool or a file of poles: the site's own sensors have theirs")
     pool = chosen_candidates(place, candidates, _models(model))
     check_search(method, fidelity, pool)
     for scored_by in (fidelity, verify or fidelity):

@@ -45,7 +45,8 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--iou", 0.65), "no surrogate of general for early at IoU 0.65"),
         (("--method", "exhaustive"), "at most 16 candidates, got 2363"),
         (("--method", "raced"), "needs fidelity detector, got surrogate"),
-        (("--fidelity", "table"), "of its own 6 sensors"),
+        (("--fidelity", "table"), "say --candidates paper"),
+        (("--candidates", "paper", "--model", "telepathy"), "the site's own sensors have theirs"),
         (("--fidelity", "table", "--candidates", "paper", "--method", "cpsat"), "a table does not know"),
         (("--fidelity", "table", "--candidates", "paper", "--method", "cmaes"), "a table does not know"),
         (("--fidelity", "table", "--candidates", "paper", "--iou", 0.33), "got 'early' and 0.33"),
@@ -61,6 +62,11 @@ def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp
     assert time.perf_counter() - started < 60
 
 
+def test_a_cache_that_cannot_be_written(refused, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "is no folder" in refused("search", "tjunction", "--cache", tmp_path / "file" / "cache")
+
+
 def test_a_budget_that_is_no_whole_number(run):
     assert run("search", "tjunction", "--budget", 1.5)[0] == 2
 
@@ -74,8 +80,7 @@ def test_a_missing_package_is_named_before_anything_is_rendered(method, monkeypa
 
 
 def test_sensor_models_by_name(run, refused, tmp_path):
-    catalogue = pytest.importorskip("toolkit.sensors.catalogue")
+    pytest.importorskip("toolkit.sensors.catalogue")
     arguments = ("--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", tmp_path, "--json")
-    name = next(iter(catalogue.MODELS))
-    assert run("search", "tjunction", "--model", name, *arguments)[0] == 0
-    assert name in refused("search", "tjunction", "--model", "telepathy", *arguments)
+    assert run("search", "tjunction", "--model", "spinning-lidar", "depth-camera", *arguments)[0] == 0
+    assert "telepathy" in refused("search", "tjunction", "--model", "telepathy", *arguments)
