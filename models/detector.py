@@ -167,6 +167,13 @@ def load_detector(
     return VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
 
 
+def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
+    """The shipped network that was trained for a site (its name) or, where there is none, the general one, for an area
+    (xmin ymin xmax ymax, m, world frame)."""
+    own = (SHIPPED / f"{site}.safetensors").exists()
+    return load_detector(site if own else "general", area=area)
+
+
 def moved(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
     """The same weights on another area. Raises ValueError where they know one area only."""
     config = network.config

@@ -6,17 +6,19 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, SupportsFloat
+from typing import Any, Protocol, SupportsFloat
 
 import h5py
 import numpy as np
 
 from models.packed import MARGIN, STEPS_PER_METRE, Rig
 from toolkit.arrays import Shaped
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
 from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.sites.site import Site
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
 _CHUNK = 1 << 18
@@ -39,6 +41,25 @@ class Recording:
     changes: Iterable[Change]
 
 
+class Drawn(Protocol):
+    """Frames of a drawn site, and what each sensor measures when nothing moves there."""
+
+    @property
+    def site(self) -> Site:
+        """Where."""
+        ...
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """What was recorded."""
+        ...
+
+    @property
+    def empty(self) -> tuple[np.ndarray, ...]:
+        """Measurements of each sensor, (rows, columns) m."""
+        ...
+
+
 def recording(
     frames: Sequence[Frame],
     area: Iterable[SupportsFloat],
@@ -55,6 +76,16 @@ def recording(
     empty = empty_scene(frames).measurements if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty)
     return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
+
+
+def recording_of(dataset: CoopDataset, count: int | None = None) -> Recording:
+    """A recorded dataset; count: only the first so many frames."""
+    return recording(dataset, dataset.site.area, dataset.site.height, count=count)
+
+
+def drawn_recording(drawn: Drawn) -> Recording:
+    """A recording of a junction that was drawn, `toolkit.datasets.random_recordings.RandomRecording`."""
+    return recording(drawn.frames, drawn.site.area, drawn.site.height, empty=drawn.empty)
 
 
 def change(rig: Rig, frame: Frame) -> Change:

@@ -2,14 +2,15 @@
 
 Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state.
 
-    python -m models.train train.packed --preset fast --validate test.packed --out runs/tjunction
+    python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction
 """
 
 from __future__ import annotations
 
 import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
@@ -24,15 +25,18 @@ from torch import Tensor
 from models import training_log
 from models.anchors import anchors
 from models.config import VoxelNetConfig
+from models.detector import moved, weights_file
 from models.losses import published_loss, quality_loss
 from models.packed import PackedFrames
 from models.samples import Batch, SampleRecipe, Samples, stack
+from models.training_options import TrainingOptions, parsed
 from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
-from models.weights import check_tensors, digest_of
-from toolkit.runtime.files import write_bytes
+from models.weights import Header, check_tensors, digest_of, load_weights, save_weights
+from toolkit.runtime.files import check_output, write_bytes
+from toolkit.sites.files import load_site
 
-CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
+CHECKPOINT, LOG, WEIGHTS = "checkpoint.pt", "log.csv", "weights.safetensors"
 LOG_STEPS = 50  # losses are logged as their mean over so many steps
 WINDOW = 40.0  # m; networks that know no absolute coordinates learn on windows of at most this side
 ANYWHERE = (-WINDOW / 2, -WINDOW / 2, WINDOW / 2, WINDOW / 2)
@@ -289,7 +293,7 @@ def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None
     different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
     if different:
         raise ValueError(
-            f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or remove it"
+            f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or --overwrite it"
         )
     with _checkpoint_errors(path):
         run.restore(state)
@@ -326,44 +330,55 @@ def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor) -> dict[str, fl
     return dict(zip(losses, torch.stack(list(losses.values())).tolist(), strict=True))
 
 
-def main() -> None:
-    """Train from a packed file on a machine that has torch, numpy, h5py and shapely only."""
-    import argparse
+def run(
+    site: str | None,
+    options: TrainingOptions,
+    *,
+    progress: Callable[[int, int, dict[str, float]], None] | None = None,
+) -> tuple[Path, dict[str, float]]:
+    """Train as `coview train` is told to and write the weights; the weights' file and the last figures of validation.
 
-    parser = argparse.ArgumentParser(prog="python -m models.train", description=main.__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--preset", choices=sorted(PRESETS), default="fast")
-    parser.add_argument("--size", choices=["light", "published"], default="light")
-    parser.add_argument("--area", type=float, nargs=4, metavar=("XMIN", "YMIN", "XMAX", "YMAX"), help="else the data's")
-    parser.add_argument("--epochs", type=float)
-    parser.add_argument("--batch", type=int)
-    parser.add_argument("--learning-rate", type=float)
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--workers", type=int, default=0, help="processes that prepare examples")
-    parser.add_argument("--threads", type=int, help="of torch")
-    parser.add_argument("--validate", type=Path, help="packed file to measure AP on after each epoch")
-    parser.add_argument("--validate-frames", type=int)
-    parser.add_argument("--checkpoint-s", type=float, default=300.0, help="seconds between checkpoints")
-    parser.add_argument("--out", type=Path, required=True)
-    a = parser.parse_args()
-    if a.threads:
-        torch.set_num_threads(a.threads)
-    named = {"epochs": a.epochs, "batch": a.batch, "learning_rate": a.learning_rate, "seed": a.seed}
-    preset = replace(PRESETS[a.preset], **{name: value for name, value in named.items() if value is not None})
-    config = config_for(tuple(a.area) if a.area else area_for(a.preset, a.data), a.preset, a.size)
-    validate = validation(a.validate, count=a.validate_frames, device=a.device) if a.validate else None
-    started = time.monotonic()
+    site: a built-in one, a site file, "general", or None for the area that the data shares. Called again with the same
+    options, it goes on. Raises what `train` raises, and FileExistsError where the folder holds other weights.
+    """
+    preset = options.preset or ("general" if site == "general" else "fast")
+    device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
+    place = None if site in (None, "general") else load_site(site)
+    area = tuple(place.area.tolist()) if place else area_for("general" if site else preset, options.data)
+    named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
+    settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
+    config = config_for(area, preset, options.size)
+    if options.voxel is not None:
+        config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
+    weights = options.out / WEIGHTS
+    _check_folder(options)
+    start = load_weights(weights_file(options.start))[0] if options.start else None
+    validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
+    if options.threads:
+        torch.set_num_threads(options.threads)
+    measured: dict[str, float] = {}
 
-    def report(step: int, total: int, figures: dict[str, float]) -> None:
-        if step % LOG_STEPS == 0 or step == total or "AP@0.7" in figures:
-            text = "  ".join(f"{name} {value:.4f}" for name, value in figures.items())
-            print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {text}", flush=True)
+    def measure(network: VoxelNet) -> dict[str, float]:
+        measured.update(validate(network))  # type: ignore[misc]
+        return dict(measured)
 
-    train(
-        a.data, config, preset, a.out, device=a.device, workers=a.workers, every_s=a.checkpoint_s, validate=validate,
-        progress=report,
+    network = train(
+        options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
+        every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
     )  # fmt: skip
+    trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
+    save_weights(weights, moved(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
+    return weights, measured
+
+
+def _check_folder(options: TrainingOptions) -> None:
+    """Refuse weights that no training here has made; with `overwrite`, forget the training that was here."""
+    check_output(options.out / WEIGHTS, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
+    if options.overwrite:
+        for name in (CHECKPOINT, LOG):
+            (options.out / name).unlink(missing_ok=True)
+    elif not (options.out / CHECKPOINT).exists():
+        check_output(options.out / WEIGHTS)
 
 
 def area_for(preset: str, data: Path) -> tuple[float, float, float, float]:
@@ -375,8 +390,25 @@ def area_for(preset: str, data: Path) -> tuple[float, float, float, float]:
         return ANYWHERE
     areas = {rig.area for rig in PackedFrames(data).rigs}
     if len(areas) > 1:
-        raise ValueError(f"{data} holds {len(areas)} different areas: give --area, or --preset general")
+        raise ValueError(f"{data} holds {len(areas)} different areas: give a site, or general")
     return next(iter(areas))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """`coview train` on a machine that has torch, numpy, h5py, safetensors, scipy and shapely only: no pictures."""
+    site, options = parsed(arguments)
+    started = time.monotonic()
+
+    def report(step: int, total: int, figures: dict[str, float]) -> None:
+        if step % LOG_STEPS == 0 or step == total or "AP@0.7" in figures:
+            text = "  ".join(f"{name} {value:.4f}" for name, value in figures.items())
+            print(f"{time.monotonic() - started:8.0f} s  step {step}/{total}  {text}", flush=True)
+
+    try:
+        weights, _ = run(site, options, progress=report)
+    except (ValueError, OSError) as error:
+        sys.exit(f"models.train: {error}")
+    print(f"written to {weights}")
 
 
 if __name__ == "__main__":

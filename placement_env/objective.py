@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
+Stages = Callable[[str, int, int | None], None]  # told a stage, how many are done and of how many
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
@@ -88,12 +89,15 @@ class Objective:
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
     codec: of what they send; fidelity: how a set is scored, see `FIDELITIES`;
     candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
-    makes them of a site; detector: of fidelity "detector", None for the shipped network; iou: at which a detection
+    makes them of a site; progress: told a stage ("poses rendered", "sets scored"), how many are done, and of how many
+    (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection
     counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or
     address of a Ray cluster, that render and detect.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
+
+    _progress: Stages | None = None  # of one made from parts
 
     def __init__(
         self,
@@ -111,6 +115,7 @@ class Objective:
         cache: str | Path | None = None,
         workers: int = 1,
         ray: str | None = None,
+        progress: Stages | None = None,
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, site_candidates
 
@@ -132,8 +137,9 @@ class Objective:
             ray=ray,
             detector=detector,
         )
-        visibility = None if fidelity == "table" else preparation.visibility
+        visibility = None if fidelity == "table" else preparation.look(progress)
         scored_by = preparation.fidelity(fidelity)
+        self._progress = progress
         self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec)
         self._know(site, visibility, preparation)
 
@@ -160,14 +166,14 @@ class Objective:
         self, candidates: Candidates, scored_by: Fidelity, weights: Weights, scheme: Scheme, codec: Codec
     ) -> None:
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
-        self.scheme, self.codec = scheme, codec
+        self.scheme, self.codec, self._scored = scheme, codec, 0
         self._known = self._of_none()
 
     def _know(self, site: Site | None, visibility: Visibility | None, preparation: Preparation | None) -> None:
         self.site, self.visibility, self.preparation = site, visibility, preparation
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_known": self._of_none()}
+        return {**self.__dict__, "_known": self._of_none(), "_progress": None}
 
     def forget(self) -> None:
         """Empty the memory of sets that were scored."""
@@ -300,6 +306,9 @@ class Objective:
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
+            self._scored += len(fresh)
+            if self._progress:
+                self._progress("sets scored", self._scored, None)
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
 
 

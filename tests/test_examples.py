@@ -1,5 +1,6 @@
-"""Every example runs to its end and prints something."""
+"""Every example, and what the README shows in Python, runs to its end and prints something."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -13,3 +14,12 @@ def test_example(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out.strip()
+
+
+def test_readme(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[1] / "README.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) >= 2
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+        assert capsys.readouterr().out.strip()

@@ -67,12 +67,23 @@ class Preparation:
 
         return None if self.cache is None else Cache(Path(self.cache) / "cache.sqlite")
 
-    @cached_property
+    @property
     def visibility(self) -> Visibility:
         """What each candidate sees."""
+        return self.look()
+
+    def look(self, progress: Callable[[str, int, int | None], None] | None = None) -> Visibility:
+        """What each candidate sees, rendered the first time; progress: told "poses rendered", how many, of how many."""
         from placement_env.fidelity.visibility import see
 
-        return see(self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.kept)
+        if "visibility" not in vars(self):
+            total = len(self.candidates)
+            told = None if progress is None else lambda done: progress("poses rendered", done, total)
+            seen = see(
+                self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.kept, progress=told
+            )
+            vars(self)["visibility"] = seen
+        return vars(self)["visibility"]
 
     @cached_property
     def network(self) -> str:

@@ -33,9 +33,19 @@ def verified(
     return verify(lambda s: fast.scores(s).reward, lambda s: accurate.scores(s).reward, sets, best=best)
 
 
+def verified_best(cheap: Objective, exact: Objective, result: Result) -> tuple[Score, int]:
+    """The best by an exact objective of a result of a cheap one and its neighbours, and of how many sets.
+
+    Sensors that were moved have no neighbours: they are scored where they stand, as one set.
+    """
+    if result.sensors:
+        return rescored(exact, result), 1
+    ranking = verified(cheap, exact, np.array(result.best.subset))
+    return exact.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)
+
+
 def rescored(accurate: Objective, result: Result) -> Score:
     """A result, by another objective of the same candidates; moved sensors (`Result.sensors`) where they stand.
-
     Raises ValueError where they were moved and the objective has no site, or they may not be built there.
     """
     if not result.sensors:

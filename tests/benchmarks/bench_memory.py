@@ -17,14 +17,15 @@ def main() -> None:
         for frames in FRAMES:
             file, out = str(Path(folder, f"{frames}.hdf5")), str(Path(folder, "out"))
             simulate = ("simulate", "tjunction", "--frames", str(frames), "--out", file, "--workers", "1", "--json")
-            evaluate = ("evaluate", file, "--schemes", "early", "--out", out, "--json")
+            evaluate = ("evaluate", file, "--schemes", "early", "--out", out, "--overwrite", "--json")
             print(f"{frames:>5} frames: simulate {peak_mb(simulate):.0f} MB, evaluate {peak_mb(evaluate):.0f} MB")
 
 
 CHILD = """
-import resource, sys, coview
+import resource, sys
+from coview.main import main
 try:
-    coview.main(sys.argv[1:])
+    main(sys.argv[1:])
 finally:
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

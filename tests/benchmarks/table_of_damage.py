@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 import coview
+from coview import main as command_line
 
 Damage = Callable[[Path], None]
 
@@ -25,7 +26,7 @@ def main() -> None:
     """One row per kind of damage."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         run("simulate", "tjunction", "--frames", "3", "--seed", "1", "--out", "good.hdf5", "--workers", "1")
-        site = json.loads(Path(coview.__file__).with_name("toolkit").joinpath("sites/tjunction.json").read_text())
+        site = json.loads(Path(coview.__file__).parents[1].joinpath("toolkit/sites/tjunction.json").read_text())
         print("| what was done | command | exit code | what the user sees |\n|---|---|---|---|")
         for what, damage in DATASETS.items():
             shutil.copy("good.hdf5", "bad.hdf5")
@@ -59,10 +60,7 @@ def run(*arguments: str) -> tuple[int, str]:
     """Exit code and everything printed."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-        try:
-            coview.main(arguments)
-        except SystemExit as stopped:
-            code = int(stopped.code or 0)
+        code = command_line.run(arguments)
     return code, printed.getvalue()
 
 

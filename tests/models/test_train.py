@@ -159,11 +159,11 @@ def test_a_log_forgets_what_came_after_the_checkpoint(tmp_path):
 
 
 def test_the_command_leaves_weights_and_curves(packed_file, tmp_path):
-    import coview
+    from coview.main import main
 
     options = ["--data", str(packed_file), "--epochs", "0.4", "--device", "cpu", "--out", str(tmp_path)]
     with pytest.raises(SystemExit) as ended:
-        coview.main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])
+        main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])
     assert ended.value.code == 0
     network, header = load_weights(tmp_path / "weights.safetensors")
     assert same_weights(network, load_checkpoint(tmp_path / CHECKPOINT)[0])
@@ -185,7 +185,7 @@ def test_it_learns_two_frames_by_heart(frames, tmp_path):
 
 @pytest.mark.slow
 def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path):
-    command = [sys.executable, "-m", "models.train", str(packed_file), "--epochs", "20", "--threads", "1"]
+    command = [sys.executable, "-m", "models.train", "--data", str(packed_file), "--epochs", "20", "--threads", "1"]
     command += ["--device", "cpu", "--checkpoint-s", "0.3", "--out"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
     random.seed(0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,15 @@ class Labels:
     boxes: Float64[np.ndarray, "n 7"]
     categories: tuple[str, ...]
     interior_points: Int64[np.ndarray, " n"]
+
+
+class Checked(NamedTuple):
+    """One labelled cuboid of a sweep (its time, ns): points counted here, and by the recording."""
+
+    sweep: int
+    category: str
+    points: int
+    recorded: int
 
 
 def sweep_times(log: str | Path) -> list[int]:
@@ -83,6 +93,16 @@ def count_labels(log: str | Path, time: int) -> tuple[Labels, Int64[np.ndarray, 
     low, high = reach.min(axis=0) - 1.0, reach.max(axis=0) + 1.0
     cloud = crop(fuse_sweep(log, time), np.append(low[:2], high[:2]), height=float(high[2]), floor=float(low[2]))
     return labels, points_per_box(cloud, labels.boxes)
+
+
+def check_log(log: str | Path) -> list[Checked]:
+    """Every labelled cuboid of every sweep, its points counted in the fused sweep beside the recording's own count."""
+    checked = []
+    for time in sweep_times(log):
+        labels, counted = count_labels(log, time)
+        rows = zip(labels.categories, counted.tolist(), labels.interior_points.tolist(), strict=True)
+        checked += [Checked(time, *row) for row in rows]
+    return checked
 
 
 def _poses(table: dict[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:

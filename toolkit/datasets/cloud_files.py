@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.clouds import Cloud, from_points, fuse, load, positions
+from toolkit.clouds import Cloud, crop, from_points, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
 
 Pose = Float64[np.ndarray, "4 4"]
@@ -45,6 +45,22 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> Cloud:
     return fuse(parts)
 
 
+def crop_to(
+    cloud: Cloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
+) -> Cloud:
+    """`toolkit.clouds.crop` that leaves a point. Raises ValueError, which says where the points lie, where none is
+    left; remedy: what the caller can be told to do."""
+    cropped = crop(cloud, area, height, floor=floor)
+    if not len(positions(cropped)):
+        points = positions(cloud)
+        if not len(points):
+            raise ValueError("the clouds hold no point with finite coordinates: give others")
+        low, high = points.min(axis=0), points.max(axis=0)
+        where = ", ".join(f"{axis} {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True))
+        raise ValueError(f"none of the {len(points)} points lies in the area: they lie at {where} m; {remedy}")
+    return cropped
+
+
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
     """The points of one file, as they stand in it, less those that are not finite."""
     path = Path(path)
@@ -57,11 +73,12 @@ def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     """The poses of a file by name; those without one are called 0, 1, 2, ... Raises ValueError that names a bad one."""
     path = Path(path)
-    if not path.is_file():
+    if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
     try:
-        text = _text(path)
-        numbers = _poses_of_json(json.loads(text)) if path.suffix.lower() == ".json" else _poses_of_text(text)
+        text = _text(path)  # once: it may be a pipe, which has no ending either
+        is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
+        numbers = _poses_of_json(json.loads(text)) if is_json else _poses_of_text(text)
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
     poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}

@@ -179,11 +179,11 @@ def _check_same(out: Path, plan: dict[str, Any]) -> None:
             made_from = json.loads(file["coview"].attrs["plan"])
     except (OSError, KeyError, ValueError):
         raise FileExistsError(
-            f"{out} exists and is no complete file of coview simulate: write to another file, or overwrite it"
+            f"{out} exists and is no complete file of coview simulate: write to another file, or --overwrite it"
         ) from None
     differences = describe_differences(made_from, plan)
     if differences:
-        raise FileExistsError(f"{out} exists, made from {differences}: write to another file, or overwrite it")
+        raise FileExistsError(f"{out} exists, made from {differences}: write to another file, or --overwrite it")
 
 
 def _digest(text: str) -> str:

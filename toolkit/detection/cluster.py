@@ -25,7 +25,10 @@ import open3d as o3d
 
 from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.boxes import count_points, nms
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.frame import empty_scene
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
+from toolkit.points import frame_points
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
 LOWEST_ROOF = 1.3  # m, where no more of a car's height was seen
@@ -97,6 +100,14 @@ class ClusterDetector:
         sensors measure, a few times over, so that their noise is known."""
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
+
+    @staticmethod
+    def of(recording: CoopDataset) -> ClusterDetector:
+        """Having seen the site of a recording empty, as its sensors measure it, four times over with their noise."""
+        empty, rng = empty_scene(recording), np.random.default_rng(0)
+        return ClusterDetector.learn(
+            points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
+        )
 
     @property
     def digest(self) -> str:

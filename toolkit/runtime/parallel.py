@@ -20,6 +20,7 @@ from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
 
+from toolkit.runtime.lost import WorkLost
 from toolkit.runtime.ray_backend import RETRIES, on_ray
 
 AHEAD = 2  # inputs handed out per process
@@ -45,8 +46,8 @@ def spread(
     for one started here for the time being; coview must be installed on all its machines. progress: told how many
     results are done; ticks: told now and then how often jobs in processes called `tick`.
 
-    Raises ValueError where workers is no whole number of at least 1; RuntimeError where work was lost more than RETRIES
-    times; ImportError without Ray; ConnectionError where no cluster answers.
+    Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
+    ImportError without Ray; ConnectionError where no cluster answers.
     """
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
@@ -109,7 +110,7 @@ def _in_processes(
             known = given + len(pending) - len(lost)
             deaths, given_before = deaths + 1 if known == given_before else 1, known
             if deaths > RETRIES:
-                raise RuntimeError(_died(deaths, str(lost[0].input))) from None
+                raise WorkLost(_died(deaths, str(lost[0].input))) from None
             for task in lost:
                 task.future = None
 

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
+from toolkit.runtime.lost import WorkLost
+
 RETRIES = 3  # how often work that was lost is done again
 AHEAD = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
@@ -38,9 +40,7 @@ def _got(ray: Any, reference: Any) -> Any:
         raise error.cause from None
     except ray.exceptions.RayError as error:
         reason = str(error).partition("\n")[0]
-        raise RuntimeError(
-            f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs"
-        ) from None
+        raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
 
 
 _jobs: dict[str, Callable[[Any], Any]] = {}  # of a Ray worker: the last it was given, so that what it keeps is kept

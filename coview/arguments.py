@@ -1,0 +1,45 @@
+"""Checks of single arguments, made before any work begins and in the words of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.util import find_spec
+from pathlib import Path
+
+
+def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
+    """Raise ValueError where a number is below the least there may be; None is none."""
+    if value is not None and not least <= value < float("inf"):
+        raise ValueError(f"{option} must be at least {least:g}, got {value:g}{remedy and ': '}{remedy}")
+
+
+def check_positive(option: str, value: float | None) -> None:
+    """Raise ValueError where a number is not above 0; None is none."""
+    if value is not None and not 0 < value < float("inf"):
+        raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
+
+
+def check_ious(values: Iterable[float]) -> None:
+    """Raise ValueError where an IoU threshold is none."""
+    for value in values:
+        if not 0 < value <= 1:
+            raise ValueError(f"--iou must lie above 0 and at most at 1, got {value:g}")
+
+
+def check_ray(address: str | None) -> None:
+    """Raise ImportError where a Ray cluster is asked for without Ray."""
+    if address is not None and not find_spec("ray"):
+        raise ImportError("--ray needs Ray: pip install coview[scale]")
+
+
+def sensor_set(text: str) -> list[int | str] | None:
+    """`all`, or numbers and names separated by commas."""
+    names = [name.strip() for name in text.split(",")]
+    if len(set(names)) < len(names):
+        raise ValueError(f"each sensor may be named once in a set, got {text}: leave the repetition out")
+    return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
+
+
+def site_file(site: str | None) -> list[Path]:
+    """The file that a site is read from, if it is one."""
+    return [Path(site)] if site is not None and Path(site).is_file() else []

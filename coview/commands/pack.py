@@ -1,0 +1,73 @@
+"""`coview pack`: recordings, or junctions drawn at random, as one small file to train from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import check_least, site_file
+from coview.exits import OK
+from coview.outputs import check_file
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import check_frames, frame_count, open_recording
+
+FRAMES = 20  # of each random site
+
+
+def pack(
+    datasets: Positional[tuple[Path, ...]] = (),
+    /,
+    *,
+    out: Path,
+    random_sites: int = 0,
+    frames: int | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    site: str | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
+
+    Example: coview pack tjunction.hdf5 --out tjunction.packed
+    Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
+
+    Args:
+        datasets: Recordings; their sites may differ.
+        out: Packed file to write.
+        random_sites: Draw so many junctions with sensors and traffic instead, and record each.
+        frames: Only the first so many of each recording; of each random site, 20 when left out.
+        seed: Of the random sites.
+        workers: Processes for random sites; one per core when left out.
+        site: As in coview evaluate.
+        overwrite: Replace a file that is there.
+        json: Print the summary as JSON.
+    """
+    from models.packing import drawn_recording, recording_of
+    from models.packing import pack as write
+
+    check_frames(frames)
+    check_least("--workers", workers, 1, "leave it out for one per core")
+    check_least("--random-sites", random_sites, 0)
+    if bool(datasets) == bool(random_sites):
+        raise ValueError("give recordings, or --random-sites N")
+    check_file(out, inputs=[*datasets, *site_file(site)], overwrite=overwrite)
+    if random_sites:
+        from toolkit.datasets.random_recordings import random_recordings
+
+        with progress_bar("site", random_sites, hidden=json) as bar:
+            drawn = random_recordings(
+                random_sites, frames or FRAMES, seed, drawn_recording, workers=workers, progress=bar.to
+            )
+            total = write(drawn, out)
+    else:
+        recordings = [open_recording(path, site) for path in datasets]
+        count = sum(frame_count(recording, frames) for recording in recordings)
+        with progress_bar("frame", count, hidden=json) as bar:
+            total = write((recording_of(recording, frames) for recording in recordings), out, progress=bar.to)
+    megabytes = out.stat().st_size / 1e6
+    summary = {"file": str(out), "frames": total, "mb": megabytes}
+    print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=json)
+    return OK

@@ -1,0 +1,141 @@
+"""`coview search`: which sensors to build."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+from tyro.conf import Positional
+
+from coview.arguments import check_ious, check_least, check_positive, check_ray
+from coview.detectors import check_digest, site_detector
+from coview.exits import OK
+from coview.outputs import check_writable
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+
+Method = Literal[
+    "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "nsga2", "cmaes", "ppo"
+]  # fmt: skip
+
+
+def search(
+    site: Positional[str],
+    /,
+    *,
+    method: Method = "greedy",
+    budget: int = 4,
+    scheme: Literal["early", "late", "hybrid"] = "early",
+    fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate",
+    verify: Literal["detector"] | None = None,
+    candidates: str = "pool",
+    model: tuple[str, ...] = (),
+    detector: str | None = None,
+    frames: int = 200,
+    iou: float = 0.7,
+    comm: float = 0.0,
+    price: float = 0.0,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    cache: Path | None = Path("out/cache"),
+    workers: int = 1,
+    ray: str | None = None,
+    json: bool = False,
+) -> int:
+    """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
+
+    Example: coview search tjunction --method greedy --budget 4 --scheme early --fidelity surrogate --verify detector
+
+    Args:
+        site: tjunction, roundabout, or a site file.
+        method: How to search; cpsat proves how much more could be covered, exhaustive needs 16 candidates or fewer,
+            raced drops weak candidates after few frames and needs fidelity detector, cmaes turns and lifts the sensors
+            that greedy found, ppo learns a policy first.
+        budget: Most sensors.
+        scheme: How their measurements are fused.
+        fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
+        verify: Score what was found, and its best neighbours, with the detector.
+        candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
+        model: Sensor models, by name, that may be mounted at each pose; the paper's camera when left out.
+        detector: Of fidelity and --verify detector: as in coview evaluate, but for cluster; a shipped network when
+            left out.
+        frames: Of simulated traffic.
+        iou: At which a detection counts.
+        comm: AP that a kbit per sensor and frame costs.
+        price: AP that one ordinary mount costs.
+        seed: Of traffic and search.
+        seconds: Stop after so many.
+        evaluations: Stop after so many sets.
+        cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
+        workers: Processes that render and detect.
+        ray: Address of a Ray cluster that does it instead; local for this machine.
+        json: Print as JSON.
+    """
+    from placement_env.candidates.choice import chosen_candidates
+    from placement_env.objective import Objective, Weights
+    from placement_env.search.description import described_score, described_sensors
+    from placement_env.search.methods import check_score, check_search, search_of
+    from placement_env.search.verification import verified_best
+    from toolkit.sites.files import load_site
+
+    for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers)):
+        check_least(option, value, 1)
+    for option, limit in (("--seconds", seconds), ("--evaluations", evaluations)):
+        check_positive(option, limit)
+    for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed)):
+        check_least(option, weight, 0)
+    check_ious([iou])
+    check_ray(ray)
+    if cache is not None:
+        check_writable(cache.resolve(), cache)
+    place = load_site(site)
+    if fidelity == "table" and candidates != "paper":
+        raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
+    if candidates == "paper" and not place.sensors:
+        raise ValueError(f"site {place.name!r} has no sensors of its own: say --candidates pool")
+    if candidates == "paper" and model:
+        raise ValueError("--model is for --candidates pool or a file of poles: the site's own sensors have theirs")
+    pool = chosen_candidates(place, candidates, _models(model))
+    check_search(method, fidelity, pool)
+    for scored_by in (fidelity, verify or fidelity):
+        check_score(place, pool, scheme, scored_by, iou)
+    settings: dict[str, Any] = {
+        "candidates": pool, "iou": iou, "seed": seed, "cache": cache, "workers": workers, "ray": ray,
+    }  # fmt: skip
+    if detector is not None:
+        if "detector" not in (fidelity, verify):
+            raise ValueError("--detector is for --fidelity detector or --verify detector: say one of them")
+        settings["detector"] = site_detector(detector, place)
+        if cache is not None:
+            check_digest(detector, settings["detector"], ": add one, or say --cache None")
+    with progress_bar("", hidden=json) as bar:
+        settings["progress"] = bar.stage
+        objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+        result = search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
+        best, names, certificate = result.best, objective.names, result.certificate
+        if verify is not None and best.subset:
+            exact = Objective(place, frames, scheme, verify, Weights(comm, price), **settings)
+            checked, sets = verified_best(objective, exact, result)
+    sensors = described_sensors([names[c] for c in best.subset], result.sensors)
+    summary = {**asdict(best), "sensors": sensors, "certificate": asdict(certificate),
+               "evaluations": result.evaluations, "seconds": result.seconds}  # fmt: skip
+    lines = [str(result), certificate.note, *(f"  {name}" for name in sensors), described_score(best)]
+    lines += [f"front: {described_score(score)} {score.subset}" for score in result.front]
+    if verify is not None and best.subset:
+        there = [names[c] for c in checked.subset]
+        summary["verified"] = {**asdict(checked), "sensors": there}
+        lines += [f"by the {verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
+        lines += [*(f"  {name}" for name in there), described_score(checked)]
+    print_result(summary, "\n".join(line for line in lines if line), as_json=json)
+    return OK
+
+
+def _models(names: tuple[str, ...]) -> list[Any]:
+    """Sensor models by name."""
+    if not names:
+        return []
+    from toolkit.sensors.catalogue import model_named
+
+    return [model_named(name) for name in names]

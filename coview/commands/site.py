@@ -1,0 +1,132 @@
+"""`coview site`: make, draw and check sites."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, subcommand
+
+from coview.arguments import check_least, site_file
+from coview.exits import OK
+from coview.outputs import check_file
+
+if TYPE_CHECKING:
+    from toolkit.sites.site import Site
+
+
+@dataclass(frozen=True)
+class ImportMap:
+    """Make a site from a real map: roads and footways through SUMO's netconvert, buildings from OpenStreetMap.
+
+    Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
+
+    Attributes:
+        centre: Of the detection area: metres of an OpenDRIVE map, longitude and latitude of an OpenStreetMap file.
+        size: Of the detection area along x and y (m).
+        out: Site file to write.
+        opendrive: OpenDRIVE file (.xodr).
+        osm: OpenStreetMap file (.osm, .osm.gz).
+        heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
+        lefthand: Traffic keeps left (OpenStreetMap only).
+        overwrite: Replace a file that is there.
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    out: Path
+    opendrive: Path | None = None
+    osm: Path | None = None
+    heading_deg: float = 0.0
+    lefthand: bool = False
+    overwrite: bool = False
+
+    def __call__(self) -> int:
+        """Import, save, say what came of it."""
+        from toolkit.sites.maps import import_opendrive, import_osm
+
+        place: dict[str, Any] = {"centre": self.centre, "size": self.size, "heading": radians(self.heading_deg)}
+        if (self.opendrive is None) == (self.osm is None):
+            raise ValueError("give one map: --opendrive FILE or --osm FILE")
+        if self.opendrive is not None and self.lefthand:
+            raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
+        maps = [each for each in (self.opendrive, self.osm) if each is not None]
+        check_file(self.out, inputs=maps, overwrite=self.overwrite)
+        if self.opendrive is not None:
+            imported = import_opendrive(self.opendrive, **place)
+        else:
+            imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
+        return _saved(imported, self.out)
+
+
+@dataclass(frozen=True)
+class RandomSite:
+    """Draw a junction that nobody made by hand.
+
+    Example: coview site random --seed 3 --out random-3.json
+
+    Attributes:
+        out: Site file to write.
+        seed: Which one.
+        overwrite: Replace a file that is there.
+    """
+
+    out: Path
+    seed: int = 0
+    overwrite: bool = False
+
+    def __call__(self) -> int:
+        """Draw, save, say what came of it."""
+        from toolkit.sites.random import random_site
+
+        check_least("--seed", self.seed, 0)
+        check_file(self.out, overwrite=self.overwrite)
+        return _saved(random_site(self.seed), self.out)
+
+
+@dataclass(frozen=True)
+class ShowSite:
+    """Say what a site holds, and draw it from above when given --out FILE.png.
+
+    Example: coview site show roundabout --out roundabout.png
+
+    Attributes:
+        site: tjunction, roundabout, or a site file.
+        out: Picture to write.
+        overwrite: Replace a file that is there.
+    """
+
+    site: Positional[str]
+    out: Path | None = None
+    overwrite: bool = False
+
+    def __call__(self) -> int:
+        """Load (and so validate), say what is there, draw."""
+        from toolkit.plots import draw_site
+        from toolkit.sites.files import load_site
+
+        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
+        shown = load_site(self.site)
+        print(shown)
+        if self.out is not None:
+            draw_site(shown, self.out)
+        return OK
+
+
+def site(
+    command: Annotated[ImportMap, subcommand("import")]
+    | Annotated[RandomSite, subcommand("random")]
+    | Annotated[ShowSite, subcommand("show")],
+) -> int:
+    """Make, draw and check sites."""
+    return command()
+
+
+def _saved(made: Site, out: Path) -> int:
+    from toolkit.sites.files import save_site
+
+    save_site(made, out)
+    print(f"{made}\nwritten to {out}")
+    return OK

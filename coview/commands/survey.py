@@ -1,0 +1,50 @@
+"""`coview survey`: count what a recording holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import sensor_set
+from coview.exits import OK
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import frame_count, open_recording
+
+
+def survey(
+    dataset: Positional[Path],
+    /,
+    *,
+    sensors: tuple[str, ...] = ("all",),
+    frames: int | None = None,
+    seed: int = 0,
+    site: str | None = None,
+    json: bool = False,
+) -> int:
+    """Count what a recording holds: objects per frame, kbit of early fusion, vehicles without a point.
+
+    Example: coview survey tjunction.hdf5 --sensors 4 3,4 0,2,5 all
+
+    Args:
+        dataset: Recording.
+        sensors: Sensor sets, as in coview evaluate.
+        frames: Only the first so many frames.
+        seed: Of the sensors' noise.
+        site: As in coview evaluate.
+        json: Print as JSON.
+    """
+    from toolkit.detection.survey import survey as count
+    from toolkit.points import select_sensors
+
+    with open_recording(dataset, site) as recording:
+        total = frame_count(recording, frames)
+        sets = [select_sensors(recording.sensors, sensor_set(chosen)) for chosen in sensors]
+        with progress_bar("frame", total, hidden=json) as bar:
+            figures = count(recording, frames=total, noise_seed=seed, progress=bar.to).as_dict(sets)
+    objects = "  ".join(f"{name} {number:.2f}" for name, number in figures["objects_per_frame"].items())
+    lines = [f"objects per frame in the area: {objects}", f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor"]
+    lines += [f"vehicles without a point from {chosen}: {share:.1%}" for chosen, share in figures["unseen"].items()]
+    print_result(figures, "\n".join(lines), as_json=json)
+    return OK

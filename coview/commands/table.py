@@ -1,0 +1,68 @@
+"""`coview table`: the AP of every set of a recording's sensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import check_least, check_ray, site_file
+from coview.detectors import check_digest, recording_detector
+from coview.exits import OK
+from coview.outputs import check_file
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import frame_count, open_recording
+
+
+def table(
+    dataset: Positional[Path],
+    /,
+    *,
+    out: Path,
+    detector: str = "voxelnet",
+    frames: int | None = None,
+    site: str | None = None,
+    workers: int = 1,
+    ray: str | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Score every set of a recording's sensors, in every scheme, with a detector; killed and started again it goes on.
+
+    Example: coview table tj_test.hdf5 --frames 200 --workers 2 --out tjunction.npz
+
+    Args:
+        dataset: Recording of at most 16 sensors.
+        out: Table to write (.npz); placement_env loads it by its path.
+        detector: As in coview evaluate.
+        frames: Only the first so many frames.
+        site: As in coview evaluate.
+        workers: Processes.
+        ray: Address of a Ray cluster instead.
+        overwrite: Replace a table that is there.
+        json: Print the best sets as JSON.
+    """
+    from models.train import commit
+    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.table import best_sets, make_table
+    from toolkit.detection.evaluation import SCHEMES
+
+    check_least("--workers", workers, 1)
+    check_ray(ray)
+    check_file(out, inputs=[dataset, *site_file(site)], overwrite=overwrite)
+    with open_recording(dataset, site) as recording, progress_bar("frame", hidden=json) as bar:
+        count = frame_count(recording, frames)
+        detect = recording_detector(detector, recording)
+        check_digest(detector, detect, ": what is detected is kept until the table is whole")
+        made = make_table(
+            Renders.of(recording), detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of
+        )
+    best = {scheme: best_sets(made, scheme) for scheme in SCHEMES}
+    lines = [
+        f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
+        for scheme, sizes in best.items()
+        for size, sets in sizes.items()
+    ]
+    print_result(best, "\n".join(lines), as_json=json)
+    return OK

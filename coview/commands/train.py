@@ -1,0 +1,44 @@
+"""`coview train`: train VoxelNet, and draw how it went."""
+
+from __future__ import annotations
+
+from tyro.conf import Positional
+
+from coview.exits import OK
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+from models.training_options import TrainingOptions
+
+
+def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, json: bool = False) -> int:
+    """Train VoxelNet on a packed file. Killed at any moment and started again it goes on, to the same weights.
+
+    The same arguments train on a bare machine, without pictures: python -m models.train.
+
+    Example: coview train tjunction --preset fast --data tjunction.packed --out runs/tjunction --validate test.packed
+
+    Args:
+        site: Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere; left
+            out, the area that all of the data shares.
+        options: How.
+        json: Print the summary as JSON.
+    """
+    from models.train import LOG, run
+    from models.training_log import curves
+    from toolkit.plots import draw_training
+
+    with progress_bar("step", hidden=json) as bar:
+
+        def report(step: int, total: int, figures: dict[str, float]) -> None:
+            bar.of(step, total)
+            if "AP@0.7" in figures:
+                bar.line("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
+            else:
+                bar.figures(figures)
+
+        weights, measured = run(site, options, progress=report)
+    draw_training(curves(options.out / LOG), options.out)
+    pictures = "losses.png, ap.png" if options.validate else "losses.png"
+    text = f"{options.out}: {weights.name}, {LOG}, {pictures}"
+    print_result({"weights": str(weights), "ap": measured}, text, as_json=json)
+    return OK

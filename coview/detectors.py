@@ -1,0 +1,40 @@
+"""The detector that --detector names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.objects import Detector
+    from toolkit.sites.site import Site
+
+
+def recording_detector(name: str, recording: CoopDataset) -> Detector:
+    """cluster, which learns the recording's empty site, or one of `site_detector`."""
+    if name == "cluster":
+        from toolkit.detection.cluster import ClusterDetector
+
+        return ClusterDetector.of(recording)
+    return site_detector(name, recording.site)
+
+
+def site_detector(name: str, site: Site) -> Detector:
+    """voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable."""
+    if name == "cluster":
+        raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
+    if ":" in name:
+        from toolkit.detection.imported import ImportedDetector
+
+        return ImportedDetector(name, site)
+    from models.detector import load_detector, load_site_detector
+
+    return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+
+
+def check_digest(name: str, detector: Detector, remedy: str) -> None:
+    """Raise ValueError where detections are to be kept and the detector does not say what they depend on."""
+    if not hasattr(detector, "digest"):
+        raise ValueError(
+            f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"
+        )

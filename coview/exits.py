@@ -1,0 +1,58 @@
+"""Exit codes, and how a command that failed says so: one line where the input was wrong, a traceback where we were."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from contextlib import suppress
+
+from toolkit.runtime.lost import WorkLost
+
+OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
+OURS = ("coview", "placement_env", "models", "toolkit")
+REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
+
+
+def report(error: BaseException, *, debug: bool = False) -> int:
+    """Say on stderr what went wrong and return the exit code; debug: with the traceback, whatever it was."""
+    if isinstance(error, BrokenPipeError):
+        _silence()
+        return PIPE_CLOSED
+    code, message = _classified(error)
+    if debug or code == INTERNAL:
+        traceback.print_exception(error)
+    print(f"coview: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _classified(error: BaseException) -> tuple[int, str]:
+    """Exit code and line, by the error's type: what checks input raises ValueError or OSError, and nothing else."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, "stopped; the same command goes on where it was"
+    if isinstance(error, WorkLost):
+        return LOST, str(error)
+    if isinstance(error, ImportError) and not _is_ours(error.name):
+        return MISSING, str(error)
+    if isinstance(error, OSError):
+        return BAD_INPUT, _explained(error)
+    if isinstance(error, ValueError):
+        return BAD_INPUT, str(error)
+    return INTERNAL, REPORT
+
+
+def _is_ours(module: str | None) -> bool:
+    return module is not None and module.partition(".")[0] in OURS
+
+
+def _explained(error: OSError) -> str:
+    """What the system refused to do with which file, without its number."""
+    if error.filename is None or error.strerror is None:
+        return str(error)
+    return f"cannot use {error.filename}: {error.strerror}; give another path, or make this one readable and writable"
+
+
+def _silence() -> None:
+    """Let what is still to be printed go nowhere: nobody reads it."""
+    with suppress(OSError, ValueError):  # stdout may be no real file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,36 @@
+"""Where a command may write: told before it works for minutes, not after."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from toolkit.runtime.files import check_output
+
+
+def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
+    """Raise ValueError where `out` is an input, OSError where it cannot be written or, unless told, is there; None is
+    nowhere."""
+    if out is None:
+        return
+    check_output(out, inputs=inputs, overwrite=overwrite)
+    if out.is_dir():
+        raise IsADirectoryError(f"{out} is a folder: give the name of a file in it")
+    check_writable(out.resolve().parent, out)
+
+
+def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
+    """As `check_file` of the file `holds` in a folder that may be there already."""
+    inputs = list(inputs)
+    check_output(out, inputs=inputs, overwrite=True)
+    check_file(out / holds, inputs=inputs, overwrite=overwrite)
+
+
+def check_writable(folder: Path, out: Path) -> None:
+    """Raise OSError where `out` cannot be written into a folder, or the folder cannot be made."""
+    there = next(each for each in (folder, *folder.parents) if each.exists())
+    if not there.is_dir():
+        raise NotADirectoryError(f"cannot write {out}: {there} is no folder; give another path")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise PermissionError(f"cannot write {out}: {there} may not be written; give another path")

@@ -1,0 +1,30 @@
+"""The recording a command reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coview.arguments import check_least
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
+
+
+def open_recording(dataset: Path, site: str | None) -> CoopDataset:
+    """A recording, at a site of that name or file, or the one that it says itself."""
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.sites.files import load_site
+
+    return CoopDataset(dataset, load_site(site) if site else None)
+
+
+def frame_count(recording: CoopDataset, frames: int | None) -> int:
+    """How many frames of a recording are wanted."""
+    check_frames(frames)
+    return len(recording) if frames is None else min(frames, len(recording))
+
+
+def check_frames(frames: int | None) -> None:
+    """Raise ValueError where no frame is wanted."""
+    check_least("--frames", frames, 1, "leave it out for all")

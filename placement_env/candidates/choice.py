@@ -1,0 +1,30 @@
+"""Candidates as people name them: the site's pool, its own sensors, or the poles of a file, with any sensor models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.poles import load_keep_out, load_poles
+from placement_env.candidates.pool import paper_candidates, pool
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import SensorModel
+from toolkit.sites.site import Site
+
+PAPER = (DepthCamera(),)
+
+
+def chosen_candidates(site: Site, which: str | Path, models: Sequence[SensorModel] = ()) -> Candidates:
+    """ "pool": every pose on the site's mounts; "paper": the site's own sensors; else a GeoJSON file of poles.
+
+    models: what may be mounted at each pose, none for the paper's camera. Raises ValueError where models are given for
+    sensors that hang already, and what `load_poles` and `pool` raise.
+    """
+    if which == "paper":
+        if models:
+            raise ValueError("the site's own sensors have their models: give models with 'pool' or a file of poles")
+        return paper_candidates(site)
+    if which == "pool":
+        return pool(site, models=models or PAPER)
+    return pool(site, mounts=load_poles(which, site), keep_out=load_keep_out(which, site), models=models or PAPER)

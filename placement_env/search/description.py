@@ -1,0 +1,29 @@
+"""A search's result in words: its sensors, where they were moved to, its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from placement_env.candidates.aim import aims
+from placement_env.objective import Score
+from toolkit.sensors.sensor import Sensor
+
+
+def described_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list[str]:
+    """Names of sensors, with where they were moved to, if they were (degrees)."""
+    if not moved:
+        return list(names)
+    degrees = np.rad2deg(np.stack(aims(moved), axis=1))
+    where = [(*sensor.position, *aim) for sensor, aim in zip(moved, degrees, strict=True)]
+    text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, heading {:.1f} tilt {:.1f} degrees"
+    return [text.format(name, *numbers) for name, numbers in zip(names, where, strict=True)]
+
+
+def described_score(score: Score) -> str:
+    """The figures of a set in one line."""
+    return (
+        f"AP {score.ap:.4f}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
+        f"{score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
+    )

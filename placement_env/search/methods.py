@@ -1,0 +1,82 @@
+"""The searches by name, and whether one can do what it is asked: told before anything is rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from placement_env.objective import FidelityName, check_fidelity, check_scheme
+from placement_env.search.exhaustive import LARGEST
+
+if TYPE_CHECKING:
+    from placement_env.candidates.candidates import Candidates
+    from toolkit.sites.site import Site
+
+
+@dataclass(frozen=True)
+class Method:
+    """Where a search is: module and function; needs: the package it cannot do without; extra: what brings it."""
+
+    module: str
+    function: str = "search"
+    needs: str = ""
+    extra: str = "search"
+
+
+_SEARCH = "placement_env.search"
+METHODS: dict[str, Method] = {
+    "exhaustive": Method(f"{_SEARCH}.exhaustive"),
+    "greedy": Method(f"{_SEARCH}.greedy"),
+    "lazy": Method(f"{_SEARCH}.greedy", "lazy"),
+    "stochastic": Method(f"{_SEARCH}.greedy", "stochastic"),
+    "raced": Method(f"{_SEARCH}.greedy", "raced"),
+    "swap": Method(f"{_SEARCH}.swap"),
+    "annealing": Method(f"{_SEARCH}.annealing"),
+    "cpsat": Method(f"{_SEARCH}.cpsat", needs="ortools"),
+    "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
+    "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
+    "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),
+}
+RENDERED = ("cpsat", "cmaes")  # they ask what each candidate sees, which a table does not know
+
+
+def search_of(method: str) -> Callable[..., Any]:
+    """The search of that name: called with an objective and a budget, it returns a result."""
+    found = METHODS[method]
+    return getattr(import_module(found.module), found.function)
+
+
+def check_search(method: str, fidelity: FidelityName, candidates: Candidates) -> None:
+    """Raise ValueError where the method cannot search these candidates by this fidelity; ImportError where its package
+    is missing."""
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    check_fidelity(fidelity)
+    needs = METHODS[method]
+    if needs.needs and not find_spec(needs.needs):
+        raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")
+    if method == "exhaustive" and len(candidates) > LARGEST:
+        raise ValueError(
+            f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}: take greedy, swap or cpsat"
+        )
+    if method == "raced" and fidelity != "detector":
+        raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: take greedy")
+    if method in RENDERED and fidelity == "table":
+        raise ValueError(f"method {method} asks what candidates see, which a table does not know: take coverage")
+
+
+def check_score(site: Site, candidates: Candidates, scheme: str, fidelity: FidelityName, iou: float) -> None:
+    """Raise ValueError where there is no such fidelity for the candidates, scheme and IoU threshold."""
+    from placement_env.fidelity.hit_model import shipped_model
+    from placement_env.fidelity.preparation import Preparation, network_for
+
+    check_scheme(scheme)  # type: ignore[arg-type]
+    if not 0 < iou <= 1:
+        raise ValueError(f"iou must lie in (0, 1], got {iou}")
+    if fidelity == "surrogate":
+        shipped_model(scheme, iou, network_for(site, candidates.sensors))  # type: ignore[arg-type]
+    if fidelity == "table":
+        Preparation(site, candidates, 1, scheme, iou, 0, None, 1, None, None).fidelity("table")  # type: ignore[arg-type]

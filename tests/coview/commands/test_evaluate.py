@@ -1,0 +1,113 @@
+"""coview evaluate: rows, files, and whose detector."""
+
+import json
+import sys
+
+import pytest
+
+OURS = """
+import numpy as np
+from toolkit.objects import Detections
+
+def detect(points):
+    return Detections(np.array([[0.0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.5])) if len(points) else Detections.empty()
+
+def make(site):
+    assert site.name == "tjunction"
+    return detect
+
+class Everything:
+    def __init__(self, area):
+        self.area = area
+
+    def __call__(self, points):
+        return detect(points)
+
+def wrong(points):
+    return [1, 2, 3]
+
+def broken(points):
+    raise IndexError("list index out of range")
+
+thing = 3
+"""
+
+
+@pytest.fixture
+def ours(tmp_path, monkeypatch):
+    (tmp_path / "our_detectors.py").write_text(OURS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    sys.modules.pop("our_detectors", None)
+
+
+def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
+    arguments = ("evaluate", recording, "--schemes", "early", "late", "--sensors", "0,2,5", "all", "--iou", 0.5)
+    code, out, _ = run(*arguments, "--out", tmp_path, "--json")
+    rows = json.loads(out)["rows"]
+    assert code == 0
+    assert [(row["scheme"], row["sensors"]) for row in rows] == [
+        ("early", [0, 2, 5]), ("early", [0, 1, 2, 3, 4, 5]), ("late", [0, 2, 5]), ("late", [0, 1, 2, 3, 4, 5]),
+    ]  # fmt: skip
+    assert {"ap", "recall", "kbit_per_sensor", "ms_per_frame", "iou"} <= set(rows[0])
+    assert json.loads((tmp_path / "table.json").read_text())["rows"] == rows
+    assert (tmp_path / "pr_0.5.png").stat().st_size > 1000
+
+
+def test_a_table_is_replaced_only_when_told(recording, tmp_path, run, refused):
+    (tmp_path / "table.json").write_text("of another run")
+    arguments = ("evaluate", recording, "--frames", 1, "--schemes", "late", "--iou", 0.7, "--out", tmp_path)
+    assert "--overwrite" in refused(*arguments)
+    assert (tmp_path / "table.json").read_text() == "of another run"
+    assert run(*arguments, "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize("name", ["detect", "make", "Everything"])
+def test_anybodys_detector(name, ours, recording, tmp_path, run):
+    arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.7, "--out", tmp_path / "out", "--json")
+    code, out, err = run("evaluate", recording, "--detector", f"our_detectors:{name}", *arguments)
+    assert (code, len(json.loads(out)["rows"])) == (0, 1), err
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("our_detectors:wrong", "must return toolkit.objects.Detections, got list"),
+        ("our_detectors:broken", "(IndexError: list index out of range)"),
+        ("our_detectors:thing", "must be callable, got int"),
+        ("our_detectors:nothing", "cannot be imported"),
+        ("no.such.module:detect", "cannot be imported"),
+        ("our_detectors:", "named package.module:callable"),
+    ],
+)
+def test_a_detector_that_is_none(name, message, ours, recording, refused):
+    assert message in refused("evaluate", recording, "--detector", name)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--sensors", "0,9"), "choose among 0..5"),
+        (("--detector", "telepathy"), "telepathy"),
+        (("--sensors", "0, 2, 0"), "named once"),
+        (("--frames", "0"), "--frames must be at least 1, got 0: leave it out"),
+        (("--seed", "-1"), "seed must not be negative"),
+        (("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"),
+        (("--iou", "70"), "--iou"),
+        (("--radius", "-3"), "--radius must be at least 0"),
+    ],
+)
+def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
+    assert message in refused("evaluate", recording, *arguments, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_is_refused_before_the_work(recording, refused, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "give another path" in refused("evaluate", recording, "--frames", 1, "--out", tmp_path / "file" / "out")
+    assert "is what is read" in refused("evaluate", recording, "--frames", 1, "--out", recording)
+
+
+def test_a_recording_that_is_missing(refused):
+    assert "nowhere.hdf5" in refused("evaluate", "nowhere.hdf5")

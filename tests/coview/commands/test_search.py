@@ -1,0 +1,86 @@
+"""coview search: what it finds, and what it refuses before anything is rendered."""
+
+import json
+import time
+
+import pytest
+
+import placement_env.search.methods as methods
+
+
+def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run):
+    arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--cache", tmp_path, "--method", "exhaustive")
+    code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert 1 <= len(result["sensors"]) <= 2
+    assert result["certificate"]["kind"] == "optimal"
+    assert result["verified"]["fidelity"] == "detector"
+    assert {path.suffix for path in tmp_path.rglob("*.*")} >= {".npz", ".sqlite"}
+
+
+def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeypatch, run):
+    pytest.importorskip("cma")
+    monkeypatch.chdir(tmp_path)
+    arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--method", "cmaes", "--evaluations", 4)
+    code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json")
+    result = json.loads(out, parse_constant=pytest.fail)
+    assert code == 0
+    assert result["certificate"]["bound"] is None
+    assert all("moved to x" in sensor for sensor in result["sensors"])
+    assert result["verified"]["fidelity"] == "detector"
+    assert (tmp_path / "out" / "cache" / "detected.sqlite").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--budget", 0), "--budget must be at least 1, got 0"),
+        (("--frames", 0), "--frames must be at least 1, got 0"),
+        (("--workers", 0), "--workers must be at least 1, got 0"),
+        (("--seconds", 0), "--seconds must be above 0"),
+        (("--evaluations", -1), "--evaluations must be above 0"),
+        (("--comm", -1), "--comm must be at least 0"),
+        (("--iou", 1.5), "--iou must lie above 0"),
+        (("--iou", 0.65), "no surrogate of general for early at IoU 0.65"),
+        (("--method", "exhaustive"), "at most 16 candidates, got 2363"),
+        (("--method", "raced"), "needs fidelity detector, got surrogate"),
+        (("--fidelity", "table"), "say --candidates paper"),
+        (("--candidates", "paper", "--model", "telepathy"), "the site's own sensors have theirs"),
+        (("--fidelity", "table", "--candidates", "paper", "--method", "cpsat"), "a table does not know"),
+        (("--fidelity", "table", "--candidates", "paper", "--method", "cmaes"), "a table does not know"),
+        (("--fidelity", "table", "--candidates", "paper", "--iou", 0.33), "got 'early' and 0.33"),
+        (("--candidates", "nowhere.geojson"), "nowhere.geojson"),
+        (("--detector", "general"), "--detector is for --fidelity detector"),
+        (("--verify", "detector", "--detector", "cluster"), "learns from a recording"),
+    ],
+)
+def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp_path):
+    started = time.perf_counter()
+    assert message in refused("search", "tjunction", *arguments, "--cache", tmp_path / "cache")
+    assert not (tmp_path / "cache").exists()
+    assert time.perf_counter() - started < 60
+
+
+def test_a_cache_that_cannot_be_written(refused, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "is no folder" in refused("search", "tjunction", "--cache", tmp_path / "file" / "cache")
+
+
+def test_a_budget_that_is_no_whole_number(run):
+    assert run("search", "tjunction", "--budget", 1.5)[0] == 2
+
+
+@pytest.mark.parametrize("method", ["cpsat", "nsga2", "cmaes", "ppo"])
+def test_a_missing_package_is_named_before_anything_is_rendered(method, monkeypatch, run):
+    monkeypatch.setattr(methods, "find_spec", lambda name: None)
+    code, _, err = run("search", "tjunction", "--candidates", "paper", "--method", method)
+    assert code == 3
+    assert "pip install coview[" in err
+
+
+def test_sensor_models_by_name(run, refused, tmp_path):
+    pytest.importorskip("toolkit.sensors.catalogue")
+    arguments = ("--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", tmp_path, "--json")
+    assert run("search", "tjunction", "--model", "spinning-lidar", "depth-camera", *arguments)[0] == 0
+    assert "telepathy" in refused("search", "tjunction", "--model", "telepathy", *arguments)

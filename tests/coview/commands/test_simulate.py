@@ -1,0 +1,40 @@
+"""coview simulate: nothing is done twice, nothing is lost."""
+
+import json
+
+import pytest
+
+
+def test_it_says_what_it_made_and_does_nothing_twice(recording, run):
+    code, out, _ = run("simulate", "tjunction", "--frames", 4, "--seed", 3, "--out", recording, "--json")
+    assert (code, json.loads(out)["frames_made_now"]) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--frames", 2, "--workers", 0), "--workers must be at least 1, got 0: leave it out"),
+        (("--frames", 0), "--frames must be at least 1, got 0"),
+    ],
+)
+def test_wrong_arguments(arguments, message, refused, tmp_path):
+    assert message in refused("simulate", "tjunction", *arguments, "--out", tmp_path / "x.hdf5")
+
+
+def test_an_unknown_site(refused, tmp_path):
+    assert "roundabout, tjunction" in refused("simulate", "atlantis", "--out", tmp_path / "x.hdf5")
+
+
+def test_a_site_is_not_replaced_by_its_recording(refused, run, tmp_path):
+    site = tmp_path / "mine.json"
+    run("site", "random", "--seed", 1, "--out", site)
+    before = site.read_bytes()
+    line = refused("simulate", site, "--frames", 1, "--out", site, "--overwrite")
+    assert "is what is read" in line
+    assert site.read_bytes() == before
+
+
+def test_another_recording_is_replaced_only_when_told(recording, refused):
+    before = recording.read_bytes()
+    assert "made from" in refused("simulate", "tjunction", "--frames", 4, "--seed", 4, "--out", recording)
+    assert recording.read_bytes() == before

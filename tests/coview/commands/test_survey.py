@@ -1,0 +1,15 @@
+"""coview survey: what a recording holds."""
+
+import json
+
+
+def test_it_counts(recording, run):
+    code, out, _ = run("survey", recording, "--sensors", 4, "all", "--json")
+    figures = json.loads(out)
+    assert code == 0
+    assert figures["frames"] == 4
+    assert figures["unseen"]["4"] >= figures["unseen"]["0,1,2,3,4,5"]
+
+
+def test_no_frames(recording, refused):
+    assert "--frames must be at least 1" in refused("survey", recording, "--frames", 0)

@@ -1,0 +1,14 @@
+"""coview table: every set of sensors."""
+
+
+def test_it_scores_every_set_and_replaces_nothing_untold(recording, tmp_path, run, refused):
+    out = tmp_path / "table.npz"
+    arguments = ("--frames", 1, "--detector", "cluster")
+    code, printed, _ = run("table", recording, "--out", out, *arguments)
+    assert code == 0
+    assert "early   6 sensors  0,1,2,3,4,5" in printed
+    assert out.exists()
+    assert "--overwrite" in refused("table", recording, "--out", out, *arguments)
+    before = recording.read_bytes()
+    assert "is what is read" in refused("table", recording, "--out", recording, *arguments, "--overwrite")
+    assert recording.read_bytes() == before

@@ -1,0 +1,31 @@
+"""The searches by name."""
+
+from importlib.util import find_spec
+
+import pytest
+
+from placement_env.candidates.pool import paper_candidates
+from placement_env.search.methods import METHODS, check_score, check_search, search_of
+from toolkit.sites.files import load_site
+
+SITE = load_site("tjunction")
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_name_is_a_search(name):
+    if METHODS[name].needs and not find_spec(METHODS[name].needs):
+        pytest.skip("its package is missing")
+    assert callable(search_of(name))
+    check_search(name, "detector", paper_candidates(SITE))
+
+
+def test_unknown_names():
+    with pytest.raises(ValueError, match="method must be one of exhaustive, greedy"):
+        check_search("luck", "coverage", paper_candidates(SITE))
+    with pytest.raises(ValueError, match="fidelity must be one of"):
+        check_search("greedy", "guess", paper_candidates(SITE))
+
+
+@pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
+def test_what_can_be_scored_is_not_refused(fidelity):
+    check_score(SITE, paper_candidates(SITE), "early", fidelity, 0.7)

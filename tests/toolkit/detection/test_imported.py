@@ -1,0 +1,53 @@
+"""Detectors by the name Python knows them under."""
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+from toolkit.detection.imported import ImportedDetector
+from toolkit.objects import Detections
+from toolkit.sites.files import load_site
+
+MODULE = """
+from toolkit.objects import Detections
+
+def detect(points):
+    return Detections.empty()
+
+detect.digest = "1"
+
+def of_area(area):
+    xmin, ymin, xmax, ymax = area
+    return lambda points: Detections.empty()
+
+class Bare:
+    def __call__(self, points):
+        return Detections.empty()
+
+def changing(points):
+    return Detections.empty() if not len(points) else None
+"""
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    (tmp_path / "their_module.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield load_site("tjunction")
+    sys.modules.pop("their_module", None)
+
+
+@pytest.mark.parametrize(("name", "has_digest"), [("detect", True), ("of_area", False), ("Bare", False)])
+def test_what_a_name_may_mean(name, has_digest, site):
+    detector = ImportedDetector(f"their_module:{name}", site)
+    assert isinstance(detector(np.zeros((3, 3), np.float32)), Detections)
+    assert hasattr(detector, "digest") == has_digest
+    assert isinstance(pickle.loads(pickle.dumps(detector)), ImportedDetector)
+
+
+def test_what_it_returns_is_checked_every_time(site):
+    detector = ImportedDetector("their_module:changing", site)
+    with pytest.raises(ValueError, match=r"must return .* got NoneType"):
+        detector(np.zeros((3, 3), np.float32))

@@ -1,0 +1,93 @@
+"""`ImportedDetector`: anybody's detector, named by where Python finds it, such as `my_package.my_module:detect`.
+
+What the name means is one of:
+
+    a detector           called with the points (n, 3) of a frame, world frame, m, it returns `Detections`
+    a maker of one       it has a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all, and
+                         returns a detector for there; a class counts, its instances being the detectors
+
+A detector may have an attribute `digest`, a text that changes with all its detections depend on: only then are they
+kept for another run.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float32
+from toolkit.objects import Detections, Detector
+from toolkit.sites.site import Site
+
+
+class ImportedDetector:
+    """A detector for a site, imported by its name `package.module:callable`, also from the current folder.
+
+    Sent to another process, it is imported again there. Raises ValueError, in one line, where there is no such thing,
+    or it returns anything but `Detections` for a cloud without points.
+    """
+
+    def __init__(self, name: str, site: Site) -> None:
+        self.name, self.site = name, site
+        named = _imported(name)
+        try:
+            self._detect = _made(named, site)
+            detections = self._detect(np.zeros((0, 3), np.float32))
+        except Exception as error:  # whatever their code raises
+            raise ValueError(
+                f"detector {name} fails with a cloud of no points ({type(error).__name__}: {error}): "
+                "let it take points (n, 3) and return Detections"
+            ) from error
+        self._check(detections)
+
+    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+        """Detect in one cloud."""
+        return self._check(self._detect(points))
+
+    @property
+    def digest(self) -> str:
+        """That of the detector; there is none (AttributeError) where it has none."""
+        return str(self._detect.digest)  # type: ignore[attr-defined]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ImportedDetector, (self.name, self.site)
+
+    def _check(self, detections: Any) -> Detections:
+        if not isinstance(detections, Detections):
+            raise ValueError(
+                f"detector {self.name} must return toolkit.objects.Detections, got {type(detections).__name__}"
+            )
+        return detections
+
+
+def _imported(name: str) -> Any:
+    """What the name means in Python; modules of the current folder are found last."""
+    module, colon, attribute = name.partition(":")
+    if not (colon and module and attribute):
+        raise ValueError(f"a detector to import is named package.module:callable, got {name!r}")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        named = import_module(module)
+        for part in attribute.split("."):
+            named = getattr(named, part)
+    except Exception as error:  # their module is run by importing it
+        raise ValueError(f"detector {name} cannot be imported ({type(error).__name__}: {error})") from error
+    if not callable(named):
+        raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
+    return named
+
+
+def _made(named: Callable[..., Any], site: Site) -> Detector:
+    parameters = inspect.signature(named).parameters
+    offered = {"site": site, "area": tuple(site.area.tolist())}
+    wanted = {key: value for key, value in offered.items() if key in parameters}
+    if wanted or not parameters or inspect.isclass(named):
+        return named(**wanted)
+    return named
