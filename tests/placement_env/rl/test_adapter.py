@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import GLOBAL
 from placement_env.envs.subset import SensorSubsetEnv
-from placement_env.rl.adapter import HEADING, Episodes, X, episodes
+from placement_env.rl.adapter import HEADING, SB3VecEnv, X, vectorized
 
 N = 3
 
@@ -26,8 +26,8 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
             return SensorSubsetEnv(objective=objective, budget=2)
         return SensorSelectEnv(objective=objective, budget=2, actions=actions)
 
-    native, scalar = episodes(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
-    assert isinstance(native, Episodes)
+    native, scalar = vectorized(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    assert isinstance(native, SB3VecEnv)
     assert is_masking_supported(native)
     native.seed(3)
     scalar.seed(3)
@@ -58,7 +58,7 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
 def test_a_turned_junction_keeps_its_distances_and_headings(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
-    plain, turned = episodes(env, lambda: env, 64), episodes(env, lambda: env, 64, turned=True)
+    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, turned=True)
     turned.seed(3)
     before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
     seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
@@ -73,7 +73,7 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     turned.seed(3)
     np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
     with pytest.raises(ValueError, match="only junctions of our own"):
-        episodes(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
+        vectorized(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
@@ -88,4 +88,4 @@ def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
         lambda: gym.wrappers.TimeLimit(SensorSelectEnv(objective=objective, budget=2), 3),
         lambda: gym.make("CartPole-v1"),
     ):
-        assert isinstance(episodes(of(), of, 2), DummyVecEnv)
+        assert isinstance(vectorized(of(), of, 2), DummyVecEnv)
