@@ -1,8 +1,6 @@
 """What to build: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
 
-from importlib.util import find_spec
-
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_with_gymnasium
 from toolkit.runtime.lazy import lazily
 
 __getattr__, __dir__ = lazily(
@@ -19,5 +17,4 @@ __getattr__, __dir__ = lazily(
     },
 )  # fmt: skip
 
-if find_spec("gymnasium"):
-    register()
+register_with_gymnasium()

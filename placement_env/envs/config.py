@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -59,16 +60,26 @@ class EnvConfig:
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
 
-    @property
+    @cached_property
     def schemes(self) -> tuple[Scheme, ...]:
         """Those of which an episode draws one."""
         several = self.scheme if isinstance(self.scheme, list | tuple) else (self.scheme,)
         return tuple(check_scheme(scheme) for scheme in several)
 
+    @cached_property
+    def budgets(self) -> tuple[int, int]:
+        """Lowest and highest budget of an episode."""
+        return _bounds(self.budget)
+
+    @cached_property
+    def failure_counts(self) -> tuple[int, int]:
+        """How many candidates have failed at least and at most."""
+        return _bounds(self.failures)
+
     @property
-    def most_sensors(self) -> int:
-        """The greatest budget of an episode."""
-        return bounds(self.budget)[1]
+    def leaves_open(self) -> bool:
+        """Whether an episode draws its scheme, budget or failed candidates."""
+        return len(self.schemes) > 1 or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,12 +145,6 @@ def gathered(kind: Callable[..., Config], config: Config | None, settings: dict[
     return replace(config, **settings)
 
 
-def bounds(number: int | Sequence[int]) -> tuple[int, int]:
-    """Lowest and highest of a number that may be given as a range."""
-    low, high = (number, number) if isinstance(number, int | np.integer) else number
-    return int(low), int(high)
-
-
 def check_range(name: str, value: Any, *, least: int, unit: str) -> None:
     """Raises ValueError where a number, or the ends of a range, are no whole numbers from `least` up."""
     ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
@@ -158,6 +163,12 @@ def check_whole(name: str, value: Any, *, least: int) -> None:
 def whole(value: Any) -> bool:
     """Whether it is a whole number; a truth value is none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _bounds(number: int | Sequence[int]) -> tuple[int, int]:
+    """Lowest and highest of a number that may be given as a range."""
+    low, high = (number, number) if isinstance(number, int | np.integer) else number
+    return int(low), int(high)
 
 
 def _check_choosing(config: ChoosingConfig) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.envs.config import ChoosingConfig, EnvConfig, bounds, check_range
+from placement_env.envs.config import ChoosingConfig, EnvConfig, check_range
 from placement_env.envs.scenario import Scenario
 from placement_env.fidelity.preparation import Preparation, network_for, site_candidates
 from placement_env.objective import Objective, check_scheme
@@ -105,9 +105,18 @@ class Scenarios:
         if objective is None:
             check_scored(config, self.sites)
         self._made: dict[tuple[int, Scheme], Scenario] = {}
+        self._always: Episode | None = None  # where nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Episode:
         """An episode with these options. Raises ValueError for an option that there is not or does not fit."""
+        if options:
+            return self._drawn(rng, options)
+        episode = self._always or self._drawn(rng, {})
+        if not self.config.leaves_open and self.sites.drawn == 1:
+            self._always = episode
+        return episode
+
+    def _drawn(self, rng: np.random.Generator, options: Mapping[str, Any]) -> Episode:
         objective, options = self.config.objective, check_options(options)
         other = "scheme" in options and objective and check_scheme(options["scheme"]) != objective.scheme
         if objective and ("site" in options or other):
@@ -158,17 +167,16 @@ def draw_conditions(
     schemes = config.schemes
     scheme = options["scheme"] if "scheme" in options else schemes[_within((0, len(schemes) - 1), rng)]
     scheme = check_scheme(scheme)
-    budget = options["budget"] if "budget" in options else _within(bounds(config.budget), rng)
+    budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
     failed = options["failed"] if "failed" in options else _failures(config, sites, site, rng)
     return Conditions(site, scheme, int(budget), failed)
 
 
 def _failures(config: EnvConfig, sites: Sites, site: int, rng: np.random.Generator) -> list[int]:
-    lowest, highest = bounds(config.failures)
-    if not highest:
+    if not config.failure_counts[1]:
         return []
     count = len(sites.candidates(site))
-    number = min(_within((lowest, highest), rng), count)
+    number = min(_within(config.failure_counts, rng), count)
     return sorted(rng.choice(count, number, replace=False).tolist())
 
 

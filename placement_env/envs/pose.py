@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Space
 
 from placement_env.candidates.aim import aimed
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.envs.config import PoseConfig, bounds, gathered
+from placement_env.envs.config import PoseConfig, gathered
 from placement_env.envs.env import PlacementEnv, observation_space
 from placement_env.envs.episode import Conditions, Episode, Sites, check_options, check_scored, draw_conditions
 from placement_env.envs.scenario import Scenario, poses
@@ -80,13 +80,13 @@ class PoseScenarios:
 
     def __init__(self, config: PoseConfig) -> None:
         self.config, self.sites = config, Sites(config.site, config.candidates)
-        needed = config.most_sensors + bounds(config.failures)[1]
+        needed = config.budgets[1] + config.failure_counts[1]
         for index in range(len(self.sites)):
             mounts = len(np.unique(self.sites.candidates(index).mount))
             if mounts < needed:
                 raise ValueError(
                     f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
-                    f"{config.most_sensors} and {needed - config.most_sensors} failures: lower them"
+                    f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
                 )
         check_scored(config, self.sites)
         self._made: dict[tuple[int, Scheme], Preparation] = {}
@@ -94,11 +94,8 @@ class PoseScenarios:
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseEpisode:
         """Sensors drawn among those that have not failed, on mounts of their own. Raises ValueError where there are too
         few."""
-        conditions, most = (
-            draw_conditions(self.config, self.sites, rng, check_options(options)),
-            self.config.most_sensors,
-        )
-        budget = conditions.budget
+        conditions = draw_conditions(self.config, self.sites, rng, check_options(options))
+        budget, most = conditions.budget, self.config.budgets[1]
         if budget > most:
             raise ValueError(f"budget must lie in 1..{most}, the sensors that an action moves, got {budget}")
         preparation = self._preparation(conditions)
@@ -130,7 +127,7 @@ class PoseScenarios:
             candidates, here.fidelity(self.config.fidelity), here.scheme, self.config.weights,
             site=here.site, visibility=seen,
         )  # fmt: skip
-        return Scenario(objective, self.config.most_sensors)
+        return Scenario(objective, self.config.budgets[1])
 
     def _preparation(self, conditions: Conditions) -> Preparation:
         key, config = (conditions.site, conditions.scheme), self.config
@@ -147,7 +144,7 @@ class PoseTask:
     """n episodes of moving sensors; each has an objective of its own, made anew after each move."""
 
     def __init__(self, n: int, scenarios: PoseScenarios) -> None:
-        slots = scenarios.config.most_sensors
+        slots = scenarios.config.budgets[1]
         self.scenarios, self.state = scenarios, State(n, slots, max_steps=scenarios.config.moves, fixed=True)
         self.action_space: Space[Any] = Box(-1.0, 1.0, (3 * slots,), np.float32)
         self.observation_space = observation_space(slots)

@@ -33,8 +33,8 @@ class SelectTask:
         for shape in {each.scenario.objective.candidates.shape for each in episodes if not self.flat}:
             if any(size > known for size, known in zip(shape, self.scenarios.shape, strict=True)):
                 raise ValueError(
-                    f"factored actions are for {self.scenarios.shape} mounts, heights, headings, tilts and models, this "
-                    f"site has {shape}: make the environment with all its sites"
+                    f"factored actions are for {self.scenarios.shape} mounts, heights, headings, tilts and models, "
+                    f"this site has {shape}: make the environment with all its sites"
                 )
         self.state.reset(rows, episodes)
 

@@ -33,7 +33,8 @@ class State:
     it needed no new score (`scores.cache_hit` says whether a score was in the objective's memory, which depends on what
     was played before; `info["cache_hit"]` must not, so it is `repeated`).
 
-    ready: whether an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join.
+    ready: whether an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of
+    the budget; fixed: sensors are moved, none may join.
     """
 
     def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:

@@ -27,7 +27,7 @@ X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come n
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, turned: bool = False) -> SB3VecEnv:
-    """A vector environment of `gymnasium.make_vec("coview/...")` as one that Stable-Baselines3 and sb3-contrib train on.
+    """A vector environment of `gymnasium.make_vec("coview/...")` as Stable-Baselines3 and sb3-contrib train on it.
 
     turned: see `SB3VecEnv`. Raises ValueError for a vector environment that is not coview's own.
     """
