@@ -1,9 +1,8 @@
 """What to build: candidates, objective, environments and searches. Nothing heavy loads until it is used."""
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_with_gymnasium
 from toolkit.runtime.lazy import lazily
 
 # isort: off
@@ -87,5 +86,4 @@ else:
         },
     )
 
-if find_spec("gymnasium"):
-    register()
+register_with_gymnasium()

@@ -269,8 +269,15 @@ class Objective:
     ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """kbit per sensor, price and reward of each set."""
         per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
-        price = self.candidates.price(subsets)
+        price = self.price(subsets)
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
+
+    def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        """Price of the mounts of each set; a mount that carries two sensors is paid once."""
+        built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
+        row, candidate = subsets.nonzero()
+        built[row, self.candidates.mount[candidate]] = True
+        return built @ self.candidates.mount_prices
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
         """Which sets may be built: at most one sensor on a mount, and each within the capacity of its mount's link."""

@@ -74,9 +74,10 @@ def search(
         json: Print as JSON.
     """
     from placement_env.candidates.choice import chosen_candidates
+    from placement_env.fidelity.preparation import check_fidelity_for
     from placement_env.objective import Objective, Weights
     from placement_env.search.description import described_score, described_sensors
-    from placement_env.search.methods import check_score, check_search, search_of
+    from placement_env.search.methods import check_search, search_of
     from placement_env.search.verification import verified_best
     from toolkit.sites.files import load_site
 
@@ -100,7 +101,7 @@ def search(
     pool = chosen_candidates(place, candidates, _models(model))
     check_search(method, fidelity, pool)
     for scored_by in (fidelity, verify or fidelity):
-        check_score(place, pool, scheme, scored_by, iou)
+        check_fidelity_for(place, pool, scheme, scored_by, iou=iou)
     settings: dict[str, Any] = {
         "candidates": pool, "iou": iou, "seed": seed, "cache": cache, "workers": workers, "ray": ray,
     }  # fmt: skip

@@ -46,7 +46,7 @@ def table(
     from models.train import commit
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.table import best_sets, make_table
-    from toolkit.detection.evaluation import SCHEMES
+    from toolkit.detection.schemes import PAPER_SCHEMES
 
     check_least("--workers", workers, 1)
     check_ray(ray)
@@ -58,7 +58,7 @@ def table(
         made = make_table(
             Renders.of(recording), detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of
         )
-    best = {scheme: best_sets(made, scheme) for scheme in SCHEMES}
+    best = {scheme: best_sets(made, scheme) for scheme in PAPER_SCHEMES}
     lines = [
         f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
         for scheme, sizes in best.items()

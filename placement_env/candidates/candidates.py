@@ -72,9 +72,14 @@ class Candidates:
         return len(self.mounts), *self.axes.shape
 
     @cached_property
+    def mount_prices(self) -> Float64[np.ndarray, " M"]:
+        """Price of each mount."""
+        return np.array([mount.price for mount in self.mounts], np.float64)
+
+    @cached_property
     def prices(self) -> Float64[np.ndarray, " C"]:
         """Price of the mount of each candidate."""
-        return self._mount_prices[self.mount]
+        return self.mount_prices[self.mount]
 
     @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
@@ -91,10 +96,6 @@ class Candidates:
         chosen, candidate = np.nonzero(subsets)
         cells = chosen * len(self.mounts) + self.mount[candidate]
         return np.bincount(cells, minlength=len(subsets) * len(self.mounts)).reshape(len(subsets), len(self.mounts))
-
-    def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts of each set; a mount that carries two sensors is paid once."""
-        return (self.per_mount(subsets) > 0) @ self._mount_prices
 
     def at(self, mount: Any, height: Any, heading: Any, tilt: Any, model: Any) -> Any:
         """The candidate with these factors, -1 where there is none; of arrays of indices, an array."""
@@ -122,10 +123,6 @@ class Candidates:
         axes = (self.axes.heights, self.axes.headings, self.axes.tilts)
         sha.update(repr([[axis.tolist() for axis in axes], self.axes.models, self.factors.tolist()]).encode())
         return sha.hexdigest()
-
-    @cached_property
-    def _mount_prices(self) -> Float64[np.ndarray, " M"]:
-        return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
     def _by_factors(self) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -12,17 +11,16 @@ from gymnasium.spaces import Box, Space
 
 from placement_env.candidates.aim import aimed
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.envs.env import GameEnv, observation_space
-from placement_env.envs.scenario import Scene, Sites, check_budget, checked, poses
-from placement_env.envs.state import Boards
-from placement_env.fidelity.preparation import Preparation, site_candidates
+from placement_env.envs.config import PoseConfig, gathered
+from placement_env.envs.env import PlacementEnv, observation_space
+from placement_env.envs.episode import Conditions, Episode, Sites, check_options, check_scored, draw_conditions
+from placement_env.envs.scenario import Scenario, poses
+from placement_env.envs.state import State
+from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, see
-from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_fidelity, index_of
+from placement_env.objective import Objective, index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
-from toolkit.objects import Detector
-from toolkit.sites.site import Site
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
 TILTS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
@@ -30,11 +28,11 @@ TILTS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below t
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors on their mounts. candidates: they as they were chosen; state: (B, 3) height above the mount's foot (m),
+    """Sensors on their mounts. candidates: they as they were chosen; aim: (B, 3) height above the mount's foot (m),
     heading and tilt (rad) of each now."""
 
     candidates: Candidates
-    state: Float64[np.ndarray, "B 3"]
+    aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
     def of(candidates: Candidates) -> Rig:
@@ -45,17 +43,17 @@ class Rig:
     def moved(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
         """After an action: within the mounts' heights, and `TILTS`; a sensor that was beyond them may stay there."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
-        height, heading, tilt = (self.state + np.clip(action, -1, 1) * MOVES).T
-        low = np.minimum([mount.min_height for mount in mounts], self.state[:, 0])
-        high = np.maximum([mount.max_height for mount in mounts], self.state[:, 0])
+        height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
+        low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
+        high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
         turned = np.arctan2(np.sin(heading), np.cos(heading))
-        tilts = np.minimum(TILTS[0], self.state[:, 2]), np.maximum(TILTS[1], self.state[:, 2])
+        tilts = np.minimum(TILTS[0], self.aim[:, 2]), np.maximum(TILTS[1], self.aim[:, 2])
         return Rig(self.candidates, np.stack([np.clip(height, low, high), turned, np.clip(tilt, *tilts)], axis=1))
 
     def placed(self) -> Candidates:
         """The sensors where they are now."""
-        height, heading, tilt = self.state.T
-        count = np.arange(len(self.state))
+        height, heading, tilt = self.aim.T
+        count = np.arange(len(self.aim))
         models = tuple(dict.fromkeys(sensor.model for sensor in self.candidates.sensors))
         model = np.array([models.index(sensor.model) for sensor in self.candidates.sensors])
         mount = self.candidates.mount
@@ -69,130 +67,130 @@ class Rig:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseStart:
+class PoseEpisode:
     """How an episode starts: with which sensors, at what site and traffic."""
 
     preparation: Preparation
     rig: Rig
 
 
-class PoseScenes:
-    """Where the sensors of an episode come from. arguments: further ones of `placement_env.objective.Objective`."""
+class PoseScenarios:
+    """Where the sensors of an episode come from. Raises ValueError where a site has too few mounts for the budget, or
+    no surrogate for it."""
 
-    def __init__(
-        self, site: Any, budget: int, scheme: Scheme | str, fidelity: FidelityName, arguments: Mapping[str, Any]
-    ) -> None:
-        if fidelity == "table":
-            raise ValueError("a table knows no poses but the site's own: take fidelity surrogate, coverage or detector")
-        self.sites = Sites(site)
-        self.budget, self.scheme, self.fidelity = check_budget(budget), scheme_of(scheme), check_fidelity(fidelity)
-        signature(_prepared).bind_partial(**arguments)
-        self.weights: Weights = arguments.get("weights", AP_ONLY)
-        self._arguments = dict(arguments)
+    def __init__(self, config: PoseConfig) -> None:
+        self.config, self.sites = config, Sites(config.site, config.candidates)
+        needed = config.budgets[1] + config.failure_counts[1]
+        for index in range(len(self.sites)):
+            mounts = len(np.unique(self.sites.candidates(index).mount))
+            if mounts < needed:
+                raise ValueError(
+                    f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
+                    f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
+                )
+        check_scored(config, self.sites)
         self._made: dict[tuple[int, Scheme], Preparation] = {}
 
-    def start(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseStart:
-        """Sensors drawn among those in order, on mounts of their own. Raises ValueError where there are too few."""
-        options = checked(options)
-        budget = options.get("budget", self.budget)
-        if budget > self.budget:
-            raise ValueError(f"budget must lie in 1..{self.budget}, the sensors that an action moves, got {budget}")
-        preparation = self._preparation(options, rng)
+    def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseEpisode:
+        """Sensors drawn among those that have not failed, on mounts of their own. Raises ValueError where there are too
+        few."""
+        conditions = draw_conditions(self.config, self.sites, rng, check_options(options))
+        budget, most = conditions.budget, self.config.budgets[1]
+        if budget > most:
+            raise ValueError(f"budget must lie in 1..{most}, the sensors that an action moves, got {budget}")
+        preparation = self._preparation(conditions)
         candidates = preparation.candidates
         names = [sensor.name for sensor in candidates.sensors]
-        failed = {index_of(member, names) for member in options.get("failed", ())}
+        failed = {index_of(member, names) for member in conditions.failed}
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:
-            raise ValueError(f"there are {len(mounts)} mounts with sensors in order, too few for a budget of {budget}")
+            raise ValueError(
+                f"{len(mounts)} mounts have a sensor that has not failed, too few for a budget of {budget}"
+            )
         chosen = [
             int(rng.choice(usable[candidates.mount[usable] == mount]))
             for mount in np.sort(rng.choice(mounts, budget, replace=False))
         ]
-        return PoseStart(preparation, Rig.of(candidates.select(chosen)))
+        return PoseEpisode(preparation, Rig.of(candidates.select(chosen)))
 
-    def _preparation(self, options: Mapping[str, Any], rng: np.random.Generator) -> Preparation:
-        scheme = scheme_of(options.get("scheme", self.scheme))
-        index = self.sites.index(options.get("site"), rng)
-        if (index, scheme) not in self._made:
-            self._made[index, scheme] = _prepared(self.sites[index], scheme, **self._arguments)
-        return self._made[index, scheme]
+    def scenario(self, preparation: Preparation, rig: Rig, before: tuple[Rig, Visibility | None] | None) -> Scenario:
+        """Sensors where they are now. before: where they were and what they saw; what stands still is not rendered
+        again."""
+        candidates = rig.placed()
+        still, visibility = np.zeros(len(candidates), np.bool_), None
+        if before is not None:
+            still, visibility = (rig.aim == before[0].aim).all(axis=1), before[1]
+        seen = see_moved(preparation, candidates, visibility, still)
+        here = preparation.at(candidates, seen)
+        objective = Objective.of(
+            candidates, here.fidelity(self.config.fidelity), here.scheme, self.config.weights,
+            site=here.site, visibility=seen,
+        )  # fmt: skip
+        return Scenario(objective, self.config.budgets[1])
+
+    def _preparation(self, conditions: Conditions) -> Preparation:
+        key, config = (conditions.site, conditions.scheme), self.config
+        if key not in self._made:
+            self._made[key] = Preparation(
+                site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
+                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, cache=None,
+                workers=1, ray=None, detector=config.detector,
+            )  # fmt: skip
+        return self._made[key]
 
 
-class PoseGame:
+class PoseTask:
     """n episodes of moving sensors; each has an objective of its own, made anew after each move."""
 
-    def __init__(self, n: int, scenes: PoseScenes, moves: int) -> None:
-        if moves < 1:
-            raise ValueError(f"moves must be at least 1, got {moves}")
-        self.scenes, self.boards = scenes, Boards(n, scenes.budget, moves)
-        self.boards.scene = np.arange(n)
-        self.action_space: Space[Any] = Box(-1.0, 1.0, (3 * scenes.budget,), np.float32)
-        self.observation_space = observation_space(scenes.budget)
-        self._starts: dict[int, PoseStart] = {}
+    def __init__(self, n: int, scenarios: PoseScenarios) -> None:
+        slots = scenarios.config.budgets[1]
+        self.scenarios, self.state = scenarios, State(n, slots, max_steps=scenarios.config.moves, fixed=True)
+        self.action_space: Space[Any] = Box(-1.0, 1.0, (3 * slots,), np.float32)
+        self.observation_space = observation_space(slots)
+        self._now: dict[int, PoseEpisode] = {}
 
-    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[PoseStart]) -> None:
-        """New episodes on some rows, whose sensors are scored where they are."""
-        self._starts |= dict(zip(rows.tolist(), starts, strict=True))
-        sizes = np.array([len(start.rig.state) for start in starts])
-        self.boards.clear(rows, sizes)
-        self.boards.chosen[rows] = np.arange(self.boards.slots) < sizes[:, None]
-        for row, objective in self._objectives({row: start.rig for row, start in self._starts.items() if row in rows}):
-            self.boards.put(row, Scene(objective, self.boards.slots))
-        self.boards.score(rows)
+    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[PoseEpisode]) -> None:
+        """New episodes in some rows, whose sensors are scored where they are."""
+        starts, slots = [], np.arange(self.state.slots)
+        for episode in episodes:
+            count = len(episode.rig.aim)
+            scenario = self.scenarios.scenario(episode.preparation, episode.rig, None)
+            starts.append(Episode(scenario, count, np.zeros(len(slots), np.bool_), slots < count))
+        self.state.reset(rows, starts)
+        self._now.update(zip(rows.tolist(), episodes, strict=True))
 
-    def play(
+    def step(
         self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Move the sensors of each row that plays; a move that overloads a link, or more than it was, is undone."""
-        boards, steps = self.boards, np.asarray(actions, np.float64).reshape(self.boards.n, -1, 3)
-        before, rigs = boards.scores.reward.copy(), dict[int, Rig]()
+        state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
+        illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
         for row in np.flatnonzero(playing).tolist():
-            rig = self._starts[row].rig
-            moved = rig.moved(steps[row, : len(rig.state)])
-            if (moved.state != rig.state).any():
-                rigs[row] = moved
-        boards.turns[playing] += 1
-        boards.illegal, boards.repeated = np.zeros(boards.n, np.bool_), playing.copy()
-        for row, objective in self._objectives(rigs):
-            overloaded = ~objective.linked
-            if overloaded.any() and (overloaded & (objective.sent > boards.scenes[row].objective.sent)).any():
-                boards.illegal[row] = True
+            now, (objective, _) = self._now[row], state.placed(row)
+            rig = now.rig.moved(moves[row, : len(now.rig.aim)])
+            if (rig.aim == now.rig.aim).all():
                 continue
-            self._starts[row] = replace(self._starts[row], rig=rigs[row])
-            boards.put(row, Scene(objective, boards.slots))
-            boards.score(np.array([row]))
-            boards.repeated[row] = False
-        boards.gain = np.where(playing, boards.scores.reward - before, 0.0)
-        return boards.gain, np.zeros(boards.n, np.bool_), playing & (boards.turns >= boards.most_turns)
+            scenario = self.scenarios.scenario(now.preparation, rig, (now.rig, objective.visibility))
+            if overloads(scenario.objective, objective):
+                illegal[row] = True
+            else:
+                self._now[row], scenarios[row] = replace(now, rig=rig), scenario
+        state.move(playing, scenarios, illegal)
+        return state.gain, np.zeros(state.n, np.bool_), playing & (state.steps >= state.max_steps)
 
-    def look(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""
-        info = {**self.boards.info(), "action_mask": self.masks().astype(np.int8)}
-        return self.boards.observations(np.zeros_like(self.boards.chosen)), info
+        return self.state.observe(), {**self.state.info(), "action_mask": self.action_masks().astype(np.int8)}
 
-    def masks(self) -> Bool[np.ndarray, "n choices"]:
+    def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Which entries of an action move a sensor."""
-        return np.repeat(self.boards.chosen, 3, axis=1)
+        return np.repeat(self.state.chosen, 3, axis=1)
 
-    def _objectives(self, rigs: dict[int, Rig]) -> list[tuple[int, Objective]]:
-        """The objective of each rig; what has not moved since the row's last one is not rendered again."""
-        made: list[tuple[int, Objective]] = []
-        for row, rig in rigs.items():
-            preparation, candidates = self._starts[row].preparation, rig.placed()
-            old = self.boards.scenes[row] if row < len(self.boards.scenes) else None
-            still = np.zeros(len(candidates), np.bool_)
-            visibility = None if old is None else old.objective.visibility
-            if rig.candidates is self._starts[row].rig.candidates and visibility is not None:
-                still = (rig.state == self._starts[row].rig.state).all(axis=1) & (rig is not self._starts[row].rig)
-            seen = see_moved(preparation, candidates, visibility, still)
-            here = preparation.at(candidates, seen)
-            of = Objective.of(
-                candidates, here.fidelity(self.scenes.fidelity), here.scheme, self.scenes.weights,
-                site=here.site, visibility=seen,
-            )  # fmt: skip
-            made.append((row, of))
-        return made
+
+def overloads(after: Objective, before: Objective) -> bool:
+    """Whether a link that carries more than it can carries more than before."""
+    return bool((~after.linked & (after.sent > before.sent)).any())
 
 
 def see_moved(
@@ -209,7 +207,7 @@ def see_moved(
     return replace(visibility, **columns)
 
 
-class SensorPoseEnv(GameEnv):
+class SensorPoseEnv(PlacementEnv):
     """Turn, tilt, raise and lower sensors that hang at a junction.
 
     ## Action Space
@@ -228,7 +226,8 @@ class SensorPoseEnv(GameEnv):
     By how much the move raised the objective's reward, AP − λ_comm · kbit per sensor − λ_price · price.
 
     ## Starting State
-    Sensors drawn from the candidates, at most one of a mount. With several sites, one is drawn.
+    Sensors drawn from the candidates that have not failed, at most one of a mount. What the config leaves open (site,
+    scheme, budget, failed candidates) is drawn before.
 
     ## Episode End
     Never terminates; truncated after `moves` moves.
@@ -237,44 +236,18 @@ class SensorPoseEnv(GameEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    site: a site, its name, or several of these, of which each episode draws one; budget: sensors; moves: of an episode;
-    fidelity: surrogate, coverage or detector; scheme, and by name frames, weights, candidates, detector, iou, seed: of
-    `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget (up to the environment's) and
-    failed.
+    config: a `placement_env.envs.config.PoseConfig`; or its settings by name. site: a site, its name, or several;
+    budget: sensors; failures: candidates that have failed; scheme: or several. Each episode draws one of several, and a
+    number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
+    detector; frames, weights, candidates, detector, iou, seed: of `placement_env.objective.Objective`. `reset` takes
+    the options site, scheme, budget (up to the environment's) and failed.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(
-        self,
-        site: Any = "tjunction",
-        *,
-        budget: int = 4,
-        moves: int = 20,
-        scheme: Scheme | str = "early",
-        fidelity: FidelityName = "surrogate",
-        render_mode: str | None = None,
-        **arguments: Any,
-    ) -> None:
-        super().__init__(PoseGame(1, PoseScenes(site, budget, scheme, fidelity, arguments), moves), render_mode)
-
-
-def _prepared(
-    site: Site,
-    scheme: Scheme,
-    *,
-    frames: int = 200,
-    weights: Weights = AP_ONLY,
-    candidates: Any = None,
-    detector: Detector | None = None,
-    iou: float = 0.7,
-    seed: int = 0,
-) -> Preparation:
-    chosen = site_candidates(site, candidates)
-    return Preparation(
-        site=site, candidates=chosen, frames=frames, scheme=scheme, iou=iou, seed=seed, detector=detector
-    )
+    def __init__(self, config: PoseConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
+        super().__init__(PoseTask(1, PoseScenarios(gathered(PoseConfig, config, settings))), render_mode)
 
 
 def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:

@@ -1,6 +1,15 @@
-"""The environments' names in Gymnasium; importing `placement_env` gives them where Gymnasium is installed."""
+"""The environments' names in Gymnasium, which has them once it and `placement_env` are imported, in either order.
+
+Gymnasium imports a package that stands before the name by itself: `gymnasium.make("placement_env:coview/...")`.
+"""
 
 from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
 
 ENVIRONMENTS = {
     "coview/SensorSelect-v0": ("select:SensorSelectEnv", "vector:SensorSelectVectorEnv"),
@@ -19,3 +28,51 @@ def register() -> None:
     for name, (scalar, vector) in ENVIRONMENTS.items():
         if name not in registry:
             register_one(name, f"placement_env.envs.{scalar}", vector_entry_point=f"placement_env.envs.{vector}")
+
+
+def register_with_gymnasium() -> None:
+    """Register now where Gymnasium is imported, else as soon as it is: importing `placement_env` does not load it."""
+    if sys.modules.get("gymnasium"):
+        register()
+    else:
+        sys.meta_path.insert(0, AfterImport("gymnasium", register))
+
+
+class AfterImport(MetaPathFinder):
+    """Import hook (PEP 451) that calls `then` once a module has been imported, and is gone afterwards."""
+
+    def __init__(self, name: str, then: Callable[[], None]) -> None:
+        self.name, self.then = name, then
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The module's own spec, whose loader calls `then` when it is done; None for other modules."""
+        if fullname != self.name:
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = _ThenLoader(spec.loader, self._imported)
+        return spec
+
+    def _imported(self) -> None:
+        if self in sys.meta_path:
+            sys.meta_path.remove(self)
+        self.then()
+
+
+class _ThenLoader(Loader):
+    def __init__(self, loader: Loader, then: Callable[[], None]) -> None:
+        self.loader, self.then = loader, then
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.loader, name)
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        return self.loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        if module.__spec__ is not None:
+            module.__spec__.loader = module.__loader__ = self.loader
+        self.loader.exec_module(module)
+        self.then()

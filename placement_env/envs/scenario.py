@@ -1,38 +1,31 @@
-"""Scenes: what an episode of an environment is played at, an objective with what of it an agent may observe.
+"""Scenarios: what an episode of an environment is played at, an objective with what of it an agent may observe.
 
-A scene pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What a
-candidate sees is taken at up to `PLACES` places: vehicles of the traffic where it is known, else spots of the area.
+A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
+a candidate sees is taken at up to `PLACES` places: vehicles of the traffic where it is known, else spots of the area.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from inspect import signature
-from typing import Any
 
 import numpy as np
 
 from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.preparation import site_candidates
-from placement_env.objective import Objective, check_fidelity
+from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
-from toolkit.sites.files import load_site
-from toolkit.sites.site import Site
+from toolkit.detection.schemes import PAPER_SCHEMES
 
 PLACES = 512
 STATIC = ("x", "y", "z", "cos heading", "sin heading", "tilt", "field of view", "lidar", "price", "kbit", "seen")
 REACH = 30.0  # m within which a sensor is taken to see the spots in its field of view, where no traffic is known
-OPTIONS = ("site", "scheme", "budget", "failed")
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scenario:
     """An objective, its C candidates in `slots` slots."""
 
     objective: Objective
@@ -47,19 +40,18 @@ class Scene:
 
     @cached_property
     def mount(self) -> Int64[np.ndarray, " slots"]:
-        """Mount of each candidate; the empty slots share one that there is not."""
+        """Mount of each candidate; the empty slots share one of their own."""
         return padded(self.objective.candidates.mount, self.slots, fill=len(self.objective.candidates.mounts))
 
     @cached_property
-    def _mounts(self) -> int:
+    def mounts(self) -> int:
+        """How many mounts there are, with that of the empty slots."""
         return int(self.mount.max()) + 1
 
-    def taken(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, "n slots"]:
-        """Which candidates hang on a mount of which a candidate is chosen."""
-        taken = np.zeros((len(chosen), self._mounts), np.bool_)
-        board, slot = chosen.nonzero()
-        taken[board, self.mount[slot]] = True
-        return taken.take(self.mount, axis=1)
+    @cached_property
+    def width(self) -> int:
+        """How many candidates there are."""
+        return len(self.objective.candidates)
 
     @cached_property
     def usable(self) -> Bool[np.ndarray, " slots"]:
@@ -104,126 +96,6 @@ class Scene:
     def failed_row(self, failed: Sequence[int | str]) -> Bool[np.ndarray, " slots"]:
         """Candidates, given by index or name, as a row over the slots."""
         return padded(self.objective.row(failed), self.slots)
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """How an episode starts: at which scene, with how many sensors to place, and which candidates out of order."""
-
-    scene: Scene
-    budget: int
-    failed: Bool[np.ndarray, " slots"]
-
-
-class Sites:
-    """The sites that an environment is played at: one or several of these and their names, of which one is drawn for
-    each episode, and those that options name later."""
-
-    def __init__(self, site: Any) -> None:
-        several = isinstance(site, Sequence) and not isinstance(site, str)
-        self._given: list[Any] = list(site) if several else [site]
-        self._known = [_loaded(each) for each in self._given]
-        self._drawn = len(self._known)
-        if not self._drawn:
-            raise ValueError("an environment needs a site, got none")
-
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def __getitem__(self, index: int) -> Site:
-        return self._known[index]
-
-    def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Place of a site given by itself or name, of one drawn for None; a new one joins the others."""
-        if site is None:
-            return int(rng.integers(self._drawn)) if self._drawn > 1 else 0
-        for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
-            if known is site or (isinstance(site, str) and site in (given, known.name)):
-                return index
-        self._known.append(_loaded(site))
-        self._given.append(site)
-        return len(self._known) - 1
-
-
-def _loaded(site: Any) -> Site:
-    if isinstance(site, Site):
-        return site
-    if not isinstance(site, str):
-        raise ValueError(f"a site is a Site, or the name or file of one, got {site!r}")
-    return load_site(site)
-
-
-class Scenes:
-    """The scenes of an environment, made when first played at.
-
-    site: as of `Sites`; objective: in place of sites;
-    arguments: further ones of `Objective`. slots: None for what the largest of the sites needs. Raises TypeError for an
-    argument that there is not.
-    """
-
-    def __init__(
-        self,
-        site: Any,
-        budget: int,
-        scheme: Scheme | str,
-        slots: int | None,
-        objective: Objective | None,
-        arguments: Mapping[str, Any],
-    ) -> None:
-        self.sites = Sites(site)
-        self.budget, self.scheme, self.objective = check_budget(budget), scheme_of(scheme), objective
-        signature(Objective).bind_partial(**arguments)
-        check_fidelity(arguments.get("fidelity", "surrogate"))
-        self._arguments = dict(arguments)
-        self._made: dict[tuple[int, Scheme], Scene] = {}
-        self._candidates: dict[int, Candidates] = {}
-        whole = [objective.candidates] if objective else [self._candidates_of(i) for i in range(len(self.sites))]
-        self.slots = max(map(len, whole)) if slots is None else slots
-        self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
-
-    def start(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Start:
-        """Of an episode with these options. Raises ValueError for an option that there is not or does not fit."""
-        options = checked(options)
-        budget = options.get("budget", self.budget)
-        scene = self._scene(options, rng)
-        return Start(scene, int(budget), scene.failed_row(options.get("failed", ())))
-
-    def _scene(self, options: Mapping[str, Any], rng: np.random.Generator) -> Scene:
-        scheme = scheme_of(options.get("scheme", self.objective.scheme if self.objective else self.scheme))
-        if self.objective is not None:
-            if "site" in options or scheme != self.objective.scheme:
-                raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
-            return self._made.setdefault((-1, scheme), Scene(self.objective, self.slots))
-        index = self.sites.index(options.get("site"), rng)
-        if (index, scheme) not in self._made:
-            arguments = {**self._arguments, "candidates": self._candidates_of(index)}
-            self._made[index, scheme] = Scene(Objective(self.sites[index], scheme=scheme, **arguments), self.slots)
-        return self._made[index, scheme]
-
-    def _candidates_of(self, index: int) -> Candidates:
-        if index not in self._candidates:
-            given = self._arguments.get("candidates")
-            self._candidates[index] = site_candidates(self.sites[index], given)
-        return self._candidates[index]
-
-
-def checked(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Options of `reset`, or ValueError for one that there is not or that is of no use."""
-    options = options or {}
-    if unknown := set(options) - set(OPTIONS):
-        raise ValueError(f"options are {', '.join(OPTIONS)}, got {', '.join(map(repr, sorted(unknown)))}")
-    check_budget(options.get("budget", 1))
-    failed = options.get("failed", ())
-    if isinstance(failed, str) or not isinstance(failed, Iterable):
-        raise ValueError(f"failed must be a list of candidates, by index or name, got {failed!r}")
-    return options
-
-
-def check_budget(budget: Any) -> int:
-    """The budget, or ValueError where it is no whole number from 1 up."""
-    if not isinstance(budget, int | np.integer) or isinstance(budget, bool) or budget < 1:
-        raise ValueError(f"budget must be at least 1 sensor, a whole number, got {budget!r}")
-    return int(budget)
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:

@@ -2,114 +2,108 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete, Space
 
-from placement_env.envs.env import GameEnv, observation_space
-from placement_env.envs.scenario import Scene, Scenes, Start
-from placement_env.envs.state import Boards
-from placement_env.objective import Objective
+from placement_env.envs.config import SelectConfig, gathered
+from placement_env.envs.env import PlacementEnv, observation_space
+from placement_env.envs.episode import Episode, Scenarios
+from placement_env.envs.scenario import Scenario
+from placement_env.envs.state import State
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.scheme import Scheme
-
-Actions = Literal["flat", "factored"]
 
 
-class SelectGame:
+class SelectTask:
     """n episodes of choosing one candidate after another."""
 
-    def __init__(self, n: int, scenes: Scenes, actions: Actions = "flat") -> None:
-        if actions not in ("flat", "factored"):
-            raise ValueError(f"actions must be flat or factored, got {actions!r}")
-        self.scenes, self.boards, self.actions = scenes, Boards(n, scenes.slots), actions
-        self.factors = (scenes.shape[0] + 1, *scenes.shape[1:])
-        self.action_space: Space[Any] = (
-            Discrete(scenes.slots + 1) if actions == "flat" else MultiDiscrete(list(self.factors))
-        )
-        self.observation_space = observation_space(scenes.slots)
-        self._allowed = np.zeros((n, scenes.slots), np.bool_)
-        self._one_hot: dict[Scene, np.ndarray] = {}
+    def __init__(self, n: int, scenarios: Scenarios) -> None:
+        config, slots = scenarios.config, scenarios.slots
+        assert isinstance(config, SelectConfig)
+        self.scenarios, self.state, self.flat = scenarios, State(n, slots), config.actions == "flat"
+        self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
+        self.action_space: Space[Any] = Discrete(slots + 1) if self.flat else MultiDiscrete(list(self.factors))
+        self.observation_space = observation_space(slots)
+        self._rows, self._always = np.arange(n), np.ones((n, 1), np.bool_)
+        self._one_hot: dict[Scenario, np.ndarray] = {}
 
-    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
-        """New episodes on some rows, with nothing chosen."""
-        for shape in {start.scene.objective.candidates.shape for start in starts if self.actions == "factored"}:
-            if any(size > known for size, known in zip(shape, self.scenes.shape, strict=True)):
+    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[Episode]) -> None:
+        """New episodes in some rows, with nothing chosen."""
+        for shape in {each.scenario.objective.candidates.shape for each in episodes if not self.flat}:
+            if any(size > known for size, known in zip(shape, self.scenarios.shape, strict=True)):
                 raise ValueError(
-                    f"factored actions are for {self.scenes.shape} mounts, heights, headings, tilts and models, this "
-                    f"site has {shape}: make the environment with all its sites"
+                    f"factored actions are for {self.scenarios.shape} mounts, heights, headings, tilts and models, "
+                    f"this site has {shape}: make the environment with all its sites"
                 )
-        self.boards.begin(rows, starts)
-        self._allowed = self.boards.allowed()
+        self.state.reset(rows, episodes)
 
-    def play(
+    def step(
         self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """One candidate more on each row that plays, or none for the last action, which ends the episode."""
+        """One candidate more in each row that plays, or none for the last action, which ends the episode."""
         slot, stops = self._slots(actions)
-        rows = np.arange(self.boards.n)
-        places = playing & ~stops & (slot >= 0) & self._allowed[rows, slot]
-        self.boards.illegal = playing & ~stops & ~places
-        chosen = self.boards.chosen.copy()
-        chosen[rows[places], slot[places]] = True
-        self.boards.turn(playing, chosen)
-        self._allowed = self.boards.allowed()
-        terminated = playing & (stops | ~self._allowed.any(axis=1))
-        truncated = playing & ~terminated & (self.boards.turns >= self.boards.most_turns)
-        return self.boards.gain, terminated, truncated
+        state, acting = self.state, playing & ~stops
+        places = acting & (slot >= 0) & state.allowed[self._rows, slot]
+        chosen = state.chosen.copy()
+        chosen[self._rows[places], slot[places]] = True
+        state.place(playing, chosen, acting & ~places)
+        terminated = playing & (stops | ~state.allowed.any(axis=1))
+        return state.gain, terminated, playing & ~terminated & (state.steps >= state.max_steps)
 
-    def look(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""
-        info = {**self.boards.info(), "action_mask": self.masks().astype(np.int8)}
-        return self.boards.observations(self._allowed), info
+        info = self.state.info()
+        info["action_mask"] = self.action_masks().astype(np.int8)
+        return self.state.observe(), info
 
-    def masks(self) -> Bool[np.ndarray, "n choices"]:
+    def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Which actions are legal; of factored ones, which values of each factor some legal candidate has."""
-        if self.actions == "flat":
-            return np.concatenate([self._allowed, np.ones((self.boards.n, 1), np.bool_)], axis=1)
-        masks = np.zeros((self.boards.n, sum(self.factors)), np.bool_)
-        for scene, rows in self.boards.by_scene():
-            masks[rows] = self._allowed[rows].astype(np.float32) @ self._factors_of(scene) > 0
+        allowed = self.state.allowed
+        if self.flat:
+            return np.concatenate([allowed, self._always], axis=1)
+        masks = np.zeros((len(allowed), sum(self.factors)), np.bool_)
+        for scenario, rows in self.state.by_scenario():
+            masks[rows] = allowed[rows].astype(np.float32) @ self._factors_of(scenario) > 0
         first = np.cumsum([0, *self.factors[:-1]])
         masks[:, first[1] - 1] = True
-        masks[:, first[1:]] |= ~self._allowed.any(axis=1, keepdims=True)  # a factor needs a value, to stop too
+        masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)  # a factor needs a value, to stop too
         return masks
 
     def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Which candidate each action means, -1 for none there is, and which actions stop."""
-        if self.actions == "flat":
-            slot = actions.astype(np.int64).reshape(-1)
-            if ((slot < 0) | (slot > self.boards.slots)).any():
-                raise ValueError(f"actions are 0 to {self.boards.slots} (stop), got {slot.tolist()}")
-            stops = slot == self.boards.slots
+        if self.flat:
+            slot, last = actions.astype(np.int64).reshape(-1), self.scenarios.slots
+            if ((slot < 0) | (slot > last)).any():
+                raise ValueError(f"actions are 0 to {last} (stop), got {slot.tolist()}")
+            stops = slot == last
             return np.where(stops, -1, slot), stops
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
-        for scene, rows in self.boards.by_scene():
-            slot[rows] = scene.objective.candidates.at(*factors[rows].T)
+        for scenario, rows in self.state.by_scenario():
+            slot[rows] = scenario.objective.candidates.at(*factors[rows].T)
         stops = factors[:, 0] == self.factors[0] - 1
         return np.where(stops, -1, slot), stops
 
-    def _factors_of(self, scene: Scene) -> Float32[np.ndarray, "slots choices"]:
-        if scene not in self._one_hot:
-            factors = scene.objective.candidates.factors
+    def _factors_of(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
+        if scenario not in self._one_hot:
+            factors = scenario.objective.candidates.factors
             values = [np.arange(size) == factors[:, axis, None] for axis, size in enumerate(self.factors)]
-            one_hot = np.zeros((scene.slots, sum(self.factors)), np.float32)
+            one_hot = np.zeros((scenario.slots, sum(self.factors)), np.float32)
             one_hot[: len(factors)] = np.concatenate(values, axis=1)
-            self._one_hot[scene] = one_hot
-        return self._one_hot[scene]
+            self._one_hot[scenario] = one_hot
+        return self._one_hot[scenario]
 
 
-class SensorSelectEnv(GameEnv):
+class SensorSelectEnv(PlacementEnv):
     """Place one sensor after another at a junction, or stop.
 
     ## Action Space
     `Discrete(slots + 1)`: the candidate to place; the last action stops. With `actions="factored"`, for large pools,
     `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate; the last mount stops.
 
-    An illegal action, a candidate that is chosen already or out of order, on a mount that is taken, whose link cannot
-    carry what it sends, or that there is not, changes nothing: the reward is 0, `info["illegal"]` is True, and a turn
+    An illegal action, a candidate that is chosen already or has failed, on a mount that is taken, whose link cannot
+    carry what it sends, or an empty slot, changes nothing: the reward is 0, `info["illegal"]` is True, and a turn
     is used up. `info["action_mask"]` and `action_masks()` say what is legal; of factored actions, which values of each
     factor some legal candidate has, one factor after another, so a combination of them may still be illegal.
 
@@ -126,7 +120,7 @@ class SensorSelectEnv(GameEnv):
     of an episode add up to that of its set.
 
     ## Starting State
-    No sensors. With several sites, one is drawn.
+    No sensors. What the config leaves open (site, scheme, budget, failed candidates) is drawn.
 
     ## Episode End
     Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated after two turns for
@@ -137,26 +131,16 @@ class SensorSelectEnv(GameEnv):
     `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`, `action_mask`.
 
     ## Arguments
-    site: a site, its name, or several of these, of which each episode draws one; budget: sensors to place; actions:
-    flat or factored; slots: for candidates, None for what the largest of the sites needs; objective: in place of a site
-    and all that follows; scheme, and by name fidelity, frames, weights, candidates, detector, iou, seed, cache,
-    workers: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
+    config: a `placement_env.envs.config.SelectConfig`; or its settings by name. site: a site, its name, or several;
+    budget: sensors to place; failures: candidates that have failed; scheme: or several. Each episode draws one of
+    several, and a number from a budget or failures given as (lowest, highest). actions: flat or factored; slots: for
+    candidates, None for what the largest of the sites needs; objective: in place of a site and all that follows;
+    fidelity, frames, weights, candidates, detector, iou, seed, cache, workers, ray: of
+    `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(
-        self,
-        site: Any = "tjunction",
-        *,
-        budget: int = 4,
-        actions: Actions = "flat",
-        slots: int | None = None,
-        objective: Objective | None = None,
-        scheme: Scheme | str = "early",
-        render_mode: str | None = None,
-        **arguments: Any,
-    ) -> None:
-        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
-        super().__init__(SelectGame(1, scenes, actions), render_mode)
+    def __init__(self, config: SelectConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
+        super().__init__(SelectTask(1, Scenarios(gathered(SelectConfig, config, settings))), render_mode)

@@ -1,17 +1,20 @@
-"""Boards: n games of choosing sensors side by side, what is chosen in each, its score, and what an agent sees of it.
+"""State of n episodes of choosing sensors side by side: what is chosen in each, its score, and what an agent observes.
 
-The scalar environments play one board, the vector environments many, by the same rules in the same arrays.
+The scalar environments have one row, the vector environments many, under the same rules in the same arrays.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from placement_env.envs.scenario import STATIC, Scene, Start
+from placement_env.envs.config import check_whole
+from placement_env.envs.episode import Episode
+from placement_env.envs.scenario import STATIC, Scenario
 from placement_env.objective import Objective, Scores
-from toolkit.arrays import Bool, Float32, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
@@ -19,121 +22,103 @@ GLOBAL = (
     *("budget left", "budget", "turns left", "ap", "recall", "kbit per sensor", "price", "covered"),
     *("weight of kbit", "weight of price", *PAPER_SCHEMES),
 )
-TURNS = 2  # for each sensor of the budget
+STEPS = 2  # for each sensor of the budget
 
 
-class Boards:
-    """State of n games. chosen, failed: over the slots; budget: sensors to place; turns: taken; scores: of the chosen
-    sets; gain: reward that the last turn added; illegal: whether it was; repeated: whether it needed no new score.
+class State:
+    """State of n episodes, written by its own methods alone.
 
-    `scores.cache_hit` says whether a score was in the objective's memory, which depends on what was played before;
-    `info["cache_hit"]` must not, so it is `repeated`."""
+    chosen, failed, allowed: over the slots, allowed are the candidates that may join; budget: sensors to place; steps:
+    taken; scores: of the chosen sets; gain: reward that the last step added; illegal: whether it was; repeated: whether
+    it needed no new score (`scores.cache_hit` says whether a score was in the objective's memory, which depends on what
+    was played before; `info["cache_hit"]` must not, so it is `repeated`).
 
-    def __init__(self, n: int, slots: int, turns: int | None = None) -> None:
-        self.n, self.slots, self._most_turns = n, slots, turns
-        self.scenes: list[Scene] = []
-        self.scene = np.zeros(n, np.int64)
+    ready: whether an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of
+    the budget; fixed: sensors are moved, none may join.
+    """
+
+    def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:
+        check_whole("num_envs", n, least=1)
+        self.n, self.slots, self.fixed, self._max_steps = n, slots, fixed, max_steps
+        self.scenarios: list[Scenario | None] = [None] * n
+        self.ready = False
+        self._groups: list[tuple[Scenario, Any]] = []
         self._weights, self._constants = np.zeros((2, n)), np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)
         self.chosen, self.failed = np.zeros((n, slots), np.bool_), np.zeros((n, slots), np.bool_)
-        self.budget, self.turns = np.ones(n, np.int64), np.zeros(n, np.int64)
+        self.allowed = np.zeros((n, slots), np.bool_)
+        self.budget, self.steps, self.max_steps = np.ones(n, np.int64), np.zeros(n, np.int64), np.ones(n, np.int64)
         self.scores = Scores(*np.zeros((6, n)), np.zeros(n, np.bool_))  # type: ignore[call-arg]
         self.gain = np.zeros(n)
         self.illegal, self.repeated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
 
-    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
-        """New games on these boards."""
-        self.clear(rows, np.array([start.budget for start in starts]))
-        for row, start in zip(rows.tolist(), starts, strict=True):
-            if start.scene not in self.scenes:
-                self.scenes.append(start.scene)
-            self._enter(row, self.scenes.index(start.scene))
-            self.failed[row] = start.failed
-
-    def clear(self, rows: Int64[np.ndarray, " m"], budget: Int64[np.ndarray, " m"]) -> None:
-        """Nothing chosen, no turns taken."""
-        self.budget[rows] = budget
-        self.chosen[rows] = self.failed[rows] = self.illegal[rows] = self.repeated[rows] = False
-        self.turns[rows] = 0
-        self.gain[rows] = 0.0
+    def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
+        """New episodes in some rows; what stands from the start is scored."""
+        self.budget[rows] = [episode.budget for episode in episodes]
+        self.max_steps[rows] = STEPS * self.budget[rows] if self._max_steps is None else self._max_steps
+        self.chosen[rows] = self.illegal[rows] = self.repeated[rows] = False
+        self.steps[rows], self.gain[rows] = 0, 0.0
         for figure in self.scores:
             figure[rows] = 0
+        self._enter({row: episode.scenario for row, episode in zip(rows.tolist(), episodes, strict=True)})
+        for row, episode in zip(rows.tolist(), episodes, strict=True):
+            self.failed[row] = episode.failed
+            if episode.chosen is not None:
+                self.chosen[row] = episode.chosen
+        self._score(rows[self.chosen[rows].any(axis=1)])
+        self._find_allowed()
 
-    def put(self, row: int, scene: Scene) -> None:
-        """A scene of its own for a board."""
-        self.scenes.extend([scene] * (row + 1 - len(self.scenes)))
-        self.scenes[row] = scene
-        self._enter(row, row)
-
-    def _enter(self, row: int, index: int) -> None:
-        objective = self.scenes[index].objective
-        self.scene[row], self._fidelity[row], self._constants[row] = (
-            index,
-            objective.fidelity,
-            self.scenes[index].constants,
-        )
-        self._weights[:, row] = objective.weights.comm, objective.weights.price
-
-    def turn(self, playing: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"]) -> None:
-        """One turn on the boards that play: these sets are chosen now."""
-        self.turns[playing] += 1
+    def place(
+        self, playing: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
+    ) -> None:
+        """A step of the episodes that play: these sets are chosen now, unless the step was illegal."""
         changed = playing & (chosen != self.chosen).any(axis=1)
         before = self.scores.reward.copy()
-        self.repeated = playing & ~changed
         self.chosen[changed] = chosen[changed]
-        self.score(np.flatnonzero(changed))
-        self.gain = np.where(playing, self.scores.reward - before, 0.0)
+        self._step(playing, changed, illegal, before)
 
-    def score(self, rows: Int64[np.ndarray, " m"]) -> None:
-        """Score what is chosen on these boards."""
-        for scene, some in self.by_scene(rows) if len(rows) else []:
-            width = len(scene.objective.candidates)
-            for figure, found in zip(self.scores, scene.objective.scores(self.chosen[some, :width]), strict=True):
-                figure[some] = found
-
-    @property
-    def most_turns(self) -> Int64[np.ndarray, " n"]:
-        """After which an episode is cut off."""
-        return TURNS * self.budget if self._most_turns is None else np.full(self.n, self._most_turns)
-
-    def by_scene(self, rows: Int64[np.ndarray, " m"] | None = None) -> list[tuple[Scene, Any]]:
-        """The boards, or some of them, apart by scene: each scene and an index of its boards."""
-        if len(self.scenes) == 1:
-            return [(self.scenes[0], slice(None) if rows is None else rows)]
-        rows = np.arange(self.n) if rows is None else rows
-        return [(self.scenes[index], rows[self.scene[rows] == index]) for index in np.unique(self.scene[rows])]
-
-    def allowed(self) -> Bool[np.ndarray, "n slots"]:
-        """Which candidates may join: in order, within their link's capacity, on a free mount, while budget is left."""
-        allowed = ~self.failed
-        for scene, rows in self.by_scene():
-            allowed[rows] &= ~scene.taken(self.chosen[rows])
-            allowed[rows] &= scene.usable
-        allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
-        return allowed
+    def move(
+        self, playing: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
+    ) -> None:
+        """A step of the episodes that play: the chosen sensors of some rows stand as in these scenarios now."""
+        changed = np.zeros(self.n, np.bool_)
+        changed[list(scenarios)] = True
+        before = self.scores.reward.copy()
+        self._enter(scenarios)
+        self._step(playing, changed, illegal, before)
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
-        """Which of these sets may be built: in order, feasible, no larger than the budget."""
+        """Which of these sets may be built: of sensors that have not failed, feasible, no larger than the budget."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
-        for scene, rows in self.by_scene():
-            width = len(scene.objective.candidates)
-            fits[rows] &= scene.objective.feasible(chosen[rows, :width]) & ~chosen[rows, width:].any(axis=1)
+        for scenario, rows in self.by_scenario():
+            inside, outside = chosen[rows, : scenario.width], chosen[rows, scenario.width :]
+            fits[rows] &= scenario.objective.feasible(inside) & ~outside.any(axis=1)
         return fits
 
-    def observations(self, allowed: Bool[np.ndarray, "n slots"]) -> Float32[np.ndarray, "n size"]:
+    def by_scenario(self) -> list[tuple[Scenario, Any]]:
+        """The rows apart by scenario: each scenario and an index of its rows."""
+        return self._groups
+
+    def placed(self, row: int) -> tuple[Objective, list[int]]:
+        """The objective of a row and the candidates chosen in it."""
+        scenario = self.scenarios[row]
+        assert scenario is not None
+        return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
+
+    def observe(self) -> Float32[np.ndarray, "n size"]:
         """`STATIC` and `DYNAMIC` of each slot, feature after feature, then `GLOBAL`; all in -1..1. Price and kbit (in
         Mbit) of the chosen set come as x / (x + 8) and x / (x + 1), the budget as the former."""
-        n, slots = self.n, self.slots
-        whole = np.empty((n, (len(STATIC) + len(DYNAMIC)) * slots + len(GLOBAL)), np.float32)
-        features = whole[:, : -len(GLOBAL)].reshape(n, -1, slots)
-        covered = np.zeros(n)
-        for scene, rows in self.by_scene():
-            together, added = sights(scene.seen, self.chosen[rows])
-            places = np.float32(max(1, scene.places))
+        n, static, own = self.n, len(STATIC), len(STATIC) + len(DYNAMIC)
+        whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
+        features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)
+        covered = np.empty(n)
+        for scenario, rows in self._groups:
+            together, added = coverage_gain(scenario.seen, self.chosen[rows])
+            places = np.float32(max(1, scenario.places))
             covered[rows] = together / places
-            features[rows, : len(STATIC)], features[rows, len(STATIC)] = scene.static, added / places
-        features[:, -2], features[:, -1] = self.chosen, allowed
-        whole[:, -len(GLOBAL) :] = self._global(covered)
+            features[rows, :static], features[rows, static] = scenario.static, added / places
+        features[:, -2], features[:, -1] = self.chosen, self.allowed
+        self._observe_globally(whole[:, -len(GLOBAL) :], covered)
         return whole
 
     def info(self) -> dict[str, Any]:
@@ -158,29 +143,91 @@ class Boards:
             "illegal": self.illegal.copy(),
         }
 
-    def placed(self, row: int) -> tuple[Objective, list[int]]:
-        """The objective of a board and the candidates chosen on it."""
-        return self.scenes[self.scene[row]].objective, np.flatnonzero(self.chosen[row]).tolist()
+    def _step(
+        self,
+        playing: Bool[np.ndarray, " n"],
+        changed: Bool[np.ndarray, " n"],
+        illegal: Bool[np.ndarray, " n"],
+        before: Float64[np.ndarray, " n"],
+    ) -> None:
+        self.steps += playing
+        self.illegal, self.repeated = illegal, playing & ~changed
+        self._score(changed.nonzero()[0])
+        self.gain = np.where(playing, self.scores.reward - before, 0.0)
+        self._find_allowed()
 
-    def _global(self, covered: np.ndarray) -> Float32[np.ndarray, "n size"]:
+    def _score(self, rows: Int64[np.ndarray, " m"]) -> None:
+        """Score what is chosen in these rows."""
+        if not len(rows):
+            return
+        single = len(self._groups) == 1
+        for scenario, members in self._groups:
+            some = rows if single else rows[np.isin(rows, members)]
+            if len(some):
+                scores = scenario.objective.scores(self.chosen[some, : scenario.width])
+                for figure, value in zip(self.scores, scores, strict=True):
+                    figure[some] = value
+
+    def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
+        """Put rows into scenarios."""
+        changed = {row: scenario for row, scenario in scenarios.items() if self.scenarios[row] is not scenario}
+        if not changed:
+            return
+        for row, scenario in changed.items():
+            objective = scenario.objective
+            self.scenarios[row], self._fidelity[row], self._constants[row] = (
+                scenario,
+                objective.fidelity,
+                scenario.constants,
+            )
+            self._weights[:, row] = objective.weights.comm, objective.weights.price
+        members: dict[Scenario, list[int]] = {}
+        for row, entered in enumerate(self.scenarios):
+            if entered is not None:
+                members.setdefault(entered, []).append(row)
+        self.ready = None not in self.scenarios
+        alone = len(members) == 1 and self.ready
+        self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
+
+    def _find_allowed(self) -> None:
+        """Which candidates may join: that have not failed, within their link's capacity, on a free mount, while budget
+        is left."""
+        if self.fixed:
+            return
+        allowed = ~self.failed
+        for scenario, rows in self._groups:
+            allowed[rows] &= free(scenario.mount, scenario.mounts, self.chosen[rows]) & scenario.usable
+        allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
+        self.allowed = allowed
+
+    def _observe_globally(self, whole: Float32[np.ndarray, "n globals"], covered: Float64[np.ndarray, " n"]) -> None:
+        """Write `GLOBAL`."""
         scores, megabit = self.scores, self.scores.kbit_per_sensor / 1000
-        whole = np.empty((self.n, len(GLOBAL)), np.float32)
         whole[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
         whole[:, 1] = self.budget / (self.budget + 8.0)
-        whole[:, 2] = 1 - self.turns / self.most_turns
+        whole[:, 2] = 1 - self.steps / self.max_steps
         whole[:, 3], whole[:, 4] = scores.ap, scores.recall
         whole[:, 5], whole[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
         whole[:, 7], whole[:, 8:] = covered, self._constants
-        return whole
 
 
-def sights(
+def free(
+    mount: Int64[np.ndarray, " slots"], mounts: int, chosen: Bool[np.ndarray, "n slots"]
+) -> Bool[np.ndarray, "n slots"]:
+    """Which candidates are on a mount of which none is chosen."""
+    empty = np.ones((len(chosen), mounts), np.bool_)
+    row, slot = chosen.nonzero()
+    empty[row, mount[slot]] = False
+    return empty.take(mount, axis=1)
+
+
+def coverage_gain(
     seen: Shaped[np.ndarray, "words slots"], chosen: Bool[np.ndarray, "n slots"]
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
     """How many places each set sees, and how many more with each candidate beside it."""
     together = np.zeros((len(chosen), len(seen)), np.uint64)
-    board, slot = np.nonzero(chosen)
-    np.bitwise_or.at(together, board, seen.T[slot])
+    row, slot = chosen.nonzero()
+    np.bitwise_or.at(together, row, seen.T[slot])
     unseen = seen & ~together[:, :, None]
     added = np.add.reduce(np.bitwise_count(unseen), axis=1, dtype=np.int16)
     return np.bitwise_count(together).sum(axis=1, dtype=np.int64), added

@@ -7,55 +7,54 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import MultiBinary, Space
 
-from placement_env.envs.env import GameEnv, observation_space
-from placement_env.envs.scenario import Scenes, Start
-from placement_env.envs.state import Boards
-from placement_env.objective import Objective
+from placement_env.envs.config import SubsetConfig, gathered
+from placement_env.envs.env import PlacementEnv, observation_space
+from placement_env.envs.episode import Episode, Scenarios
+from placement_env.envs.state import State
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.scheme import Scheme
 
 
-class SubsetGame:
+class SubsetTask:
     """n episodes of one choice each."""
 
-    def __init__(self, n: int, scenes: Scenes) -> None:
-        self.scenes, self.boards = scenes, Boards(n, scenes.slots)
-        self.action_space: Space[Any] = MultiBinary(scenes.slots)
-        self.observation_space = observation_space(scenes.slots)
+    def __init__(self, n: int, scenarios: Scenarios) -> None:
+        self.scenarios, self.state = scenarios, State(n, scenarios.slots)
+        self.action_space: Space[Any] = MultiBinary(scenarios.slots)
+        self.observation_space = observation_space(scenarios.slots)
 
-    def begin(self, rows: Int64[np.ndarray, " m"], starts: list[Start]) -> None:
-        """New episodes on some rows."""
-        self.boards.begin(rows, starts)
+    def reset(self, rows: Int64[np.ndarray, " m"], episodes: list[Episode]) -> None:
+        """New episodes in some rows."""
+        self.state.reset(rows, episodes)
 
-    def play(
+    def step(
         self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """The set of each row that plays; a set that may not be built is left empty."""
-        chosen = np.asarray(actions.reshape(self.boards.chosen.shape) != 0)
-        legal = self.boards.fitting(chosen)
-        self.boards.illegal = playing & ~legal
-        self.boards.turn(playing, chosen & legal[:, None])
-        return self.boards.gain, playing.copy(), np.zeros(self.boards.n, np.bool_)
+        chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
+        if (actions.reshape(chosen.shape) != chosen).any():
+            raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
+        legal = self.state.fitting(chosen)
+        self.state.place(playing, chosen & legal[:, None], playing & ~legal)
+        return self.state.gain, playing.copy(), np.zeros(self.state.n, np.bool_)
 
-    def look(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
+    def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""
-        allowed = self.boards.allowed()
-        mask = allowed | self.boards.chosen
-        return self.boards.observations(allowed), {**self.boards.info(), "action_mask": mask.astype(np.int8)}
+        mask = self.state.allowed | self.state.chosen
+        return self.state.observe(), {**self.state.info(), "action_mask": mask.astype(np.int8)}
 
-    def masks(self) -> Bool[np.ndarray, "n choices"]:
+    def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """For each slot whether it may be left out, which is always so, and whether it may be chosen."""
-        may = self.boards.allowed() | self.boards.chosen
-        return np.stack([np.ones_like(may), may], axis=2).reshape(self.boards.n, -1)
+        may = self.state.allowed | self.state.chosen
+        return np.stack([np.ones_like(may), may], axis=2).reshape(self.state.n, -1)
 
 
-class SensorSubsetEnv(GameEnv):
+class SensorSubsetEnv(PlacementEnv):
     """Say in one action which sensors to build at a junction.
 
     ## Action Space
     `MultiBinary(slots)`: which candidates to build.
 
-    A set that may not be built (more sensors than the budget, two on a mount, one that is out of order, a link that
+    A set that may not be built (more sensors than the budget, two on a mount, one that has failed, a link that
     cannot carry what its sensor sends, a slot without a candidate) is an illegal action: nothing is built, the reward
     is 0, `info["illegal"]` is True. `info["action_mask"]` says which candidates may be in a set by themselves;
     `action_masks()` gives for each slot whether it may be 0 and whether it may be 1.
@@ -67,7 +66,7 @@ class SensorSubsetEnv(GameEnv):
     The objective's reward of the set, AP − λ_comm · kbit per sensor − λ_price · price.
 
     ## Starting State
-    No sensors. With several sites, one is drawn.
+    As of `coview/SensorSelect-v0`.
 
     ## Episode End
     Terminates after one action.
@@ -76,22 +75,12 @@ class SensorSubsetEnv(GameEnv):
     As of `coview/SensorSelect-v0`.
 
     ## Arguments
-    As of `coview/SensorSelect-v0`, but for `actions`.
+    config: a `placement_env.envs.config.SubsetConfig`; or its settings by name, which are those of
+    `coview/SensorSelect-v0` but for `actions`.
 
     ## Version History
     v0: first version.
     """
 
-    def __init__(
-        self,
-        site: Any = "tjunction",
-        *,
-        budget: int = 4,
-        slots: int | None = None,
-        objective: Objective | None = None,
-        scheme: Scheme | str = "early",
-        render_mode: str | None = None,
-        **arguments: Any,
-    ) -> None:
-        scenes = Scenes(site, budget, scheme, slots, objective, arguments)
-        super().__init__(SubsetGame(1, scenes), render_mode)
+    def __init__(self, config: SubsetConfig | None = None, *, render_mode: str | None = None, **settings: Any) -> None:
+        super().__init__(SubsetTask(1, Scenarios(gathered(SubsetConfig, config, settings))), render_mode)

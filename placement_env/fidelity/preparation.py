@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from placement_env.fidelity.protocol import Fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -144,6 +145,21 @@ class Preparation:
                 "not of these candidates or this version of the site: take another fidelity, or make_table"
             )
         return TableFidelity(table, self.scheme, self.iou, self.codec)
+
+
+def check_fidelity_for(
+    site: Site, candidates: Candidates, scheme: Scheme | str, fidelity: str, *, iou: float = 0.7
+) -> None:
+    """Raises ValueError where there is no table, or no surrogate, that scores these candidates so; renders nothing."""
+    scheme = scheme_of(scheme)
+    if not 0 < iou <= 1:
+        raise ValueError(f"iou must lie in (0, 1], got {iou}: the paper has 0.7")
+    if fidelity == "surrogate":
+        from placement_env.fidelity.hit_model import shipped_model
+
+        shipped_model(scheme.name, iou, network_for(site, candidates.sensors))
+    if fidelity == "table":
+        Preparation(site=site, candidates=candidates, frames=1, scheme=scheme, iou=iou).fidelity("table")
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
-from placement_env.envs.env import GameEnv
+from placement_env.envs.env import PlacementEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.objective import Objective, Score
 from placement_env.search.progress import Limits
@@ -226,9 +226,9 @@ def _score(info: dict[str, Any]) -> Score:
 
 def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
     """The sensors that one of our environments holds now, as they stand; none of a foreign environment."""
-    if not isinstance(env.unwrapped, GameEnv):
+    if not isinstance(env.unwrapped, PlacementEnv):
         return ()
-    objective, members = env.unwrapped.game.boards.placed(0)
+    objective, members = env.unwrapped.placed()
     return tuple(objective.candidates.sensors[member] for member in members)
 
 
@@ -245,13 +245,13 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
         from stable_baselines3.common.logger import Logger
     except ImportError as error:
         raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
-    from placement_env.rl.adapter import episodes
+    from placement_env.rl.adapter import vectorized
 
     first = make_env()
     algorithm = MaskablePPO if _masked(first) else PPO
     model = algorithm(
         _network(first),
-        episodes(first, make_env, learning.envs, turned=learning.turned),
+        vectorized(first, make_env, learning.envs, turned=learning.turned),
         n_steps=learning.rollout,
         batch_size=learning.batch,
         n_epochs=learning.epochs,

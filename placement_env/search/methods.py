@@ -8,12 +8,11 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from placement_env.objective import FidelityName, check_fidelity, check_scheme
+from placement_env.objective import FidelityName, check_fidelity
 from placement_env.search.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True)
@@ -66,17 +65,3 @@ def check_search(method: str, fidelity: FidelityName, candidates: Candidates) ->
         raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: take greedy")
     if method in RENDERED and fidelity == "table":
         raise ValueError(f"method {method} asks what candidates see, which a table does not know: take coverage")
-
-
-def check_score(site: Site, candidates: Candidates, scheme: str, fidelity: FidelityName, iou: float) -> None:
-    """Raise ValueError where there is no such fidelity for the candidates, scheme and IoU threshold."""
-    from placement_env.fidelity.hit_model import shipped_model
-    from placement_env.fidelity.preparation import Preparation, network_for
-
-    check_scheme(scheme)  # type: ignore[arg-type]
-    if not 0 < iou <= 1:
-        raise ValueError(f"iou must lie in (0, 1], got {iou}")
-    if fidelity == "surrogate":
-        shipped_model(scheme, iou, network_for(site, candidates.sensors))  # type: ignore[arg-type]
-    if fidelity == "table":
-        Preparation(site, candidates, 1, scheme, iou, 0, None, 1, None, None).fidelity("table")  # type: ignore[arg-type]

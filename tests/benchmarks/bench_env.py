@@ -1,4 +1,5 @@
-"""Steps per second of the environments, by the processor's time of one process: the best and the median of 20 rounds.
+"""Steps per second of the environments, by the processor's time of one process: the best and the median of 20 rounds;
+and how many files one step crosses, with how many calls between them.
 
 python tests/benchmarks/bench_env.py [FRAMES]
 """
@@ -7,6 +8,9 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +20,8 @@ from placement_env.objective import FidelityName, Objective
 
 register()
 ROUNDS = 20
+ROOT = Path(__file__).parents[2]
+OURS = tuple(f"{ROOT / package}/" for package in ("toolkit", "models", "placement_env"))
 
 
 def pace(env: gym.vector.VectorEnv, steps: int) -> np.ndarray:
@@ -32,8 +38,45 @@ def pace(env: gym.vector.VectorEnv, steps: int) -> np.ndarray:
     return np.array(paces)
 
 
+def crossings(objective: Objective, action: int = 1) -> list[tuple[str, str]]:
+    """Calls from one file of ours to another in a step of SensorSelect whose set was not scored before: caller's file,
+    and file and name of what it calls. The first is `step` itself."""
+    env = gym.make("coview/SensorSelect-v0", objective=objective, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    env.step(action)  # what is made once is made
+    env.reset()
+    objective.forget()
+    calls: list[tuple[str, str]] = []
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if event != "call" or not file.startswith(OURS):
+            return
+        caller = frame.f_back
+        while caller is not None and not caller.f_code.co_filename.startswith(OURS):
+            caller = caller.f_back
+        source = "" if caller is None else caller.f_code.co_filename
+        if source != file:
+            calls.append((source, f"{file}:{frame.f_code.co_name}"))
+
+    sys.setprofile(watch)
+    try:
+        env.step(action)
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+def files_of(calls: list[tuple[str, str]]) -> list[str]:
+    """The different files that are called, in the order of their first call."""
+    return list(dict.fromkeys(called.rpartition(":")[0] for _, called in calls))
+
+
 def main(frames: int) -> None:
     """Print a line for each fidelity and number of episodes side by side."""
+    calls = crossings(Objective("tjunction", fidelity="table"))
+    names = [str(Path(file).relative_to(ROOT)) for file in files_of(calls)]
+    print(f"table: a step crosses {len(names)} files with {len(calls)} calls between them: {', '.join(names)}")
     fidelities: list[FidelityName] = ["surrogate", "coverage"]
     for name in fidelities:
         objective = Objective("tjunction", frames, fidelity=name)

@@ -73,7 +73,7 @@ def main() -> None:
     seen, unseen = ([random_site(first + k) for k in range(n)] for first, n in ((0, asked.train), (UNSEEN, asked.test)))
     common = {"frames": asked.frames, "budget": asked.budget, "candidates": some_poses(asked.poses)}
     start = perf_counter()
-    env = SensorSelectEnv(seen, slots=asked.poses, **common)
+    env = SensorSelectEnv(site=seen, slots=asked.poses, **common)
     for site in seen:
         env.reset(options={"site": site})
     print(f"{asked.train} junctions prepared in {perf_counter() - start:.0f} s", flush=True)
@@ -88,12 +88,12 @@ def main() -> None:
             lambda: env, asked.out or Path(folder), seconds=60 * asked.minutes, seed=asked.seed, learning=learning,
             progress=told,
         )  # fmt: skip
-    tried = SensorSelectEnv(unseen, slots=asked.poses, **common)
+    tried = SensorSelectEnv(site=unseen, slots=asked.poses, **common)
     rng, rows = np.random.default_rng(asked.seed), []
     print(f"{'junction':14s} {'random':>7s} {'greedy':>7s} {'ms':>6s} {'policy':>7s} {'ms':>6s} {'same time':>9s}")
     for site in unseen:
         tried.reset(options={"site": site})
-        objective = tried.game.boards.placed(0)[0]
+        objective = tried.placed()[0]
         objective.forget()
         begun = perf_counter()
         best = greedy.search(objective, asked.budget)

@@ -14,7 +14,7 @@ def test_every_name_is_what_the_type_checker_is_told():
     tree = ast.parse(Path(coview.__file__).read_text())
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
     imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
-    told = {alias.asname: node.module for node in imports for alias in node.names}
+    told = {str(alias.asname): str(node.module) for node in imports for alias in node.names}
     assert set(told) == set(dir(coview)) - {"__version__"}
     for name, module in told.items():
         assert getattr(coview, name) is getattr(sys.modules[module], name)

@@ -143,3 +143,10 @@ def test_it_takes_hand_made_candidates() -> None:
     factors = np.array([[1, 0, 0, 0, 0]])
     one = Candidates(some.sensors[2:3], factors[:, 0].copy(), some.mounts, factors, axes)
     assert Objective.of(one, Counting(1)).score([0]).price == 2.0
+
+
+def test_a_mount_used_twice_is_paid_once() -> None:
+    scored = objective(mounts=3, headings=2, price=2.0)
+    subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
+    assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
+    assert scored.price(np.zeros((0, 6), bool)).shape == (0,)

@@ -49,8 +49,7 @@ def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
         assert np.hypot(*(sensor.position - mount.position)[:2]) <= ON_ITS_MOUNT
         assert mount.min_height <= sensor.position[2] - mount.position[2] <= mount.max_height
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
-    everything = np.ones((1, len(candidates)), bool)
-    assert candidates.price(everything)[0] == sum(mount.price for mount in candidates.mounts)
+    assert candidates.mount_prices.tolist() == [mount.price for mount in candidates.mounts]
 
 
 def test_a_sensor_far_from_every_mount_gets_one_where_it_is():
@@ -137,13 +136,11 @@ def test_heights_are_clipped_to_the_mount_and_kept_once():
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
 
-def test_a_mount_used_twice_is_paid_once():
+def test_sensors_are_counted_by_mount():
     candidates = pool(square(), headings=4, blind=True)
     first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
     subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
-    assert candidates.price(subsets).tolist() == [0.0, 1.0, 1.0, 6.0]
     assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
-    assert candidates.price(np.zeros((0, len(candidates)), bool)).shape == (0,)
     assert np.flatnonzero(candidates.on_mount @ candidates.on_mount[second[0]]).tolist() == second.tolist()
     assert candidates.prices[third[0]] == 3.0
     assert candidates.capacity[third[0]] == 2000.0

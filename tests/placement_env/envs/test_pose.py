@@ -40,11 +40,11 @@ def test_a_rig_stays_in_its_ranges() -> None:
     for _ in range(40):
         rig = rig.moved(np.ones((len(some), 3)))
     highest = [some.mounts[index].max_height for index in some.mount]
-    assert np.allclose(rig.state[:, 0], highest)
-    assert np.allclose(rig.state[:, 2], TILTS[1])
-    assert (np.abs(rig.state[:, 1]) <= np.pi).all()
+    assert np.allclose(rig.aim[:, 0], highest)
+    assert np.allclose(rig.aim[:, 2], TILTS[1])
+    assert (np.abs(rig.aim[:, 1]) <= np.pi).all()
     still = rig.moved(np.zeros((len(some), 3)))
-    assert np.array_equal(still.state, rig.state)
+    assert np.array_equal(still.aim, rig.aim)
 
 
 @pytest.mark.filterwarnings("error")
@@ -56,10 +56,10 @@ def test_both_checkers_pass_without_a_warning(env: gym.Env[Any, Any]) -> None:
 def test_what_has_not_moved_is_as_if_rendered_again(env: gym.Env[Any, Any]) -> None:
     env.reset(seed=1)
     env.step(np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0], np.float32))
-    game = env.unwrapped.game  # type: ignore[attr-defined]
-    objective, members = game.boards.placed(0)
-    start = game._starts[0]
-    again = see(start.preparation.traffic, start.rig.placed())
+    task = env.unwrapped.task  # type: ignore[attr-defined]
+    objective, members = task.state.placed(0)
+    now = task._now[0]
+    again = see(now.preparation.traffic, now.rig.placed())
     assert members == [0, 1]
     for column in ("points", "distance", "sent", "far"):
         assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))

@@ -66,7 +66,7 @@ def test_rewards_add_up_to_the_reward_of_the_set(actions: str) -> None:
             assert env.observation_space.contains(observation)
             total += float(reward)
             done = terminated or truncated
-        score = env.unwrapped.game.boards.placed(0)[0].score(np.flatnonzero(info["subset"]).tolist())  # type: ignore[attr-defined]
+        score = env.unwrapped.placed()[0].score(np.flatnonzero(info["subset"]).tolist())  # type: ignore[attr-defined]
         assert total == pytest.approx(score.reward, abs=1e-12)
         assert info["ap"] == score.ap
         assert sum(info["reward_terms"].values()) == pytest.approx(score.reward)
@@ -177,7 +177,7 @@ def test_a_site_file_is_read_once(tmp_path: Path) -> None:
     env = gym.make(CHOOSING[0], frames=1, fidelity="coverage")
     for _ in range(3):
         env.reset(options={"site": str(path)})
-    assert len(env.unwrapped.game.scenes.sites) == 2  # type: ignore[attr-defined]
+    assert len(env.unwrapped.task.scenarios.sites) == 2  # type: ignore[attr-defined]
     for wrong in ([], 3):
         with pytest.raises(ValueError, match="site"):
             gym.make(CHOOSING[0], site=wrong)

@@ -5,14 +5,17 @@ import numpy as np
 import pytest
 
 pytest.importorskip("sb3_contrib")
+from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import GLOBAL
 from placement_env.envs.subset import SensorSubsetEnv
-from placement_env.rl.adapter import HEADING, Episodes, X, episodes
+from placement_env.rl.adapter import HEADING, SB3VecEnv, X, as_sb3, vectorized
 
 N = 3
 
@@ -26,8 +29,8 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
             return SensorSubsetEnv(objective=objective, budget=2)
         return SensorSelectEnv(objective=objective, budget=2, actions=actions)
 
-    native, scalar = episodes(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
-    assert isinstance(native, Episodes)
+    native, scalar = vectorized(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    assert isinstance(native, SB3VecEnv)
     assert is_masking_supported(native)
     native.seed(3)
     scalar.seed(3)
@@ -58,7 +61,7 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
 def test_a_turned_junction_keeps_its_distances_and_headings(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
-    plain, turned = episodes(env, lambda: env, 64), episodes(env, lambda: env, 64, turned=True)
+    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, turned=True)
     turned.seed(3)
     before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
     seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
@@ -73,7 +76,7 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     turned.seed(3)
     np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
     with pytest.raises(ValueError, match="only junctions of our own"):
-        episodes(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
+        vectorized(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
@@ -88,4 +91,66 @@ def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
         lambda: gym.wrappers.TimeLimit(SensorSelectEnv(objective=objective, budget=2), 3),
         lambda: gym.make("CartPole-v1"),
     ):
-        assert isinstance(episodes(of(), of, 2), DummyVecEnv)
+        assert isinstance(vectorized(of(), of, 2), DummyVecEnv)
+
+
+def trained(algorithm, vector, **given):
+    model = algorithm("MlpPolicy", vector, n_steps=4, batch_size=128, n_epochs=1, seed=0, device="cpu", **given)
+    return model.learn(512)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_both_libraries_train_on_64_side_by_side(make, turned):
+    objective = make(5, 2)
+    for algorithm in (PPO, MaskablePPO):
+        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), turned=turned)
+        model = trained(algorithm, vector)
+        assert model.num_timesteps == 512
+        assert model.ep_info_buffer
+        assert all(np.isfinite(episode["r"]) for episode in model.ep_info_buffer)
+
+
+def test_returns_are_those_of_the_scalar_environment(make):
+    objective = make(5, 2)
+    vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective, budget=3))
+    model = trained(MaskablePPO, vector)
+    vector.seed(1)
+    observations, done = vector.reset(), 0
+    while done < 64:
+        actions, _ = model.predict(observations, action_masks=get_action_masks(vector))
+        observations, _, _, infos = vector.step(actions)
+        for info in infos:
+            if "episode" in info:
+                done += 1
+                assert info["episode"]["r"] == pytest.approx(objective.score(np.flatnonzero(info["subset"])).reward)
+                assert not info["TimeLimit.truncated"]
+    env = SensorSelectEnv(objective=objective, budget=3)
+    native, _ = evaluate_policy(model, vector, n_eval_episodes=64, deterministic=True)
+    scalar, _ = evaluate_policy(model, Monitor(env), n_eval_episodes=1, deterministic=True)
+    assert native == pytest.approx(scalar, abs=1e-5)
+
+
+def test_pose_environments_train_too():
+    vector = as_sb3(gym.make_vec("coview/SensorPose-v0", num_envs=2, frames=1, budget=1, moves=2, fidelity="coverage"))
+    model = PPO("MlpPolicy", vector, n_steps=4, batch_size=8, n_epochs=1, seed=0, device="cpu").learn(8)
+    assert [episode["l"] for episode in model.ep_info_buffer or ()] == [2] * 4
+
+
+def test_options_attributes_pictures_and_closing(make):
+    native = gym.make_vec("coview/SensorSelect-v0", num_envs=3, objective=make(5, 2), render_mode="rgb_array")
+    vector = as_sb3(native)
+    vector.set_options([{"budget": 1}, {"budget": 2}, {"budget": 2}])
+    vector.seed(0)
+    vector.reset()
+    assert native.unwrapped.task.state.budget.tolist() == [1, 2, 2]
+    vector.reset()
+    assert native.unwrapped.task.state.budget.tolist() == [4, 4, 4]
+    assert vector.get_attr("render_mode", [0, 2]) == ["rgb_array"] * 2
+    assert len(vector.get_images()) == 3
+    assert vector.env_method("action_masks", indices=1)[0].shape == (11,)
+    assert vector.env_is_wrapped(Monitor) == [True] * 3
+    assert vector.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * 3
+    vector.close()
+    assert native.unwrapped.closed
+    with pytest.raises(ValueError, match="native vector environments"):
+        as_sb3(gym.make_vec("CartPole-v1", num_envs=2))
