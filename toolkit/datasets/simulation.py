@@ -1,8 +1,8 @@
 """Simulated datasets: traffic, rendered frame by frame, written so that it may be killed at any moment.
 
 Frames are made in blocks of `BLOCK`, each with a seed of its own, so that neither the number of workers nor where a run
-was broken off changes a byte. A finished block is one part file, a complete small dataset, in `FILE.parts/`. The last
-step joins the parts into FILE.
+was broken off changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`. The last
+step joins them into FILE.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.datasets.recording import SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.runtime.resumable import PartFolder, describe_differences, make_parts
+from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -69,23 +69,23 @@ def simulate_dataset(
     if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
         raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
     out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
-    parts = PartFolder(out.with_name(out.name + ".parts"), job.plan)
+    shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
         _check_same(out, job.plan)
-        if parts.path.is_dir():  # killed while it cleaned up
-            with parts.locked():
-                parts.remove()
+        if shards.path.is_dir():  # killed while it cleaned up
+            with shards.locked():
+                shards.remove()
         return 0
     out.parent.mkdir(parents=True, exist_ok=True)
-    with parts.locked(), parts.disk_errors_explained(out, job.count):
-        parts.open(overwrite)
-        safe = parts.verified()
+    with shards.locked(), shards.disk_errors_explained(out, job.count):
+        shards.open(overwrite)
+        safe = shards.verified()
         todo = [block for block in range(job.blocks) if block not in safe]
         made_before = job.count(safe)
         count = os.cpu_count() or 1 if workers is None else workers
         tell = (lambda done: None) if progress is None else (lambda done: progress(made_before + done))
-        make_parts(job, parts, todo, workers=count, progress=tell)
-        parts.publish(out, lambda paths, target: join(job.header, paths, target))
+        make_shards(job, shards, todo, workers=count, progress=tell)
+        shards.publish(out, lambda paths, target: join(job.header, paths, target))
     return frames - made_before
 
 
@@ -168,7 +168,7 @@ class Job:
         return scenes
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
-        """A part file of these scenes."""
+        """A shard of these scenes."""
         return encode(self.header, scenes)
 
 

@@ -1,7 +1,7 @@
 """Work in blocks that survives being killed: every finished block is one file, complete or not there at all.
 
-A part is called `{block}.{crc32}.hdf5`. It is written under another name, brought to the disk, then renamed; what has
-its name but not its checksum is damaged and made again. What the parts are made from stands beside them in `plan.json`.
+A shard is called `{block}.{crc32}.hdf5`. It is written under another name, brought to the disk, then renamed; what has
+its name but not its checksum is damaged and made again. What they are made from stands beside them in `plan.json`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ except ImportError:  # not a Unix
     fcntl = None  # type: ignore[assignment]
 
 _UNFINISHED = ".unfinished"  # in the names of files that a killed run left
-_PART = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
+_SHARD = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
 
 
 @runtime_checkable
@@ -39,19 +39,19 @@ class Work(Protocol):
         ...
 
     def encode(self, items: Sequence[Any]) -> bytes:
-        """The content of the part file of a block's items."""
+        """The content of the shard of a block's items."""
         ...
 
 
 @dataclass(frozen=True)
-class PartFolder:
-    """The finished parts of a file that is being made, and the plan (JSON) that they are made from."""
+class ShardFolder:
+    """The finished shards of a file that is being made, and the plan (JSON) that they are made from."""
 
     path: Path
     plan: dict[str, Any]
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or go on in it. Raises FileExistsError where its parts were made from another plan."""
+        """Make the folder, or go on in it. Raises FileExistsError where its shards were made from another plan."""
         note = self.path / "plan.json"
         found = _read_json(note)
         differences = "" if found is None else describe_differences(found, self.plan)
@@ -65,32 +65,32 @@ class PartFolder:
             write_text(note, json.dumps(self.plan, indent=1))
 
     def verified(self) -> dict[int, Path]:
-        """The undamaged parts by block; all else is removed."""
-        parts = {}
+        """The undamaged shards by block; all else is removed."""
+        shards = {}
         for path in sorted(self.path.iterdir()):
-            name = _PART.fullmatch(path.name)
+            name = _SHARD.fullmatch(path.name)
             if name and zlib.crc32(path.read_bytes()) == int(name[2], 16):
-                parts[int(name[1])] = path
+                shards[int(name[1])] = path
             elif name or _UNFINISHED in path.name:
                 path.unlink()
-        return parts
+        return shards
 
     def add(self, block: int, content: bytes) -> None:
-        """Store the part of a block, all of it or nothing."""
+        """Store the shard of a block, all of it or nothing."""
         write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], None]) -> None:
-        """Join all parts into `out`, which appears whole, and remove them."""
-        size = sum(path.stat().st_size for path in self.parts().values())
+        """Join all shards into `out`, which appears whole, and remove them."""
+        size = sum(path.stat().st_size for path in self.shards().values())
         if size > shutil.disk_usage(self.path).free:
-            raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the parts")
+            raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
         with writing(out, self.path / f"joined{_UNFINISHED}") as joined:
-            join([self.parts()[block] for block in sorted(self.parts())], joined)
+            join([self.shards()[block] for block in sorted(self.shards())], joined)
         self.remove()
 
-    def parts(self) -> dict[int, Path]:
-        """The parts by block, undamaged as far as their names tell."""
-        return {int(name[1]): path for path in self.path.iterdir() if (name := _PART.fullmatch(path.name))}
+    def shards(self) -> dict[int, Path]:
+        """The shards by block, undamaged as far as their names tell."""
+        return {int(name[1]): path for path in self.path.iterdir() if (name := _SHARD.fullmatch(path.name))}
 
     def remove(self) -> None:
         """Remove the folder, if it is there and holds nothing but ours."""
@@ -103,7 +103,7 @@ class PartFolder:
 
     def _clear(self) -> None:
         for path in self.path.iterdir():
-            if _PART.fullmatch(path.name) or _UNFINISHED in path.name:
+            if _SHARD.fullmatch(path.name) or _UNFINISHED in path.name:
                 path.unlink()
 
     @contextmanager
@@ -127,7 +127,7 @@ class PartFolder:
             number = reason_of(error)
             if number not in DISK_ERRORS:
                 raise
-            safe = frames(self.parts())
+            safe = frames(self.shards())
             free = shutil.disk_usage(self.path).free
             explained = OSError(
                 f"cannot write {out}: {os.strerror(number)} ({free / 1e6:.0f} MB free); {safe} frames are safe in"
@@ -137,10 +137,10 @@ class PartFolder:
             raise explained from error
 
 
-def make_parts(
-    work: Work, folder: PartFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
+def make_shards(
+    work: Work, folder: ShardFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
 ) -> None:
-    """Make the parts of `blocks` in `workers` processes, in this one if it is one; progress: told the items done."""
+    """Make the shards of `blocks` in `workers` processes, in this one if it is one; progress: told the items done."""
     workers, done = min(workers, max(1, len(blocks))), 0
 
     def count() -> None:
@@ -148,7 +148,7 @@ def make_parts(
         done += 1
         progress(done)
 
-    job = _Part(work, folder, (os.cpu_count() or 1) // max(1, workers) or 1, count if workers == 1 else tick)
+    job = _ShardJob(work, folder, (os.cpu_count() or 1) // max(1, workers) or 1, count if workers == 1 else tick)
     for _ in spread(job, blocks, workers=workers, ticks=progress):
         pass
 
@@ -164,11 +164,11 @@ def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
 
 
 @dataclass
-class _Part:
-    """The job of making the part of a block; what does not change is got ready with the first one in a process."""
+class _ShardJob:
+    """The job of making the shard of a block; what does not change is got ready with the first one in a process."""
 
     work: Work
-    folder: PartFolder
+    folder: ShardFolder
     threads: int
     count: Callable[[], None]
     make: Callable[[int], Iterator[Any]] | None = field(default=None, init=False)

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.resumable import PartFolder, describe_differences, make_parts
+from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
 
 REPOSITORY = Path(__file__).parents[3]
 
 SCRIPT = """
 import random, sys, time
 from pathlib import Path
-from toolkit.runtime.resumable import PartFolder, make_parts
+from toolkit.runtime.resumable import ShardFolder, make_shards
 
 class Letters:
     def start(self, threads):
@@ -38,11 +38,11 @@ def join(paths, target):
 
 if __name__ == "__main__":
     out, workers = Path(sys.argv[1]), int(sys.argv[2])
-    parts = PartFolder(out.with_name(out.name + ".parts"), {"letters": 12})
+    parts = ShardFolder(out.with_name(out.name + ".parts"), {"letters": 12})
     with parts.locked():
         parts.open(False)
         safe = parts.verified()
-        make_parts(Letters(), parts, [b for b in range(12) if b not in safe], workers=workers, progress=lambda n: None)
+        make_shards(Letters(), parts, [b for b in range(12) if b not in safe], workers=workers, progress=lambda n: None)
         parts.publish(out, join)
 """
 
@@ -108,7 +108,7 @@ def test_workers_end_with_their_parent(tmp_path, run):
 
 
 def folder(tmp_path, **plan):
-    made = PartFolder(tmp_path / "f.parts", plan or {"seed": 1})
+    made = ShardFolder(tmp_path / "f.parts", plan or {"seed": 1})
     made.path.mkdir(exist_ok=True)
     made.open(False)
     return made
@@ -118,7 +118,7 @@ def test_damaged_parts_are_found_and_removed(tmp_path):
     parts = folder(tmp_path)
     for block in range(4):
         parts.add(block, bytes([block]) * 1000)
-    paths = parts.parts()
+    paths = parts.shards()
     paths[1].write_bytes(paths[1].read_bytes()[:500])
     paths[2].write_bytes(b"x" + paths[2].read_bytes()[1:])
     (parts.path / "00004.00000000.hdf5.123.unfinished").write_bytes(b"half")
@@ -128,12 +128,12 @@ def test_damaged_parts_are_found_and_removed(tmp_path):
 
 def test_another_plan_is_refused_and_named(tmp_path):
     folder(tmp_path, seed=1, site="a").add(0, b"1")
-    other = PartFolder(tmp_path / "f.parts", {"seed": 2, "site": "a"})
+    other = ShardFolder(tmp_path / "f.parts", {"seed": 2, "site": "a"})
     with pytest.raises(FileExistsError, match="made from seed 1 instead of 2: finish that one first"):
         other.open(False)
-    assert len(other.parts()) == 1
+    assert len(other.shards()) == 1
     other.open(True)
-    assert other.parts() == {}
+    assert other.shards() == {}
 
 
 def test_a_damaged_plan_starts_anew(tmp_path):
@@ -141,7 +141,7 @@ def test_a_damaged_plan_starts_anew(tmp_path):
     parts.add(0, b"1")
     (parts.path / "plan.json").write_text("{")
     parts.open(False)
-    assert parts.parts() == {}
+    assert parts.shards() == {}
 
 
 def test_one_run_at_a_time(tmp_path):
@@ -181,7 +181,7 @@ class Nothing:
 
 def test_workers_must_be_some(tmp_path):
     with pytest.raises(ValueError, match="at least 1, got 0"):
-        make_parts(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
+        make_shards(Nothing(), folder(tmp_path), [0], workers=0, progress=lambda done: None)
 
 
 def test_differences_in_words():

@@ -1,0 +1,43 @@
+"""What the fidelities of one objective are made from, and what of it is kept on disk."""
+
+import numpy as np
+
+from placement_env.fidelity import visibility
+from placement_env.fidelity.preparation import Preparation
+from toolkit.objects import Detections
+
+
+class Nothing:
+    """A detector that never sees anything."""
+
+    digest = "nothing"
+
+    def __call__(self, points):
+        return Detections.empty()
+
+
+def prepared(traffic, candidates, cache):
+    made = Preparation(traffic.site, candidates, 5, "late", 0.7, 0, cache, 1, None, Nothing())
+    vars(made)["traffic"] = traffic
+    return made
+
+
+def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
+    small_traffic, small_candidates, tmp_path, monkeypatch
+):
+    first = prepared(small_traffic, small_candidates, tmp_path / "cache")
+    seen, detected = first.visibility, first.fidelity("detector")
+    sets = [[True, True, False, False]]
+    detected(np.array(sets))
+    kept = len(first.kept)
+    assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
+    assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {"cache.sqlite"}
+    monkeypatch.setattr(visibility, "look_at", None)
+    again = prepared(small_traffic, small_candidates, tmp_path / "cache")
+    assert (again.visibility.points == seen.points).all()
+    again.fidelity("detector")(np.array(sets))
+    assert len(again.kept) == kept
+
+
+def test_without_a_folder_nothing_is_kept(small_traffic, small_candidates):
+    assert prepared(small_traffic, small_candidates, None).kept is None
