@@ -291,8 +291,14 @@ def _rest(mount: Mount, *left_out: str) -> Json:
 
 def _model(model: SensorModel) -> Json:
     values = [(f, getattr(model, f.name)) for f in fields(model)]
-    numbers = {_written(f): _degrees(value) if is_angle(f) else value for f, value in values if value is not None}
-    return {"type": type(model).__name__, **numbers}
+    members = {_written(f): _written_value(f, value) for f, value in values if value is not None}
+    return {"type": type(model).__name__, **members}
+
+
+def _written_value(entry: Field[Any], value: Any) -> Any:
+    if is_angle(entry):
+        return _degrees(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _written(entry: Field[Any]) -> str:

@@ -22,6 +22,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.doctor.diagnosis import diagnose
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
@@ -112,7 +113,7 @@ EACH = [
     DepthCamera(width=120, height=90),
     SpinningLidar(channels=20, azimuth_step=float(np.deg2rad(2.0))),
     SolidStateLidar(rows=24, columns=90),
-    FisheyeCamera(72),
+    FisheyeCamera(72, offset=(1.5, -2.0)),
 ]
 models = pytest.mark.parametrize("model", EACH, ids=lambda model: type(model).__name__)
 SPOTS = [((-18.0, -12.0, 6.0), 0.6, 0.3), ((17.0, 10.0, 5.0), -2.5, 0.25), ((0.0, -13.0, 4.0), 1.5, 0.4)]
@@ -267,6 +268,7 @@ def test_recordings_and_packed_files_give_it_back(model, tmp_path):
         assert dataset.sensors == sensors
         frames = list(dataset)
     assert all(frame.measurements[0].any() for frame in frames)
+    assert not [str(each) for each in diagnose(tmp_path / "r.hdf5", site) if "sensor" in each.where]
     pack([recording(frames, site.area)], tmp_path / "p.h5")
     packed = PackedFrames(tmp_path / "p.h5")
     assert packed.rig(0).sensors == sensors
@@ -324,12 +326,13 @@ def test_objectives_and_environments_take_it(model):
     assert objective.score([0, 2]).kbit > 0
     surrogate = Objective("tjunction", 2, fidelity="surrogate", candidates=few)
     assert 0 < surrogate.score([0, 2, 4, 6]).recall <= 1
-    env = gym.make("coview/SensorSelect-v0", objective=objective, budget=2)
+    env = gym.make("coview/SensorSelect-v0", objective=objective, budget=2, render_mode="rgb_array")
     observation, info = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     observation, reward, *_ = env.step(int(np.flatnonzero(info["action_mask"])[0]))
     assert env.observation_space.contains(observation)
     assert np.isfinite(reward)
+    assert np.ptp(env.render()) > 100
     moving = gym.make("coview/SensorPose-v0", site="tjunction", frames=2, fidelity="coverage", candidates=few, budget=2)
     moving.reset(seed=0)
     observation, reward, *_ = moving.step(moving.action_space.sample())
