@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, SupportsFloat
+from typing import Any, Protocol, SupportsFloat, runtime_checkable
 
 import h5py
 import numpy as np
@@ -41,6 +41,7 @@ class Recording:
     changes: Iterable[Change]
 
 
+@runtime_checkable
 class Drawn(Protocol):
     """Frames of a drawn site, and what each sensor measures when nothing moves there."""
 

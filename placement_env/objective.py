@@ -260,6 +260,7 @@ class Objective:
 
         def rewards(sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
             estimate = scored_by.partial(sets, frames.tolist())
+            self._tell(len(sets))
             return self._weighed(sets, estimate.ap, estimate.kbit)[2]
 
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
@@ -313,10 +314,14 @@ class Objective:
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
-            self._scored += len(fresh)
-            if self._progress:
-                self._progress("sets scored", self._scored, None)
+            self._tell(len(fresh))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
+
+    def _tell(self, scored: int) -> None:
+        """Count sets that were scored now, on some frames or all."""
+        self._scored += scored
+        if self._progress:
+            self._progress("sets scored", self._scored, None)
 
 
 def index_of(member: Any, names: Sequence[str]) -> int:

@@ -67,7 +67,8 @@ def evaluate(
         total = frame_count(recording, frames)
         for chosen in sets:
             select_sensors(recording.sensors, chosen)
-        check_folder(out, holds="table.json", inputs=[dataset, *site_file(site)], overwrite=overwrite)
+        for name in ("table.json", *(f"pr_{threshold:g}.png" for threshold in iou)):
+            check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         with progress_bar("frame", total, hidden=json) as bar:
             rows = evaluate_dataset(
                 recording, recording_detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,

@@ -51,6 +51,8 @@ def table(
     check_least("--workers", workers, 1)
     check_ray(ray)
     check_file(out, inputs=[dataset, *site_file(site)], overwrite=overwrite)
+    if out.suffix != ".npz":
+        raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
     with open_recording(dataset, site) as recording, progress_bar("frame", hidden=json) as bar:
         count = frame_count(recording, frames)
         detect = recording_detector(detector, recording)

@@ -8,7 +8,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from placement_env.objective import FidelityName, check_fidelity
 from placement_env.search.exhaustive import LARGEST
 
 if TYPE_CHECKING:
@@ -48,12 +47,11 @@ def search_of(method: str) -> Callable[..., Any]:
     return getattr(import_module(found.module), found.function)
 
 
-def check_search(method: str, fidelity: FidelityName, candidates: Candidates) -> None:
+def check_search(method: str, fidelity: str, candidates: Candidates) -> None:
     """Raise ValueError where the method cannot search these candidates by this fidelity; ImportError where its package
     is missing."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    check_fidelity(fidelity)
     needs = METHODS[method]
     if needs.needs and not find_spec(needs.needs):
         raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")
