@@ -21,7 +21,7 @@ RENDER_MODES = ["rgb_array", "ansi"]
 
 @runtime_checkable
 class Task(Protocol):
-    """The rules of an environment, for n episodes at once; made of n and the scenarios that they are played at."""
+    """The rules of an environment, for n episodes at once; made of n and their scenarios."""
 
     scenarios: Any  # with draw(rng, options)
     state: State
@@ -32,9 +32,9 @@ class Task(Protocol):
         """New episodes in some rows."""
 
     def step(
-        self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
+        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """One action in each row that plays: rewards, terminated, truncated."""
+        """One action in each active row: rewards, terminated, truncated."""
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info, an array (n, ...) each."""

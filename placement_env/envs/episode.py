@@ -1,4 +1,4 @@
-"""Episodes: at which scenario each is played, with what budget, and which candidates have failed; drawn or as told."""
+"""Episodes: the scenario of each, its budget, and which candidates have failed; drawn or as told."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Conditions:
 
 
 class Sites:
-    """The sites that an environment is played at and their candidates: one or several of these and their names, of
+    """The sites of an environment and their candidates: one or several of these and their names, of
     which one is drawn for each episode, and those that options name later."""
 
     def __init__(self, site: Any, candidates: Any) -> None:
@@ -90,7 +90,7 @@ def _loaded(site: Any) -> Site:
 
 
 class Scenarios:
-    """The scenarios of an environment that chooses among candidates, each made when it is first played at.
+    """The scenarios of an environment that chooses among candidates, each made when it is first drawn.
 
     Raises ValueError where the sets of a site cannot be scored as asked, before anything is rendered.
     """

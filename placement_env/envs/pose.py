@@ -161,12 +161,12 @@ class PoseTask:
         self._now.update(zip(rows.tolist(), episodes, strict=True))
 
     def step(
-        self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
+        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Move the sensors of each row that plays; a move that overloads a link, or more than it was, is undone."""
+        """Move the sensors of each active row; a move that overloads a link, or more than it was, is undone."""
         state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()
-        for row in np.flatnonzero(playing).tolist():
+        for row in np.flatnonzero(active).tolist():
             now, (objective, _) = self._now[row], state.placed(row)
             rig = now.rig.moved(moves[row, : len(now.rig.aim)])
             if (rig.aim == now.rig.aim).all():
@@ -176,8 +176,8 @@ class PoseTask:
                 illegal[row] = True
             else:
                 self._now[row], scenarios[row] = replace(now, rig=rig), scenario
-        state.move(playing, scenarios, illegal)
-        return state.gain, np.zeros(state.n, np.bool_), playing & (state.steps >= state.max_steps)
+        state.move(active, scenarios, illegal)
+        return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""

@@ -1,4 +1,4 @@
-"""Scenarios: what an episode of an environment is played at, an objective with what of it an agent may observe.
+"""Scenarios: what an episode takes place at, an objective with what of it an agent may observe.
 
 A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
 a candidate sees is taken at up to `PLACES` places: vehicles of the traffic where it is known, else spots of the area.

@@ -39,17 +39,17 @@ class SelectTask:
         self.state.reset(rows, episodes)
 
     def step(
-        self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
+        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """One candidate more in each row that plays, or none for the last action, which ends the episode."""
+        """One candidate more in each active row, or none for the last action, which ends the episode."""
         slot, stops = self._slots(actions)
-        state, acting = self.state, playing & ~stops
+        state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
         chosen = state.chosen.copy()
         chosen[self._rows[places], slot[places]] = True
-        state.place(playing, chosen, acting & ~places)
-        terminated = playing & (stops | ~state.allowed.any(axis=1))
-        return state.gain, terminated, playing & ~terminated & (state.steps >= state.max_steps)
+        state.place(active, chosen, acting & ~places)
+        terminated = active & (stops | ~state.allowed.any(axis=1))
+        return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""
@@ -103,7 +103,7 @@ class SensorSelectEnv(PlacementEnv):
     `MultiDiscrete([mounts + 1, heights, headings, tilts, models])`: the factors of the candidate; the last mount stops.
 
     An illegal action, a candidate that is chosen already or has failed, on a mount that is taken, whose link cannot
-    carry what it sends, or an empty slot, changes nothing: the reward is 0, `info["illegal"]` is True, and a turn
+    carry what it sends, or an empty slot, changes nothing: the reward is 0, `info["illegal"]` is True, and a step
     is used up. `info["action_mask"]` and `action_masks()` say what is legal; of factored actions, which values of each
     factor some legal candidate has, one factor after another, so a combination of them may still be illegal.
 
@@ -112,7 +112,7 @@ class SensorSelectEnv(PlacementEnv):
     cosine and sine of heading, tilt, field of view, lidar or camera, price, kbit, what it sees alone, what it would add
     to what the chosen ones see, whether chosen, whether allowed (`placement_env.envs.scenario.STATIC`,
     `placement_env.envs.state.DYNAMIC`), all relative to the area, so that a policy may go from site to site; then 13 of
-    the whole (`placement_env.envs.state.GLOBAL`): budget and turns left, AP, recall, kbit, price, share seen, weights,
+    the whole (`placement_env.envs.state.GLOBAL`): budget and steps left, AP, recall, kbit, price, share seen, weights,
     scheme.
 
     ## Rewards
@@ -123,7 +123,7 @@ class SensorSelectEnv(PlacementEnv):
     No sensors. What the config leaves open (site, scheme, budget, failed candidates) is drawn.
 
     ## Episode End
-    Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated after two turns for
+    Terminates when the agent stops, the budget is used up, or nothing more may be placed. Truncated after two steps for
     each sensor of the budget.
 
     ## Info

@@ -19,7 +19,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
 GLOBAL = (
-    *("budget left", "budget", "turns left", "ap", "recall", "kbit per sensor", "price", "covered"),
+    *("budget left", "budget", "steps left", "ap", "recall", "kbit per sensor", "price", "covered"),
     *("weight of kbit", "weight of price", *PAPER_SCHEMES),
 )
 STEPS = 2  # for each sensor of the budget
@@ -30,8 +30,8 @@ class State:
 
     chosen, failed, allowed: over the slots, allowed are the candidates that may join; budget: sensors to place; steps:
     taken; scores: of the chosen sets; gain: reward that the last step added; illegal: whether it was; repeated: whether
-    it needed no new score (`scores.cache_hit` says whether a score was in the objective's memory, which depends on what
-    was played before; `info["cache_hit"]` must not, so it is `repeated`).
+    it needed no new score (`scores.cache_hit` says whether a score was in the objective's memory, which depends on the
+    episodes before; `info["cache_hit"]` must not, so it is `repeated`).
 
     ready: whether an episode has started in every row; max_steps: of an episode, None for `STEPS` for each sensor of
     the budget; fixed: sensors are moved, none may join.
@@ -69,23 +69,23 @@ class State:
         self._find_allowed()
 
     def place(
-        self, playing: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
+        self, active: Bool[np.ndarray, " n"], chosen: Bool[np.ndarray, "n slots"], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """A step of the episodes that play: these sets are chosen now, unless the step was illegal."""
-        changed = playing & (chosen != self.chosen).any(axis=1)
+        """A step of the active episodes: these sets are chosen now, unless the step was illegal."""
+        changed = active & (chosen != self.chosen).any(axis=1)
         before = self.scores.reward.copy()
         self.chosen[changed] = chosen[changed]
-        self._step(playing, changed, illegal, before)
+        self._step(active, changed, illegal, before)
 
     def move(
-        self, playing: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
+        self, active: Bool[np.ndarray, " n"], scenarios: Mapping[int, Scenario], illegal: Bool[np.ndarray, " n"]
     ) -> None:
-        """A step of the episodes that play: the chosen sensors of some rows stand as in these scenarios now."""
+        """A step of the active episodes: the chosen sensors of some rows stand as in these scenarios now."""
         changed = np.zeros(self.n, np.bool_)
         changed[list(scenarios)] = True
         before = self.scores.reward.copy()
         self._enter(scenarios)
-        self._step(playing, changed, illegal, before)
+        self._step(active, changed, illegal, before)
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
         """Which of these sets may be built: of sensors that have not failed, feasible, no larger than the budget."""
@@ -145,15 +145,15 @@ class State:
 
     def _step(
         self,
-        playing: Bool[np.ndarray, " n"],
+        active: Bool[np.ndarray, " n"],
         changed: Bool[np.ndarray, " n"],
         illegal: Bool[np.ndarray, " n"],
         before: Float64[np.ndarray, " n"],
     ) -> None:
-        self.steps += playing
-        self.illegal, self.repeated = illegal, playing & ~changed
+        self.steps += active
+        self.illegal, self.repeated = illegal, active & ~changed
         self._score(changed.nonzero()[0])
-        self.gain = np.where(playing, self.scores.reward - before, 0.0)
+        self.gain = np.where(active, self.scores.reward - before, 0.0)
         self._find_allowed()
 
     def _score(self, rows: Int64[np.ndarray, " m"]) -> None:

@@ -27,15 +27,15 @@ class SubsetTask:
         self.state.reset(rows, episodes)
 
     def step(
-        self, playing: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
+        self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]
     ) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """The set of each row that plays; a set that may not be built is left empty."""
+        """The set of each active row; a set that may not be built is left empty."""
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
         legal = self.state.fitting(chosen)
-        self.state.place(playing, chosen & legal[:, None], playing & ~legal)
-        return self.state.gain, playing.copy(), np.zeros(self.state.n, np.bool_)
+        self.state.place(active, chosen & legal[:, None], active & ~legal)
+        return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], dict[str, Any]]:
         """Observations and info."""

@@ -100,7 +100,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def side_by_side(env: PlacementEnv, n: int) -> PlacementVectorEnv:
-    """n episodes as an environment plays them, at its scenarios."""
+    """n episodes of an environment's task, at its scenarios."""
     return PlacementVectorEnv(type(env.task)(n, env.task.scenarios), None)  # type: ignore[call-arg]
 
 

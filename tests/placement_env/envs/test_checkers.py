@@ -1,4 +1,4 @@
-"""Every environment at every fidelity: Gymnasium's and Stable-Baselines3's checkers, and sets played through it."""
+"""Every environment at every fidelity: Gymnasium's and Stable-Baselines3's checkers, and sets chosen through it."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ def test_both_checkers_pass_moving_sensors(fidelity: FidelityName) -> None:
 
 @pytest.mark.parametrize("fidelity", SCORED_BY)
 @pytest.mark.parametrize("name", CHOOSING)
-def test_random_greedy_and_exhaustive_sets_are_played_for_their_reward(name: str, fidelity: FidelityName) -> None:
+def test_random_greedy_and_exhaustive_sets_are_paid_their_reward(name: str, fidelity: FidelityName) -> None:
     scored = objective(fidelity)
     some = np.random.default_rng(0).choice(6, 2, replace=False).tolist()
     answers = [greedy.search(scored, 3).best.subset, exhaustive.search(scored, 3).best.subset]
-    rewards = [played(name, scored, list(chosen)) for chosen in (some, *answers)]
+    rewards = [episode_reward(name, scored, list(chosen)) for chosen in (some, *answers)]
     assert rewards == pytest.approx([scored.score(chosen).reward for chosen in (some, *answers)])
     assert rewards[0] <= rewards[2] + 1e-9 >= rewards[1]
 
 
-def played(name: str, scored: Objective, chosen: list[int]) -> float:
+def episode_reward(name: str, scored: Objective, chosen: list[int]) -> float:
     """What an episode pays in which these candidates are chosen."""
     env = gym.make(name, objective=scored, budget=3)
     env.reset(seed=0)

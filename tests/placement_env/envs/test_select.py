@@ -1,4 +1,4 @@
-"""Choosing sensors one by one and at once: checkers, play, illegal actions, options, pictures, other processes."""
+"""Choosing sensors one by one and at once: checkers, rewards, illegal actions, options, pictures, other processes."""
 
 from __future__ import annotations
 
@@ -86,14 +86,14 @@ def test_the_last_action_stops() -> None:
     assert (reward, terminated, truncated, info["illegal"]) == (0.0, True, False, False)
 
 
-def test_an_illegal_action_changes_nothing_and_uses_up_a_turn() -> None:
+def test_an_illegal_action_changes_nothing_and_uses_up_a_step() -> None:
     env = gym.make(CHOOSING[0], objective=objective(), budget=2)
     env.reset(options={"failed": [4]})
     _, _, _, _, info = env.step(0)
     assert info["action_mask"].tolist() == [0, 0, 1, 1, 0, 1, 1]
-    for turn, action in enumerate((0, 1, 4)):  # chosen already, on the same mount, out of order
+    for step, action in enumerate((0, 1, 4)):  # chosen already, on the same mount, failed
         _, reward, terminated, truncated, after = env.step(action)
-        assert (reward, terminated, truncated, after["illegal"]) == (0.0, False, turn == 2, True)
+        assert (reward, terminated, truncated, after["illegal"]) == (0.0, False, step == 2, True)
         assert after["subset"].tolist() == info["subset"].tolist()
 
 
