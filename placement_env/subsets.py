@@ -63,8 +63,8 @@ class MemberSums:
                 f"got {subsets.dtype} {subsets.shape}"
             )
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
-        parts = (slice(first, first + step) for first in range(0, len(subsets), step))
-        return ((part, self(subsets[part])) for part in parts)
+        blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
+        return ((block, self(subsets[block])) for block in blocks)
 
 
 def _members(subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n k"]:

@@ -111,7 +111,7 @@ def triangulate(shape: Any) -> Mesh:
     return Mesh(flat, np.arange(3 * len(corners)).reshape(-1, 3))
 
 
-def moved(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
+def placed(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
     """The mesh turned by `yaw` (rad) about z, then shifted."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])

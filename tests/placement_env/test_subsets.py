@@ -41,7 +41,6 @@ def test_blocks_together_are_all_sums():
     assert [block.start for block, _ in blocks] == sorted(block.start for block, _ in blocks)
 
 
-@pytest.mark.parametrize("sets", [np.zeros(6, bool), np.zeros((2, 5), bool), np.zeros((2, 6), int)])
-def test_sets_of_another_form_are_refused(sets):
+def test_sets_of_other_candidates_are_refused():
     with pytest.raises(ValueError, match="rows of 6 booleans"):
-        MemberSums(np.zeros((6, 2))).blocks(sets)
+        MemberSums(np.zeros((6, 2))).blocks(np.zeros((2, 5), bool))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.bodies.cars import wheel_at
-from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, moved, tube
+from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, placed, tube
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def umbrella(height: float) -> Mesh:
 def pushchair() -> Mesh:
     """A pushchair with a child, 0.75 m ahead of whoever pushes it."""
     wheels = [wheel_at(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
-    seat = moved(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
+    seat = placed(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
     bars = [tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)]
     return merge([*wheels, seat, *bars, tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)])
 

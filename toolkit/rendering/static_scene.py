@@ -14,13 +14,13 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.mesh import Mesh, extrude, merge, moved, triangulate
+from toolkit.mesh import Mesh, extrude, merge, placed, triangulate
 from toolkit.sites.site import Site, Solid
 
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
 FINE, FAR = 15.0, 150.0
 
-STOREY, BAY = 3.0, 2.6  # m between windows, upwards and along a wall
+_STOREY, _BAY = 3.0, 2.6  # m between windows, upwards and along a wall
 WINDOW_HEIGHT, WINDOW_WIDTH, SILL, RECESS = 1.4, 1.2, 0.9, 0.14  # m
 ROUGHNESS = 0.09  # m, of a hedge
 _HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral
@@ -92,15 +92,15 @@ def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
     corners = _outline(solid.footprint, np.inf)
     walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     roof = triangulate(shapely.Polygon(corners))
-    return merge([*walls, moved(roof, z=solid.top)])
+    return merge([*walls, placed(roof, z=solid.top)])
 
 
 def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
     """The wall from start to end, seen from the right of that way, with windows wherever one fits."""
     length = float(np.hypot(*(end - start)))
-    bays, storeys = int(length // BAY), max(int((top - base - 0.3) // STOREY), 0)
+    bays, storeys = int(length // _BAY), max(int((top - base - 0.3) // _STOREY), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
-    sills = base + 0.3 + STOREY * np.arange(storeys) + SILL
+    sills = base + 0.3 + _STOREY * np.arange(storeys) + SILL
     x = np.sort(np.concatenate([[0, length], middles - WINDOW_WIDTH / 2, middles + WINDOW_WIDTH / 2]))
     z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT]))
     along = (end - start) / max(length, 1e-9)

@@ -13,7 +13,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
-Polygons = Iterable[Float[np.ndarray, "_ 2"]]
+Outlines = Iterable[Float[np.ndarray, "_ 2"]]
 
 
 def rectangle(xmin: float, ymin: float, xmax: float, ymax: float) -> Float64[np.ndarray, "4 2"]:
@@ -105,7 +105,7 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
     ]
 
 
-def kerbs(lanes: Polygons, footways: Polygons, height: float = 0.12, width: float = 0.15) -> list[Solid]:
+def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
     """Kerbstones on the footway's side of every edge between road and footway, in pieces of at most 4 m."""
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
@@ -122,7 +122,7 @@ def kerbs(lanes: Polygons, footways: Polygons, height: float = 0.12, width: floa
     return solids
 
 
-def clear_of_road(solids: Iterable[Solid], lanes: Polygons, footways: Polygons, gap: float = 0.2) -> list[Solid]:
+def clear_of_road(solids: Iterable[Solid], lanes: Outlines, footways: Outlines, gap: float = 0.2) -> list[Solid]:
     """Solids with what stands on road or footway, or within `gap` m of them, cut off; the largest piece is kept. What
     hangs above 2 m may hang over footways."""
     street, road = _surface(lanes, footways).buffer(gap), _surface(lanes, ()).buffer(gap)
@@ -136,7 +136,7 @@ def clear_of_road(solids: Iterable[Solid], lanes: Polygons, footways: Polygons, 
     return cleared
 
 
-def kerbside(lanes: Polygons, footways: Polygons, *, behind: float, spacing: float) -> list[Point]:
+def kerbside(lanes: Outlines, footways: Outlines, *, behind: float, spacing: float) -> list[Point]:
     """Places `behind` m outside the street, every `spacing` m along its outlines."""
     street = _surface(lanes, footways).buffer(1.0).buffer(behind - 1.0)  # closes the cracks between lanes
     outlines = [part.exterior for part in shapely.get_parts(street)]
@@ -187,7 +187,7 @@ def _ground(relief: Relief, x: float, y: float) -> float:
     return round(float(level), 3)
 
 
-def _surface(lanes: Polygons, footways: Polygons) -> shapely.Geometry:
+def _surface(lanes: Outlines, footways: Outlines) -> shapely.Geometry:
     return shapely.union_all([shapely.Polygon(p) for p in (*lanes, *footways)])
 
 

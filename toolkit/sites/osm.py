@@ -76,7 +76,7 @@ def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> F
     return np.stack([x, y], axis=1)
 
 
-def unproject(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
+def longitude_latitude(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
     """Metres of `projection(*centre)` → degrees, by Newton's method on `project`."""
     guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
     for _ in range(5):
@@ -123,7 +123,7 @@ def read(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extra
 
 def degrees_of(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Longitude and latitude of points of the extract."""
-    return unproject(points @ _turn(extract.heading).T, extract.centre)
+    return longitude_latitude(points @ _turn(extract.heading).T, extract.centre)
 
 
 def metres(text: str) -> float | None:

@@ -18,11 +18,11 @@ from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
-from toolkit.sites.network import Row, build_network, line, road_polygons, street
+from toolkit.sites.network import Attributes, build_network, line, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.surroundings import Road, furnish, place_mounts
 
-REACH = 140.0  # how far a leg goes from the middle of the junction (m)
+LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 POSTED = 2.3  # width of a strip of parking bays (m)
 
 
@@ -147,7 +147,9 @@ def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    nodes: list[Row] = [{"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}]
+    nodes: list[Attributes] = [
+        {"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}
+    ]
     major = rng.permutation(count)[:2]
     edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, "c", 3 if i in major else 1)]
     return legs, build_network(nodes + _ends(legs), edges)
@@ -161,7 +163,7 @@ def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     directions = _directions(rng, count)
     legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
     ring = street(1 + wide, width=4.5, footway=round(rng.uniform(1.5, 3.0), 2), speed=7.0)
-    nodes: list[Row] = [
+    nodes: list[Attributes] = [
         {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"} for i, leg in enumerate(legs)
     ]
     edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, f"r{i}", 1)]
@@ -197,8 +199,8 @@ def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, mos
         lanes = np.clip(usual + rng.integers(-1, 2, 2) * (rng.random(2) < 0.3), 1, most_lanes)
         if i == one_way:
             lanes[rng.integers(2)] = 0
-        along = np.linspace(start, REACH, 15)
-        bend = rng.uniform(-14.0, 14.0) * ((along - start) / REACH) ** 2
+        along = np.linspace(start, LEG_LENGTH, 15)
+        bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH) ** 2
         ahead = np.array([np.cos(direction), np.sin(direction)])
         path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
         parking = POSTED if rng.random() < 0.3 else 0.0
@@ -209,13 +211,13 @@ def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, mos
     return tuple(legs)
 
 
-def _ends(legs: Sequence[Leg]) -> list[Row]:
+def _ends(legs: Sequence[Leg]) -> list[Attributes]:
     return [{"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)]
 
 
-def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[Row]:
+def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[Attributes]:
     """The edges of a leg: towards the junction, away from it, or both."""
-    rows: list[Row] = []
+    rows: list[Attributes] = []
     for count, name, start, end, path in (
         (leg.inbound, f"in{number}", f"e{number}", junction, leg.path[::-1]),
         (leg.outbound, f"out{number}", junction, f"e{number}", leg.path),

@@ -21,30 +21,30 @@ from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
-from toolkit.sites.network import Row, build_network, line, road_polygons, street
+from toolkit.sites.network import Attributes, build_network, line, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
-AREA = (-48.0, -48.0, 48.0, 48.0)
+_AREA = (-48.0, -48.0, 48.0, 48.0)
 RELIEF = Relief(amplitude=0.08, seed=6)
 
-RADIUS, LANE, SHOULDER, FOOTWAY = 20.95, 3.5, 0.5, 2.6  # the reference line lies between the ring's two lanes
-INNER, OUTER = RADIUS - LANE, RADIUS + LANE
+RADIUS, _LANE, _SHOULDER, _FOOTWAY = 20.95, 3.5, 0.5, 2.6  # the reference line lies between the ring's two lanes
+INNER, OUTER = RADIUS - _LANE, RADIUS + _LANE
 MOUTH, BEND, CROSSING, END = 27.5, 34.0, 43.0, 112.0  # m from the centre along a leg
 CUT = 24.0  # half the angle (degrees) of the ring that belongs to a junction
 
-HEIGHT = 8.0
-TILT_DEG = 8.0
-POSTS = ((29.0, -2.0), (-28.0, 1.0), (0.0, 30.0), (-1.5, -30.0))  # on the east, west, north and south splitter island
+_HEIGHT = 8.0
+_TILT_DEG = 8.0
+_POSTS = ((29.0, -2.0), (-28.0, 1.0), (0.0, 30.0), (-1.5, -30.0))  # on the east, west, north and south splitter island
 
 
-PARKING = np.array(  # x, y, yaw: forecourts of the terrace, the glazed and the courtyard building
+_PARKING = np.array(  # x, y, yaw: forecourts of the terrace, the glazed and the courtyard building
     [(25.5, b, np.pi / 2) for b in (22.0, 28.5, 35.0, 41.5)]
     + [(a, -15.5, 0.0) for a in (-43.0, -36.5, -30.0)]
     + [(a, -18.4, 0.0) for a in (27.0, 33.5, 40.0, 46.5)]
 )
 
 
-class Leg(NamedTuple):
+class _Leg(NamedTuple):
     """A leg outwards at `angle` (degrees), `lanes` each way; exit and entry: how far the carriageway's island side lies
     left of the leg's axis (m), at the leg's end and at its mouth."""
 
@@ -67,29 +67,29 @@ class Leg(NamedTuple):
 
 
 LEGS = (
-    Leg("east", 0.0, 2, (-2.7, -2.7), (2.7, 2.9)),
-    Leg("north", 90.0, 2, (-2.3, -4.0), (1.2, 2.6)),
-    Leg("west", 180.0, 1, (-1.2, -5.2), (-0.9, 0.8)),
-    Leg("south", 270.0, 2, (-4.8, -6.0), (-0.3, 1.4)),
+    _Leg("east", 0.0, 2, (-2.7, -2.7), (2.7, 2.9)),
+    _Leg("north", 90.0, 2, (-2.3, -4.0), (1.2, 2.6)),
+    _Leg("west", 180.0, 1, (-1.2, -5.2), (-0.9, 0.8)),
+    _Leg("south", 270.0, 2, (-4.8, -6.0), (-0.3, 1.4)),
 )
 QUADRANTS = ("northeast", "northwest", "southwest", "southeast")
 
 
 def build() -> Site:
     """The site, its network made by netconvert."""
-    net = network()
-    lanes, footways = road_polygons(net, AREA)
-    beside = f.clear_of_road([*buildings(), *street_furniture(), *islands()], lanes, footways, gap=0.15)
+    net = _network()
+    lanes, footways = road_polygons(net, _AREA)
+    beside = f.clear_of_road([*_buildings(), *_street_furniture(), *islands()], lanes, footways, gap=0.15)
     solids = f.settle([*beside, *f.kerbs(lanes, footways)], RELIEF)
     return Site(
         name="roundabout",
-        area=np.array(AREA),
+        area=np.array(_AREA),
         lanes=lanes,
         footways=footways,
         solids=solids,
-        mounts=mounts(lanes, footways, solids),
-        sensors=sensors(),
-        parking=PARKING,
+        mounts=_mounts(lanes, footways, solids),
+        sensors=_sensors(),
+        parking=_PARKING,
         network=net,
         map_SE3_site=np.eye(4),
         relief=RELIEF,
@@ -97,18 +97,18 @@ def build() -> Site:
     )
 
 
-def sensors() -> tuple[Sensor, ...]:
+def _sensors() -> tuple[Sensor, ...]:
     """The paper's eight depth cameras, named d0..d7 by its ids: two on each post, the even one facing outwards along
     the leg, the odd one facing the centre."""
     outwards = np.deg2rad([0.0, 180.0, 90.0, 270.0])
-    headings = [h for (a, b), out in zip(POSTS, outwards, strict=True) for h in (out, np.arctan2(-b, -a))]
+    headings = [h for (a, b), out in zip(_POSTS, outwards, strict=True) for h in (out, np.arctan2(-b, -a))]
     return tuple(
-        Sensor(f"d{i}", DepthCamera(), look((*POSTS[i // 2], HEIGHT), float(heading), np.deg2rad(TILT_DEG)))
+        Sensor(f"d{i}", DepthCamera(), look((*_POSTS[i // 2], _HEIGHT), float(heading), np.deg2rad(_TILT_DEG)))
         for i, heading in enumerate(headings)
     )
 
 
-def buildings() -> list[Solid]:
+def _buildings() -> list[Solid]:
     """The buildings of the published picture; `build` cuts off what would stand on the street."""
     return [
         f.building(29.0, 6.0, 48.0, 56.0, 9.0),  # terrace of houses
@@ -134,12 +134,12 @@ def islands() -> list[Solid]:
             for i, (x, y) in enumerate(shrubs)
         ),
         *(Solid(splitter(leg), 0.0, 0.15, "island") for leg in LEGS),
-        *(f.post(a, b, HEIGHT - 0.2, 0.1) for a, b in POSTS),
+        *(f.post(a, b, _HEIGHT - 0.2, 0.1) for a, b in _POSTS),
         *(s for leg in LEGS for s in f.sign(*leg.place(36.5, (leg.exit[0] + leg.entry[0]) / 2), np.deg2rad(leg.angle))),
     ]
 
 
-def street_furniture() -> list[Solid]:
+def _street_furniture() -> list[Solid]:
     """The park, and trees, hedges, walls, lamps, signs and bins behind the footways."""
     park = [(a, b) for a in (-46.0, -40.0, -34.0, -29.0) for b in (30.0, 36.5, 43.0)]
     verge = [(18.5, 33.0), (19.5, 41.0), (-17.5, 38.0), (-19.0, 45.0), (-20.5, 22.5), (-38.0, 12.0), (-46.0, 10.5)]
@@ -170,22 +170,22 @@ def street_furniture() -> list[Solid]:
     ]
 
 
-def mounts(lanes: f.Polygons, footways: f.Polygons, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
+def _mounts(lanes: f.Outlines, footways: f.Outlines, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
     """Where sensors may hang: the present posts, poles behind the footways every 8 m, and corners of buildings."""
     corners = [(28.9, 13.3), (28.9, 30.0), (48.1, 13.3), (-30.0, -18.9), (-49.0, -18.9), (30.0, -21.9), (48.0, -21.9)]
     places = f.kerbside(lanes, footways, behind=0.3, spacing=8.0)
     return (
-        *f.poles(POSTS, RELIEF, "post", top=10.0),
-        *f.poles(f.free_places(places, solids, AREA, 6.0), RELIEF, "pole", top=10.0),
+        *f.poles(_POSTS, RELIEF, "post", top=10.0),
+        *f.poles(f.free_places(places, solids, _AREA, 6.0), RELIEF, "pole", top=10.0),
         *f.poles(corners, RELIEF, "corner", top=7.5, price=0.6, capacity=1000.0),
     )
 
 
-def network() -> str:
+def _network() -> str:
     """The ring as four junctions, one in each quadrant, where one leg's traffic enters and the next leg's leaves."""
     road, corner_walks = surface()
     paved = shapely.union_all([road, *(shapely.Polygon(walk) for walk in corner_walks)])
-    nodes: list[Row] = [
+    nodes: list[Attributes] = [
         {
             "id": name,
             "x": round(x, 3),
@@ -196,8 +196,8 @@ def network() -> str:
         for i, name in enumerate(QUADRANTS)
         for x, y in _arc(RADIUS, 45.0 + 90 * i, 45.0 + 90 * i, 1)
     ]
-    edges: list[Row] = []
-    walks: list[Row] = []
+    edges: list[Attributes] = []
+    walks: list[Attributes] = []
     for i, leg in enumerate(LEGS):
         before, after, crossing = QUADRANTS[i - 1], QUADRANTS[i], f"{leg.name}_crossing"
         for name, along in ((leg.name, END), (crossing, CROSSING)):
@@ -210,7 +210,7 @@ def network() -> str:
                 before,
                 after,
                 ring,
-                street(2, width=LANE, shoulder=SHOULDER, footway=0.0, speed=8.3),
+                street(2, width=_LANE, shoulder=_SHOULDER, footway=0.0, speed=8.3),
                 5,
             ),
             *_legs_edges(leg, before, after, crossing),
@@ -229,9 +229,9 @@ def network() -> str:
 
 def surface() -> tuple[shapely.Geometry, list[np.ndarray]]:
     """The road surface between the legs' ends, and the footway round each of the four corners."""
-    carriageways = [shapely.Point(0, 0).buffer(OUTER + SHOULDER, 32)]
+    carriageways = [shapely.Point(0, 0).buffer(OUTER + _SHOULDER, 32)]
     for leg in LEGS:
-        width = leg.lanes * LANE + SHOULDER
+        width = leg.lanes * _LANE + _SHOULDER
         for side, outward in ((leg.exit, -width), (leg.entry, width)):
             inner = [leg.place(15.0, side[1]), *leg.edge(side, MOUTH, END)]
             outer = [
@@ -242,21 +242,21 @@ def surface() -> tuple[shapely.Geometry, list[np.ndarray]]:
     filled = shapely.union_all([*carriageways, *(shapely.Polygon(splitter(leg)) for leg in LEGS)])
     filled = filled.buffer(9).buffer(-9)  # rounds the corners between legs
     holes = [shapely.Point(0, 0).buffer(INNER, 32), *(shapely.Polygon(splitter(leg)) for leg in LEGS)]
-    walks = filled.buffer(FOOTWAY).difference(filled)
+    walks = filled.buffer(_FOOTWAY).difference(filled)
     corners = [shapely.intersection(walks, _wedge(45.0 + 90 * i)) for i in range(4)]
     return filled.difference(shapely.union_all(holes)), [_ring(corner) for corner in corners]
 
 
-def splitter(leg: Leg) -> Float64[np.ndarray, "k 2"]:
+def splitter(leg: _Leg) -> Float64[np.ndarray, "k 2"]:
     """The island between a leg's carriageways, from the ring to the crossing."""
     sides = [*leg.edge(leg.exit, MOUTH, CROSSING - 4), *leg.edge(leg.entry, MOUTH, CROSSING - 4)[::-1]]
     island = shapely.Polygon([leg.place(20.0, leg.exit[1]), *sides, leg.place(20.0, leg.entry[1])])
-    island = island.difference(shapely.Point(0, 0).buffer(OUTER + SHOULDER, 32))
+    island = island.difference(shapely.Point(0, 0).buffer(OUTER + _SHOULDER, 32))
     return _ring(island.buffer(-0.45).buffer(0.4))
 
 
-def _legs_edges(leg: Leg, before: str, after: str, crossing: str) -> list[Row]:
-    lanes = street(leg.lanes, width=LANE, shoulder=SHOULDER, footway=FOOTWAY, speed=11.1)
+def _legs_edges(leg: _Leg, before: str, after: str, crossing: str) -> list[Attributes]:
+    lanes = street(leg.lanes, width=_LANE, shoulder=_SHOULDER, footway=_FOOTWAY, speed=11.1)
     out = leg.edge(leg.exit, MOUTH, CROSSING), leg.edge(leg.exit, CROSSING, END)
     back = leg.edge(leg.entry, CROSSING, END)[::-1], leg.edge(leg.entry, MOUTH, CROSSING)[::-1]
     return [
@@ -267,7 +267,7 @@ def _legs_edges(leg: Leg, before: str, after: str, crossing: str) -> list[Row]:
     ]
 
 
-def _one_way(name: str, start: str, end: str, left_side: object, lanes: list[Row], priority: int) -> Row:
+def _one_way(name: str, start: str, end: str, left_side: object, lanes: list[Attributes], priority: int) -> Attributes:
     shape = line(left_side)  # type: ignore[arg-type]
     ends = {"id": name, "from": start, "to": end, "priority": priority}
     return {**ends, "spreadType": "right", "shape": shape, "lanes": lanes}
@@ -287,7 +287,7 @@ def _wedge(middle: float) -> shapely.Geometry:
 
 def _quadrant(paved: shapely.Geometry, middle: float) -> np.ndarray:
     """The part of the paved surface that is the junction about `middle` degrees."""
-    ring = shapely.Point(0, 0).buffer(OUTER + SHOULDER, 32)
+    ring = shapely.Point(0, 0).buffer(OUTER + _SHOULDER, 32)
     slice_ = shapely.Polygon([(0, 0), *_arc(60.0, middle - CUT, middle + CUT, 3)])
     return _ring(paved.intersection(_wedge(middle)).difference(ring.difference(slice_)))
 

@@ -17,7 +17,6 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.site import Mount, Solid
 
-Polygons = Sequence[Float64[np.ndarray, "_ 2"]]
 Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction along the road (rad)
 
 LANE_CLEARANCE = 0.25  # m between a lane and what stands beside it
@@ -32,8 +31,8 @@ class Road:
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
     half_widths: Sequence[tuple[float, float]]
-    lanes: Polygons
-    footways: Polygons
+    lanes: f.Outlines
+    footways: f.Outlines
 
     @cached_property
     def carriageway(self) -> shapely.Geometry:
@@ -262,7 +261,7 @@ def _stretch(line: shapely.LineString, start: float, end: float) -> shapely.Line
     return substring(line, start, min(end, line.length)).simplify(0.1)
 
 
-def _closed(polygons: Polygons, gap: float) -> shapely.Geometry:
+def _closed(polygons: f.Outlines, gap: float) -> shapely.Geometry:
     """The union of `polygons`, gaps up to twice `gap` (m) filled."""
     union = shapely.union_all([shapely.Polygon(p) for p in polygons])
     return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(-gap, join_style="mitre", quad_segs=2)

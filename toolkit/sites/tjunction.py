@@ -23,17 +23,17 @@ from toolkit.sites import furniture as f
 from toolkit.sites.network import build_network, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
-AREA = (-40.0, -20.0, 40.0, 20.0)
+_AREA = (-40.0, -20.0, 40.0, 20.0)
 RELIEF = Relief(amplitude=0.08, seed=196)
 # right-handed CARLA map (x, -y_carla): x = 104 - b, y = a - 196
 MAP_SE3_SITE = np.array([[0.0, -1, 0, 104], [1, 0, 0, -196], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 THROUGH_B, SIDE_A = 13.6, -0.8
-LANE, SHOULDER, FOOTWAY = 4.0, 0.3, 4.0
+_LANE, _SHOULDER, _FOOTWAY = 4.0, 0.3, 4.0
 
-HEIGHT = 5.2
-TILT_DEG = 3.0
-POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in the tuple is the paper's sensor id
+_HEIGHT = 5.2
+_TILT_DEG = 3.0
+_POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in the tuple is the paper's sensor id
     (40.9, 8.1, 155.0),
     (-7.7, 21.9, 295.0),
     (-45.6, 10.1, 15.0),
@@ -41,27 +41,27 @@ POSTS = (  # a, b, heading in degrees counter-clockwise from +a; the place in th
     (-8.3, 18.5, 208.0),
     (-5.5, -27.5, 64.0),
 )
-FEET = tuple((a, 9.15 if i == 2 else b) for i, (a, b, _) in enumerate(POSTS))
-PARKING = np.array(  # x, y, yaw: two in the area only, for the paper has none; the others behind the through road
+FEET = tuple((a, 9.15 if i == 2 else b) for i, (a, b, _) in enumerate(_POSTS))
+_PARKING = np.array(  # x, y, yaw: two in the area only, for the paper has none; the others behind the through road
     [(10.4, -8.0, np.pi / 2), (-11.2, -13.5, -np.pi / 2)] + [(a, 25.8, np.pi / 2) for a in (-23.5, -4.0, 10.5, 37.0)]
 )
 
 
 def build() -> Site:
     """The site, its network made by netconvert."""
-    net = network()
-    lanes, footways = road_polygons(net, AREA)
-    beside = f.clear_of_road([*buildings(), *street_furniture()], lanes, footways, gap=0.15)
+    net = _network()
+    lanes, footways = road_polygons(net, _AREA)
+    beside = f.clear_of_road([*_buildings(), *_street_furniture()], lanes, footways, gap=0.15)
     solids = f.settle([*beside, *sensor_posts(), *f.kerbs(lanes, footways)], RELIEF)
     return Site(
         name="tjunction",
-        area=np.array(AREA),
+        area=np.array(_AREA),
         lanes=lanes,
         footways=footways,
         solids=solids,
-        mounts=mounts(lanes, footways, solids),
-        sensors=sensors(),
-        parking=PARKING,
+        mounts=_mounts(lanes, footways, solids),
+        sensors=_sensors(),
+        parking=_PARKING,
         network=net,
         map_SE3_site=MAP_SE3_SITE,
         relief=RELIEF,
@@ -69,7 +69,7 @@ def build() -> Site:
     )
 
 
-def network() -> str:
+def _network() -> str:
     """The through and the side road, both two-way and 80 m and more beyond the area; traffic lights, as in CARLA."""
     nodes = [
         {"id": "left", "x": -125, "y": THROUGH_B},
@@ -77,7 +77,7 @@ def network() -> str:
         {"id": "side", "x": SIDE_A, "y": -105},
         {"id": "junction", "x": SIDE_A, "y": THROUGH_B, "type": "traffic_light", "radius": 5.5},
     ]
-    lanes = street(1, width=LANE, shoulder=SHOULDER, footway=FOOTWAY, speed=11.1)
+    lanes = street(1, width=_LANE, shoulder=_SHOULDER, footway=_FOOTWAY, speed=11.1)
     ends = [(arm, "junction") for arm in ("left", "right", "side")]
     edges = [
         {
@@ -92,16 +92,16 @@ def network() -> str:
     return build_network(nodes, edges)
 
 
-def sensors() -> tuple[Sensor, ...]:
+def _sensors() -> tuple[Sensor, ...]:
     """The paper's six depth cameras, named d0..d5 by its ids."""
-    tilt = np.deg2rad(TILT_DEG)
+    tilt = np.deg2rad(_TILT_DEG)
     return tuple(
-        Sensor(f"d{i}", DepthCamera(), look((a, b, HEIGHT), np.deg2rad(heading), tilt))
-        for i, (a, b, heading) in enumerate(POSTS)
+        Sensor(f"d{i}", DepthCamera(), look((a, b, _HEIGHT), np.deg2rad(heading), tilt))
+        for i, (a, b, heading) in enumerate(_POSTS)
     )
 
 
-def buildings() -> list[Solid]:
+def _buildings() -> list[Solid]:
     """Houses and the pond of the published picture, and houses beyond the through road. Two of them reach over the
     footway in the picture (eaves): `build` cuts them off behind it."""
     return [
@@ -119,11 +119,11 @@ def buildings() -> list[Solid]:
 
 def sensor_posts() -> list[Solid]:
     """A post under each sensor. Post 2 stands on the footway: its camera hangs from an arm over the road's edge."""
-    arm = Solid(f.bar((-45.6, 9.15), (-45.6, 10.1), 0.08), HEIGHT + 0.1, HEIGHT + 0.2, "post")
-    return [*(f.post(*foot, HEIGHT + 0.2 if foot == FEET[2] else HEIGHT - 0.2) for foot in FEET), arm]
+    arm = Solid(f.bar((-45.6, 9.15), (-45.6, 10.1), 0.08), _HEIGHT + 0.1, _HEIGHT + 0.2, "post")
+    return [*(f.post(*foot, _HEIGHT + 0.2 if foot == FEET[2] else _HEIGHT - 0.2) for foot in FEET), arm]
 
 
-def street_furniture() -> list[Solid]:
+def _street_furniture() -> list[Solid]:
     """Lamps, trees, hedges, walls, signs and bins, all behind the footways."""
     lamps = [(a, 22.2) for a in (-36.0, -20.0, 6.0, 22.0, 38.0)] + [(a, 5.0) for a in (-42.0, 14.0, 28.0, 44.0)]
     lamps += [(-9.4, -16.0), (7.8, -22.0), (7.8, -8.0), (-9.4, -34.0), (-12.9, 2.8)]
@@ -157,12 +157,12 @@ def street_furniture() -> list[Solid]:
     ]
 
 
-def mounts(lanes: f.Polygons, footways: f.Polygons, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
+def _mounts(lanes: f.Outlines, footways: f.Outlines, solids: tuple[Solid, ...]) -> tuple[Mount, ...]:
     """Where sensors may hang: the present posts, poles behind the footways every 5 m, and corners of buildings."""
     corners = [(-27.6, 5.2), (-14.6, 5.2), (-14.6, -6.2), (-14.6, -17.5), (-18.9, -19.3), (-38.7, 5.2)]
     places = f.kerbside(lanes, footways, behind=0.1, spacing=5.0)
     return (
         *f.poles(FEET, RELIEF, "post"),
-        *f.poles(f.free_places(places, solids, AREA, 6.0), RELIEF, "pole"),
+        *f.poles(f.free_places(places, solids, _AREA, 6.0), RELIEF, "pole"),
         *f.poles(corners, RELIEF, "corner", top=4.0, price=0.6, capacity=1000.0),
     )

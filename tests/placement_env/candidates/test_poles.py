@@ -31,7 +31,7 @@ def site() -> Site:
 
 def degrees(places: list[list[float]]) -> list[list[float]]:
     on_map = np.array(places) @ pose(yaw=np.pi / 4)[:2, :2].T
-    return osm.unproject(on_map, CENTRE).tolist()
+    return osm.longitude_latitude(on_map, CENTRE).tolist()
 
 
 def point(coordinates: list[float], **properties) -> dict:

@@ -1,5 +1,5 @@
 import sqlite3
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import scored
 from placement_env.fidelity.visibility import Visibility, see
 from toolkit.boxes import count_points
-from toolkit.datasets.dataset import noisy
+from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points, inside, unproject
@@ -17,7 +17,6 @@ from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.cache import Cache
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
 
 
 @pytest.fixture(scope="module")
@@ -82,16 +81,11 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
             assert abs(found.far[c, k] - far) < 2
 
 
-@dataclass
-class Recorded:
-    """The frames of a traffic as a recording."""
+class Recorded(CoopDataset):
+    """A recording without a file."""
 
-    site: Site
-    frames: list[Frame]
-
-    @property
-    def sensors(self):
-        return self.site.sensors
+    def __init__(self, site, frames):
+        self.site, self.frames, self.sensors = site, frames, site.sensors
 
     def __len__(self):
         return len(self.frames)

@@ -30,7 +30,7 @@ def test_a_settled_set_is_the_answer_whatever_it_scores(make):
     assert progress.result("some", progress.unknown("why")).best.subset == ()
 
 
-@pytest.mark.parametrize("wrong", [{"seconds": 0, "evaluations": None}, {"seconds": None, "evaluations": -1}])
+@pytest.mark.parametrize("wrong", [{"seconds": 0.0, "evaluations": None}, {"seconds": None, "evaluations": -1}])
 def test_limits_are_above_0(wrong):
     with pytest.raises(ValueError, match="must be above 0"):
         Limits(**wrong)

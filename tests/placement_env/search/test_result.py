@@ -9,7 +9,13 @@ HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2,
 
 @pytest.mark.parametrize(
     ("limits", "reward"),
-    [({}, 0.6), ({"evaluations": 0}, 0.0), ({"evaluations": 4}, 0.2), ({"seconds": 0.5}, 0.6), ({"seconds": 0.4}, 0.2)],
+    [
+        ({}, 0.6),
+        ({"evaluations": 0.0}, 0.0),
+        ({"evaluations": 4.0}, 0.2),
+        ({"seconds": 0.5}, 0.6),
+        ({"seconds": 0.4}, 0.2),
+    ],
 )
 def test_history_knows_the_best_at_any_time(limits, reward):
     assert HISTORY.at(**limits) == reward

@@ -8,7 +8,7 @@ from toolkit.bodies.body import Body, centred
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import corners
 from toolkit.geometry import invert, look, pose, transform
-from toolkit.mesh import box, merge, moved
+from toolkit.mesh import box, merge, placed
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.static_scene import scenery
@@ -192,7 +192,7 @@ def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
 
 
 def test_own_scenery_replaces_the_sites():
-    mesh = merge([moved(box((1.0, 40.0, 20.0)), 9.0)])
+    mesh = merge([placed(box((1.0, 40.0, 20.0)), 9.0)])
     depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
     assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
 

@@ -31,7 +31,7 @@ class Draft:
         if xy not in self.nodes:
             self.count += 1
             self.nodes[xy] = self.count
-            ((longitude, latitude),) = osm.unproject(np.array([xy], float), CENTRE)
+            ((longitude, latitude),) = osm.longitude_latitude(np.array([xy], float), CENTRE)
             self.text.append(f'<node id="{self.count}" lat="{latitude:.7f}" lon="{longitude:.7f}">{_tags(tags)}</node>')
         return self.nodes[xy]
 
@@ -243,7 +243,7 @@ def test_projection_is_transverse_mercator():
     metres = osm.project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
     np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
     points = np.random.default_rng(0).uniform(-2000, 2000, (50, 2))
-    np.testing.assert_allclose(osm.project(osm.unproject(points, CENTRE), CENTRE), points, atol=1e-6)
+    np.testing.assert_allclose(osm.project(osm.longitude_latitude(points, CENTRE), CENTRE), points, atol=1e-6)
 
 
 def test_buildings_and_their_heights(tmp_path):
@@ -454,7 +454,7 @@ def test_centre_outside_and_off_the_road(tmp_path):
     path = put(crossroads(), tmp_path)
     with pytest.raises(ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"):
         import_osm(path, centre=CENTRE[::-1], size=(60, 60))
-    (aside,) = osm.unproject(np.array([[120.0, 120.0]]), CENTRE)
+    (aside,) = osm.longitude_latitude(np.array([[120.0, 120.0]]), CENTRE)
     with pytest.raises(ValueError, match="no road within the area"):
         import_osm(path, centre=tuple(aside), size=(20, 20))
     draft = Draft()

@@ -44,14 +44,14 @@ def test_so_many_are_spawned_and_gone_after_their_last_frame(site):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(0)
     with running(site.network, types.sumo_types(rng), seed=0) as sumo:
         spawner = Spawner(sumo, site, types, rng, count(), 12)
-        spawner.advance(10)
+        spawner.advance(10.0)
         first = spawner.state()[0]
         assert 6 < len(first) <= 12
         for _ in range(LIFE):
             assert set(first.tolist()) <= set(spawner.state()[0].tolist())
             spawner.count_frame(first)
         assert not set(first.tolist()) & set(spawner.state()[0].tolist())
-        spawner.advance(5)
+        spawner.advance(5.0)
         assert len(spawner.state()[0]) <= 12
 
 
