@@ -22,6 +22,7 @@ from toolkit.detection.evaluation import SCHEMES, Scheme
 from toolkit.objects import Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Memo, key_of
+from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -185,7 +186,7 @@ def load_table(name: str | Path) -> Table:
         raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with make_table")
     arrays = read_arrays(path)
     try:
-        values: dict[str, Any] = json.loads(arrays.pop("origin").tobytes())
+        values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         return Table(Origin(**values | {"sensors": tuple(values["sensors"])}), **arrays)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with make_table") from None

@@ -331,8 +331,8 @@ def _read_site(path: Path) -> None:
 
 
 def _poles(path: Path) -> None:
-    def feature(kind: str, coordinates: Any, **properties: Any) -> Any:
-        return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": coordinates}}
+    def feature(shape: str, coordinates: Any, **properties: Any) -> Any:
+        return {"type": "Feature", "properties": properties, "geometry": {"type": shape, "coordinates": coordinates}}
 
     features = [
         *(feature("Point", [x, 3.0], name=f"p{x}", height=6, price=1.5, capacity_kbit=900.0) for x in range(4)),

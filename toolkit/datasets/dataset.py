@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import operator
 import os
 import warnings
@@ -20,6 +19,7 @@ from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -217,9 +217,7 @@ def _site(file: h5py.File) -> Site:
         from toolkit.sites.geojson import parse
 
         try:
-            return parse(json.loads(hdf5.text(file, "coview/site")))
-        except RecursionError:
-            raise UnknownSite("coview/site is nested too deep: pass site= to read the file all the same") from None
+            return parse(parse_json(hdf5.text(file, "coview/site")))
         except (ValueError, OSError) as error:
             raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
     return _recognised(file)
@@ -270,8 +268,8 @@ def _order(file: h5py.File) -> list[str]:
         return []
     written = hdf5.attributes(file["coview"], "coview").get("sensors", "[]")
     try:
-        order = json.loads(written) if isinstance(written, str) else None
-    except (json.JSONDecodeError, RecursionError):
+        order = parse_json(written) if isinstance(written, str) else None
+    except ValueError:
         order = None
     if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
         raise ValueError(f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}")
