@@ -25,6 +25,7 @@ from models.config import VoxelNetConfig
 from models.losses import published_loss, quality_loss
 from models.packed import PackedFrames
 from models.samples import Batch, SampleRecipe, Samples, stack
+from models.tensor_files import load_tensors
 from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
 from models.weights import check_tensors, digest_of
@@ -197,11 +198,20 @@ def save_atomically(path: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> tuple[VoxelNet, dict[str, Any]]:
-    """The network of a checkpoint and the settings it was trained with. Nothing in the file is executed."""
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
-    network.load_state_dict(state["network"])
-    return network.eval(), {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
+    """The network of a checkpoint and the settings it was trained with. Nothing in the file is executed.
+
+    Raises FileNotFoundError; ValueError, in one line, where the file is damaged or no checkpoint of a training.
+    """
+    state = load_tensors(path)
+    try:
+        network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
+        check_tensors(network.state_dict(), state["network"], path)
+        network.load_state_dict(state["network"])
+        settings = {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
+        raise ValueError(f"{path} is no checkpoint of a training ({reason}): start the training again") from None
+    return network.eval(), settings
 
 
 def commit() -> str:

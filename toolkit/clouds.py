@@ -36,8 +36,8 @@ __all__ = [
     "down_sample",
     "frame_cloud",
     "frame_points",
-    "from_depth",
     "from_attributes",
+    "from_depth",
     "from_points",
     "fuse",
     "load",
@@ -186,6 +186,8 @@ def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float 
 
     height: the site's own where one is given, else 4 m (paper section II-B).
     """
+    if np.isnan(floor):
+        raise ValueError("floor must be a number of metres, got NaN")
     return _select(cloud, inside(positions(cloud), area_of(area), height_of(area, height), floor))
 
 
@@ -250,11 +252,25 @@ def save(cloud: Cloud, path: str | Path) -> None:
     if path.suffix.lower() not in (".ply", ".pcd", ".npz"):
         raise ValueError(f"a cloud is saved as .ply, .pcd or .npz, got {path.name}")
     try:
-        if not path.parent.is_dir() or not o3d.t.io.write_point_cloud(part, cloud):
+        if not path.parent.is_dir() or not o3d.t.io.write_point_cloud(part, _writable(cloud, path)):
             raise OSError(f"cannot write {path}: check that its folder exists and the disk has room")
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _writable(cloud: Cloud, path: Path) -> Cloud:
+    """The cloud as Open3D can write it: normals of the positions' type, which its PCD writer takes them to have, and in
+    ply and pcd no attribute of several columns that these do not know; a warning names what is left out."""
+    columns = attributes(cloud)
+    if "normals" in columns:
+        columns["normals"] = columns["normals"].astype(columns["positions"].dtype)
+    known = ("positions", "normals", "colors")
+    wide = [name for name, column in columns.items() if name not in known and column[:1].size > 1]
+    if path.suffix.lower() == ".npz" or not wide:
+        return from_attributes(columns)
+    warnings.warn(f"{path}: {', '.join(wide)} left out, which have several columns: save as .npz", stacklevel=3)
+    return from_attributes({name: column for name, column in columns.items() if name not in wide})
 
 
 def load(path: str | Path) -> Cloud:
@@ -294,7 +310,7 @@ def _checked(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndar
         raise ValueError(_no_points(path))
     sound = {name: column for name, column in attributes.items() if _is_column(column, len(points))}
     if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
-        raise ValueError(f"{path}: sensor must be one whole number for each of {len(points)} points: write the file again")
+        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
     return sound
 
 

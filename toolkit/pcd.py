@@ -1,7 +1,7 @@
 """PCD files of the Point Cloud Library: text, binary and LZF-compressed, every field kept.
 
-Open3D's reader takes fields of one name, such as the paddings `_` that PCL and ROS write, for one field, and writes past
-the end of its memory. This one needs NumPy only. https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+Open3D's reader takes fields of one name, such as the paddings `_` that PCL and ROS write, for one field, and writes
+past the end of its memory. This one needs NumPy only. https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 """
 
 from __future__ import annotations
@@ -173,9 +173,11 @@ def lzf_decompressed(packed: bytes, size: int) -> bytes:
             start, length = len(out) - back, length + 2
             if start < 0 or len(out) > size:
                 break
-            out += (out[start : start + length] * (length // back + 1))[:length] if length > back else out[
-                start : start + length
-            ]  # it may overlap what it makes
+            out += (
+                (out[start : start + length] * (length // back + 1))[:length]
+                if length > back
+                else out[start : start + length]
+            )  # it may overlap what it makes
     except IndexError:
         pass
     if i != len(packed) or len(out) != size:

@@ -1,4 +1,4 @@
-"""The named columns of a point file as a cloud's attributes: positions, normals and colours together, the rest as it is."""
+"""The named columns of a point file as a cloud's attributes: positions, normals, colours, and the rest as it is."""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ def _change_dataset(file: h5py.File, name: str, rng: np.random.Generator) -> str
     was = file[name]
     attributes, values = dict(was.attrs), was[()]
     if isinstance(values, bytes):
-        texts = ["", "[]", "3", "null", "{", "[" * 20000, '{"type": "FeatureCollection"}', "\x00", 7.5, b"\xff\xfe"]
+        texts = ["", "[]", "3", "null", "{", "[" * 20000, '{"type": "FeatureCollection"}', "\x01", 7.5, b"\xff\xfe"]
         value: Any = texts[int(rng.integers(len(texts)))]
         del file[name]
         file[name] = value

@@ -124,7 +124,7 @@ def _verdict(kind: Format, name: str, number: int, sound: bytes) -> str:
                 one_line(str(error))
             except RuntimeError as fault:
                 return f"no {what}: {fault}"
-        except BaseException:  # noqa: BLE001  # whatever it is, it is what is looked for
+        except BaseException:  # whatever it is, it is what is looked for
             return f"no {what}: {''.join(traceback.format_exc().splitlines(keepends=True)[-9:])}"
         finally:
             faulthandler.cancel_dump_traceback_later()

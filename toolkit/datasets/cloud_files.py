@@ -16,7 +16,6 @@ coordinates of a million metres keep their millimetres.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -180,8 +179,8 @@ def _read(path: Path) -> Attributes:
             raise ValueError(f"{path} must have columns x, y and z, got {', '.join(table)}")
         if any(table[axis].dtype.kind not in "fiu" for axis in "xyz"):
             raise ValueError(f"{path} must hold numbers in its columns x, y and z")
-        wide = {name: column.astype(np.float32) if column.dtype == np.float16 else column for name, column in table.items()}
-        return attributes_of(wide)
+        half = {name: column.astype(np.float32) for name, column in table.items() if column.dtype == np.float16}
+        return attributes_of(table | half)
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
 
 

@@ -35,9 +35,9 @@ class CoopDataset(Sequence[Frame]):
     """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
 
     path: a file of `coview simulate` or one in the published layout. site: which place it shows; ours say so
-    themselves, published ones are recognised where they show a built-in site. drop_invalid: objects that no object can
-    be (NaN, no size, kilometres away, see `published_layout.wrong_rows`) are left out with one warning that counts them,
-    instead of the ValueError that names the first one when its frame is read.
+    themselves, published ones are recognised where they show a built-in site. drop_invalid: rows that no object can
+    have (NaN, no size, kilometres away, see `published_layout.wrong_rows`) are left out with one warning that counts
+    them, instead of the ValueError that names the first one when its frame is read.
     Opened when needed and again in every process it is sent to; usable in a `with` statement.
 
     Raises FileNotFoundError; OSError where the file is no HDF5 file or cut off; ValueError, which names what in the

@@ -1,7 +1,7 @@
 """HDF5 files read with care: what h5py raises on damaged bytes becomes one OSError that names the place.
 
-A damaged file makes h5py raise OSError, RuntimeError, KeyError, TypeError, ... from any access, even from `in`. Here every
-access stands in `reading`, and what comes out is plain: lists of names, texts, numbers in NumPy arrays.
+A damaged file makes h5py raise OSError, RuntimeError, KeyError, TypeError, ... from any access, even from `in`. Here
+every access stands in `reading`, and what comes out is plain: lists of names, texts, numbers in NumPy arrays.
 """
 
 from __future__ import annotations
@@ -73,15 +73,15 @@ def kind_of(group: h5py.Group, name: str) -> type:
 def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
     """The dataset of that name, of so many axes and of a type that NumPy calls one of `kinds`, not yet read."""
     with reading(name):
-        node = group[name] if name in group else None
-        holds_numbers = isinstance(node, h5py.Dataset) and node.shape is not None
-        shape, dtype = (node.shape, node.dtype) if holds_numbers else ((), np.dtype(float))
-        size, stored = (node.nbytes, node.id.get_storage_size()) if holds_numbers else (0, 0)
+        node: Any = group.get(name)
+        numeric = isinstance(node, h5py.Dataset) and node.shape is not None
+        shape, dtype, size = (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
+        stored = node.id.get_storage_size() if numeric else 0
     if node is None:
         raise ValueError(f"dataset {name!r} is missing: restore the file, or make it again")
-    if not holds_numbers:
+    if not numeric:
         raise ValueError(f"{name} must be a dataset of numbers, got {type(node).__name__.lower()} without any")
-    if dtype.kind not in kinds or dtype.kind in "fc" and dtype.itemsize > 8:
+    if dtype.kind not in kinds or (dtype.kind in "fc" and dtype.itemsize > 8):
         raise ValueError(f"{name} must hold {_KINDS.get(kinds, 'numbers')}, got {dtype} of shape {shape}")
     if axes is not None and len(shape) != axes:
         raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")

@@ -25,7 +25,7 @@ def parse_json(text: str) -> Any:
 
 
 def read_json(path: str | Path) -> Any:
-    """The values of a JSON file in UTF-8. Raises OSError; ValueError, in one line with the path, where it is damaged."""
+    """The values of a JSON file in UTF-8. Raises OSError; ValueError, in one line, where it is damaged."""
     try:
         return parse_json(Path(path).read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -126,7 +128,16 @@ def test_order_of_the_sensors_in_the_frame_does_not_matter(scheme):
 
 
 def test_a_duplicated_sensor_adds_nothing_to_late_fusion():
-    same(late(frame(), grid_detector, [0, 0, 1], site=AREA), late(frame(), grid_detector, [0, 1], site=AREA))
+    scene = frame()
+    twins = (*scene.sensors, replace(scene.sensors[0], name="twin of s0"))
+    doubled = Frame(twins, (*scene.measurements, scene.measurements[0]), scene.objects)
+    same(late(doubled, grid_detector, [0, "twin of s0", 1], site=AREA), late(scene, grid_detector, [0, 1], site=AREA))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_sensor_cannot_be_fused_with_itself(scheme):
+    with pytest.raises(ValueError, match="once only"):
+        scheme(frame(), grid_detector, [0, 0], site=AREA)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

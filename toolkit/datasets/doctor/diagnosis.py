@@ -76,7 +76,7 @@ def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
     except (ValueError, OSError) as error:
         return nothing, str(error)
     words = published.wrong_rows(rows)
-    sound = rows[words == ""] if len(words) == len(rows) else rows
+    sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
     try:
         published.objects_of(sound, np.eye(4))
     except ValueError as error:
