@@ -121,9 +121,38 @@ class VoxelNetConfig:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
         """The configuration of `to_dict`, after JSON made lists of its tuples. Raises ValueError for other keys."""
+        if not isinstance(values, dict):
+            raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
         if unknown := set(values) - {field.name for field in fields(cls)}:
             raise ValueError(f"no such entries in a VoxelNetConfig: {', '.join(sorted(unknown))}; is the file newer?")
+        if "area" not in values:
+            raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
+        example = asdict(cls.published("tjunction"))
+        for name, value in values.items():
+            _check_like(value, example[name], name)
         return cls(**{name: _tuples(value) for name, value in values.items()})
+
+
+def _check_like(value: Any, example: Any, name: str) -> None:
+    """ValueError unless a value is of the kind of the example: texts, sane whole or other numbers, tuples of these."""
+    if isinstance(example, tuple):
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{name} must be a list like {example}, got {str(value)[:60]}")
+        if name in _LENGTHS and len(value) != _LENGTHS[name]:
+            raise ValueError(f"{name} must have {_LENGTHS[name]} entries, got {len(value)}")
+        for each in value:
+            _check_like(each, example[0], name)
+    elif isinstance(example, str):
+        if not isinstance(value, str):
+            raise ValueError(f"{name} must be a text like {example!r}, got {str(value)[:60]}")
+    elif isinstance(value, bool) or not isinstance(value, int if isinstance(example, int) else int | float):
+        raise ValueError(f"{name} must be a number like {example}, got {str(value)[:60]}")
+    elif not -_LARGEST <= value <= _LARGEST:
+        raise ValueError(f"{name} must lie within ±{_LARGEST:g}, got {str(value)[:60]}")
+
+
+_LARGEST = 1e6
+_LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3}
 
 
 def _cells(length: float, size: float) -> int:

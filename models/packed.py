@@ -15,21 +15,24 @@ Depth stays noise-free; every reading draws fresh noise. `models.packing` writes
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import SupportsFloat
+from typing import Any, SupportsFloat
 
 import h5py
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Shaped
+from toolkit.boxes import check_boxes
 from toolkit.objects import Objects
+from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
 
 STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise
+MOST_PIXELS = 10**8  # of a sensor; a file that says more is damaged
 MARGIN = 0.2  # m kept around the crop, so that noise can carry a point across its edge
 
 Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
@@ -45,14 +48,36 @@ class PackedFrames:
         if not Path(path).is_file():
             raise FileNotFoundError(f"no packed file {path}: make it with coview pack")
         try:
-            with h5py.File(path, "r") as file:
-                self._rig_of_frame, self._ends = file["frames/rig"][:], file["frames/ends"][:]
-                self._pixels, self._steps = file["pixels"][:], file["steps"][:]
-                self._boxes, self._labels = file["boxes"][:], file["labels"][:]
-                self._box_ends = file["box_ends"][:]
-                self.rigs = tuple(_read_rig(file[f"rigs/{r}"]) for r in range(len(file["rigs"])))
-        except (OSError, KeyError) as error:
+            with hdf5.open_hdf5(path) as file:
+                self._rig_of_frame = hdf5.array(file, "frames/rig", axes=1, kinds="iu")
+                self._ends = hdf5.array(file, "frames/ends", axes=2, kinds="iu")
+                self._pixels = hdf5.array(file, "pixels", axes=1, kinds="iu")
+                self._steps = hdf5.array(file, "steps", axes=1, kinds="iu")
+                self._boxes = hdf5.array(file, "boxes", axes=2)
+                self._labels = hdf5.array(file, "labels", axes=1, kinds="iu")
+                self._box_ends = hdf5.array(file, "box_ends", axes=1, kinds="iu")
+                self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.names_in(file, "rigs"))))
+            self._check()
+        except (OSError, ValueError) as error:
             raise ValueError(f"{path} is no whole packed file ({error}): make it again with coview pack") from error
+
+    def _check(self) -> None:
+        """ValueError where numbers of the file do not fit each other."""
+        frames = len(self)
+        if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
+            raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
+        most = max((len(rig.sensors) for rig in self.rigs), default=0)
+        if len(self._ends) != frames or self._ends.shape[1] <= most or not _ascends(self._ends, len(self._pixels)):
+            raise ValueError("frames/ends does not cut its pixels into frames and sensors")
+        if len(self._steps) != len(self._pixels):
+            raise ValueError(f"it has {len(self._pixels)} pixels but {len(self._steps)} steps")
+        if len(self._box_ends) != frames + 1 or not _ascends(self._box_ends, len(self._boxes)):
+            raise ValueError("box_ends does not cut its boxes into frames")
+        check_boxes(self._boxes)
+        for k in range(frames):
+            for s, sensor in enumerate(self.rig(k).sensors):
+                _check_pixels(self._pixels[slice(*self._ends[k, s : s + 2])], sensor, "pixels")
+        Objects(self._boxes, self._labels)
 
     def __len__(self) -> int:
         return len(self._rig_of_frame)
@@ -140,13 +165,49 @@ class Rig:
         return inside & (z > -margin) & (z < self.height + margin)
 
 
-def _read_rig(group: h5py.Group) -> Rig:
-    models = json.loads(group.attrs["sensors"])
-    sensors = tuple(
-        Sensor(each["name"], make_model(each["type"], each["model"]), pose)
-        for each, pose in zip(models, group["poses"][:], strict=True)
-    )
-    ends = group["ends"][:-1]
-    pixels, depth = np.split(group["pixels"][:], ends), np.split(group["depth"][:], ends)
-    area = tuple(group.attrs["area"].tolist())
-    return Rig(sensors, area, float(group.attrs["height"]), tuple(pixels), tuple(depth))
+def _read_rig(file: h5py.File, name: str) -> Rig:
+    with hdf5.reading(name):
+        attributes = hdf5.attributes(file[name], name)
+    poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
+    pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
+    ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
+    sensors, area, height = _described(attributes, poses, name)
+    if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
+        raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
+    if not np.isfinite(depth).all():
+        raise ValueError(f"{name}/depth holds NaN or infinity")
+    seen = tuple(np.split(pixels, ends[:-1]))
+    for sensor, each in zip(sensors, seen, strict=True):
+        _check_pixels(each, sensor, f"{name}/pixels")
+    return Rig(sensors, area, height, seen, tuple(np.split(depth.astype(np.float32), ends[:-1])))
+
+
+def _described(attributes: dict[str, Any], poses: np.ndarray, name: str) -> tuple[tuple[Sensor, ...], Area, float]:
+    """The sensors, area and height that a rig's attributes say. Raises ValueError where they do not."""
+    try:
+        models = parse_json(attributes["sensors"])
+        sensors = tuple(
+            Sensor(str(each["name"]), make_model(each["type"], each["model"]), pose)
+            for each, pose in zip(models, poses, strict=True)
+        )
+        xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
+        height = float(attributes["height"])
+    except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
+        raise ValueError(f"{name}: its attributes describe no sensors, area and height ({error})") from None
+    if not (np.isfinite([xmin, ymin, xmax, ymax, height]).all() and xmin < xmax and ymin < ymax and height > 0):
+        raise ValueError(f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, {height}")
+    if not sensors or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS:
+        raise ValueError(f"{name}: needs sensors of at most {MOST_PIXELS} pixels each")
+    return sensors, (xmin, ymin, xmax, ymax), height
+
+
+def _ascends(ends: np.ndarray, total: int) -> bool:
+    """Whether the numbers ascend from 0 or more to the total or less, row after row."""
+    flat = ends.ravel().astype(np.int64)
+    return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
+
+
+def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:
+    rows, columns = sensor.model.shape
+    if len(pixels) and not (pixels.min() >= 0 and pixels.max() < rows * columns):
+        raise ValueError(f"{name} must be of the {rows}×{columns} that sensor {sensor.name!r} has, got {pixels.max()}")

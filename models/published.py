@@ -6,7 +6,6 @@ keep its axes, and turn clouds on their way in and boxes on their way out.
 
 from __future__ import annotations
 
-import pickle
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from models.anchors import anchors
 from models.config import VoxelNetConfig
 from models.detector import MOST_CANDIDATES, candidates, suppressed
 from models.sparse import SparseVoxelNet
+from models.tensor_files import load_tensors
 from models.voxelnet import Prediction, VoxelNet
 from models.voxels import voxelise
 from models.weights import check_tensors, digest_of, digest_with
@@ -196,13 +196,7 @@ def _as_convolution(name: str, tensor: Tensor) -> Tensor:
 
 def _read(path: Path) -> dict[str, Tensor]:
     """The state dict of a checkpoint, without the prefix of a network that was trained in parallel."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no checkpoint at {path}")
-    try:
-        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, ValueError, AttributeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ValueError(f"{path} is damaged or no checkpoint of tensors alone: {reason}") from None
+    checkpoint = load_tensors(path)
     weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
     if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):
         raise ValueError(f"{path} has no state_dict of tensors: is it a checkpoint_*.pth of the published code?")

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +28,7 @@ from models.detector import moved, weights_file
 from models.losses import published_loss, quality_loss
 from models.packed import PackedFrames
 from models.samples import Batch, SampleRecipe, Samples, stack
+from models.tensor_files import load_tensors
 from models.training_options import TrainingOptions, parsed
 from models.validation import validation
 from models.voxelnet import Prediction, VoxelNet
@@ -207,21 +207,10 @@ def save_atomically(path: Path, state: dict[str, Any]) -> None:
 
 def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
     """What `save_atomically` wrote. Nothing in the file is executed. Raises ValueError where it is damaged."""
-    content = BytesIO(path.read_bytes())
     try:
-        state = torch.load(content, map_location=device, weights_only=True)
-    except (
-        OSError,
-        RuntimeError,
-        ValueError,
-        LookupError,
-        AttributeError,
-        TypeError,
-        EOFError,
-        UnpicklingError,
-    ) as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0][:80]
-        raise ValueError(f"{path} is damaged or no checkpoint ({reason}): remove it to begin anew") from None
+        state = load_tensors(path, device)
+    except ValueError as error:
+        raise ValueError(f"{error}: remove it to begin anew") from None
     if not isinstance(state, dict):
         raise ValueError(f"{path} is no checkpoint: remove it to begin anew, or choose another folder")
     return state
@@ -232,6 +221,7 @@ def load_checkpoint(path: Path) -> tuple[VoxelNet, dict[str, Any]]:
     state = read_checkpoint(path)
     with _checkpoint_errors(path):
         network = VoxelNet(VoxelNetConfig.from_dict(state["config"]))
+        check_tensors(network.state_dict(), state["network"], path)
         network.load_state_dict(state["network"])
         return network.eval(), {"preset": state["preset"], "step": state["step"], "frames": state["frames"]}
 

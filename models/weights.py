@@ -14,6 +14,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.voxelnet import VoxelNet
 from toolkit.runtime.files import write_bytes
+from toolkit.runtime.json_files import parse_json
 
 FORMAT = "coview VoxelNet 1"
 
@@ -71,15 +72,14 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
-    except SafetensorError as error:
-        raise ValueError(
-            f"{path} is damaged or no safetensors file ({str(error).splitlines()[0]}): fetch it again"
-        ) from None
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(f"{path} is damaged or no safetensors file ({reason}): fetch it again") from None
     if metadata.get("format") != FORMAT:
         raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
     if metadata.get("digest") != digest_of(tensors):
         raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
-    return _network(path, metadata, tensors), _header(metadata)
+    return _network(path, metadata, tensors), _header(path, metadata)
 
 
 def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
@@ -97,18 +97,29 @@ def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origi
 
 def _network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> VoxelNet:
     try:
-        config = VoxelNetConfig.from_dict(json.loads(metadata["config"]))
-    except (KeyError, TypeError, ValueError) as error:
+        config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
+    except (KeyError, ValueError) as error:
         raise ValueError(f"{path} has no usable configuration in its header: {error}") from None
+    try:
+        with torch.device("meta"):  # what it would be, without the memory that a damaged configuration may ask for
+            expected = VoxelNet(config).state_dict()
+    except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(f"{path} has a configuration of which no network can be made: {reason}") from None
+    check_tensors(expected, tensors, path)
     network = VoxelNet(config)
-    check_tensors(network.state_dict(), tensors, path)
     network.load_state_dict(tensors)
     return network.eval()
 
 
-def _header(metadata: dict[str, str]) -> Header:
-    ap: dict[str, Any] = json.loads(metadata.get("ap", "{}"))
-    return Header(metadata.get("site", ""), int(metadata.get("seed", 0)), metadata.get("commit", ""), ap)
+def _header(path: Path, metadata: dict[str, str]) -> Header:
+    try:
+        ap, seed = parse_json(metadata.get("ap", "{}")), int(metadata.get("seed", 0))
+    except ValueError as error:
+        raise ValueError(f"{path} has no usable seed and AP in its header: {error}") from None
+    if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
+        raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
+    return Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
 
 
 def digest_of(tensors: dict[str, Tensor]) -> str:

@@ -1,15 +1,18 @@
 """Open3D clouds: one per sensor, fused, cropped, counted.
 
 A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and `sensor` (n, 1)
-int32, the number of the sensor that measured each point. Open3D's own viewer, filters and files work on it as it is.
-Files: ply and pcd (binary), and npz keep both attributes bit for bit; ASCII ply rounds positions to 6 digits; xyz, pts
+int32, the number of the sensor that measured each point; `colors`, `normals`, `intensity`, `time` and whatever else it
+has go with their points through every function. Open3D's own viewer, filters and files work on it as it is, but its
+`voxel_down_sample` makes every sensor 0: use `down_sample`.
+Files: ply and pcd (binary), and npz keep the attributes bit for bit; ASCII ply rounds positions to 6 digits; xyz, pts
 and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,17 +22,22 @@ import open3d as o3d
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
+from toolkit.pcd import read_pcd
 from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
 from toolkit.runtime.files import reserve, writing
+from toolkit.runtime.numpy_files import load_arrays
 from toolkit.sensors.sensor import Sensor
 
 __all__ = [
     "DensityMap",
+    "attributes",
     "crop",
     "density_cdf",
     "density_map",
+    "down_sample",
     "frame_cloud",
     "frame_points",
+    "from_attributes",
     "from_depth",
     "from_points",
     "fuse",
@@ -105,12 +113,73 @@ def sensor_numbers(cloud: Cloud) -> Int32[np.ndarray, " n"]:
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
+def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> Cloud:
+    """A cloud of `positions` (n, 3) and other attributes of n rows each; all by one sensor where it is given, else each
+    by its own `sensor`, 0 where they have none. Raises ValueError where the lengths differ."""
+    number = attributes.get("sensor", np.zeros(1)).reshape(-1) if sensor_id is None else np.full(1, sensor_id)
+    points = attributes["positions"]
+    cloud = from_points(points, np.broadcast_to(number, len(points)) if len(number) == 1 else number)
+    for name, column in attributes.items():
+        if name in ("positions", "sensor"):
+            continue
+        rows = column if column.ndim == 2 else column[:, None]
+        if len(rows) != len(points):
+            raise ValueError(f"{name} must have one row for each of {len(points)} points, got {len(rows)}")
+        cloud.point[name] = o3d.core.Tensor.from_numpy(np.array(rows, order="C"))
+    return cloud
+
+
+def attributes(cloud: Cloud) -> dict[str, np.ndarray]:
+    """The attributes of a cloud, positions among them, as arrays that share its memory."""
+    return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
+
+
 def fuse(clouds: Iterable[Cloud]) -> Cloud:
-    """All points of all clouds, in order, each with the number of its sensor. No clouds make an empty one."""
-    clouds = list(clouds)
-    points = [np.zeros((0, 3), np.float32), *map(positions, clouds)]
-    numbers = [np.zeros(0, np.int32), *map(sensor_numbers, clouds)]
-    return from_points(np.concatenate(points), np.concatenate(numbers))
+    """All points of all clouds, in order, each with the number of its sensor. No clouds make an empty one.
+
+    Attributes that all clouds have stay, in the type that holds them all; a warning names those that only some have, or
+    have of another width. Clouds without points do not count.
+    """
+    parts = [attributes(cloud) for cloud in clouds]
+    parts = [part for part in parts if len(part.get("positions", ()))]
+    if not parts:
+        return from_points(np.zeros((0, 3), np.float32))
+    shapes = [{name: column.shape[1:] for name, column in part.items()} for part in parts]
+    every = {name for part in parts for name in part} - {"sensor"}
+    kept = [name for name in parts[0] if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)]
+    if len(kept) < len(every):
+        dropped = ", ".join(sorted(every - set(kept)))
+        warnings.warn(f"fuse drops {dropped}: not all of {len(parts)} clouds have the same", stacklevel=2)
+    numbers = [np.asarray(part.get("sensor", np.zeros(len(part["positions"])))).reshape(-1) for part in parts]
+    fused = {name: np.concatenate([part[name] for part in parts]) for name in kept}
+    return from_attributes({**fused, "sensor": np.concatenate(numbers)})
+
+
+def down_sample(cloud: Cloud, voxel_m: float) -> Cloud:
+    """One point of each sensor in each cube of edge `voxel_m` (m): that nearest to the middle of the sensor's points
+    there, the first of equals, with all its attributes, so that sensor numbers, times and rings stay those of a
+    measured point. Points keep their order. Sensors are thinned apart: what the sets of sensors see stays comparable.
+
+    >>> cloud = from_points(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0], [0.2, 0, 0]]), np.array([0, 0, 0, 1]))
+    >>> thin = down_sample(cloud, 1.0)
+    >>> positions(thin)[:, 0].tolist(), sensor_numbers(thin).tolist()
+    ([0.2, 0.2], [0, 1])
+    """
+    if not 0 < voxel_m < np.inf:
+        raise ValueError(f"voxel_m must be a length above 0 m, got {voxel_m}")
+    points = positions(cloud).astype(np.float64)
+    if not len(points):
+        return _select(cloud, np.zeros(0, bool))
+    cells = np.column_stack([np.floor(points / voxel_m), sensor_numbers(cloud)])
+    cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)[1:]
+    cell = cell.reshape(-1)
+    middle = np.stack([np.bincount(cell, column) for column in points.T], axis=1) / count[:, None]
+    away = ((points - middle[cell]) ** 2).sum(axis=1)
+    order = np.lexsort((np.arange(len(points)), away.round(12), cell))
+    first = order[np.append(0, np.cumsum(count)[:-1])]
+    keep = np.zeros(len(points), bool)
+    keep[first] = True
+    return _select(cloud, keep)
 
 
 def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> Cloud:
@@ -118,6 +187,8 @@ def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float 
 
     height: the site's own where one is given, else 4 m (paper section II-B).
     """
+    if np.isnan(floor):
+        raise ValueError("floor must be a number of metres, got NaN")
     return _select(cloud, inside(positions(cloud), area_of(area), height_of(area, height), floor))
 
 
@@ -185,38 +256,68 @@ def save(cloud: Cloud, path: str | Path) -> None:
         raise refused
     with writing(path) as unfinished:
         reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
-        if not o3d.t.io.write_point_cloud(unfinished, cloud):
+        if not o3d.t.io.write_point_cloud(unfinished, _writable(cloud, path)):
             raise refused
 
 
+def _writable(cloud: Cloud, path: Path) -> Cloud:
+    """The cloud as Open3D can write it: normals of the positions' type, which its PCD writer takes them to have, and in
+    ply and pcd no attribute of several columns that these do not know; a warning names what is left out."""
+    columns = attributes(cloud)
+    if "normals" in columns:
+        columns["normals"] = columns["normals"].astype(columns["positions"].dtype)
+    known = ("positions", "normals", "colors")
+    wide = [name for name, column in columns.items() if name not in known and column[:1].size > 1]
+    if path.suffix.lower() == ".npz" or not wide:
+        return from_attributes(columns)
+    warnings.warn(f"{path}: {', '.join(wide)} left out, which have several columns: save as .npz", stacklevel=3)
+    return from_attributes({name: column for name, column in columns.items() if name not in wide})
+
+
 def load(path: str | Path) -> Cloud:
-    """Read a cloud that Open3D reads; without a `sensor` attribute every point gets sensor 0.
+    """Read a ply, pcd or npz with all the attributes it has; without a `sensor` every point gets sensor 0.
 
     Raises FileNotFoundError, and ValueError for a file that holds no cloud.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    damaged = f"{path} holds no points that Open3D can read: is it a damaged or foreign file?"
-    if _declares_no_points(path):
-        return from_points(np.zeros((0, 3), np.float32))
+    if path.suffix.lower() == ".pcd":
+        return from_attributes(_checked(read_pcd(path), path))
+    if path.suffix.lower() == ".npz":
+        try:
+            return from_attributes(_checked(load_arrays(path), path))
+        except ValueError as error:
+            raise ValueError(f"{_no_points(path)} ({error})") from None
+    if _ply_is_cut_off(path):
+        raise ValueError(f"{path} is cut off, fewer points are there than its header says: copy it again")
     try:
         cloud = o3d.t.io.read_point_cloud(path)
     except RuntimeError:
-        raise ValueError(damaged) from None
+        raise ValueError(_no_points(path)) from None
     if "positions" not in cloud.point:
-        raise ValueError(damaged)
-    if _ply_is_cut_off(path):
-        raise ValueError(f"{path} is cut off, fewer points are there than its header says: copy it again")
-    return from_points(positions(cloud).copy(), sensor_numbers(cloud))
+        raise ValueError(_no_points(path))
+    return from_attributes({name: column.copy() for name, column in attributes(cloud).items()})
 
 
-def _declares_no_points(path: Path) -> bool:
-    """Whether the header of a pcd says that a sensor saw nothing, which Open3D takes for damage."""
-    with path.open("rb") as file:
-        return (
-            path.suffix.lower() == ".pcd" and re.search(rb"^POINTS\s+0\s*$", file.read(4096), re.MULTILINE) is not None
-        )
+def _no_points(path: Path) -> str:
+    return f"{path} holds no points that Open3D can read: is it a damaged or foreign file?"
+
+
+def _checked(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """The attributes of a file, those that no cloud can have left out. Raises ValueError where positions are none."""
+    points = attributes.get("positions")
+    if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
+        raise ValueError(_no_points(path))
+    sound = {name: column for name, column in attributes.items() if _is_column(column, len(points))}
+    if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
+        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
+    return sound
+
+
+def _is_column(column: np.ndarray, points: int) -> bool:
+    numeric = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
+    return numeric and column.dtype.isnative and column.ndim in (1, 2) and len(column) == points
 
 
 _PLY_BYTES = {"char": 1, "short": 2, "int": 4, "float": 4, "double": 8}

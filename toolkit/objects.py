@@ -22,7 +22,7 @@ def label_index(label: str | int) -> int:
     """
     if isinstance(label, str) and label in LABELS:
         return LABELS.index(label)
-    if not isinstance(label, str) and 0 <= int(label) < len(LABELS):
+    if isinstance(label, int | np.integer | float) and label == np.trunc(label) and 0 <= int(label) < len(LABELS):
         return int(label)
     raise ValueError(f"label must be one of {LABELS} or its number 0..{len(LABELS) - 1}, got {label!r}")
 
@@ -126,6 +126,8 @@ def _labels(labels: Any, n: int) -> np.ndarray:
     if labels is None:
         return np.zeros(n, np.int64)
     labels = np.asarray(labels)
+    if labels.dtype.kind not in "biufUO":
+        raise ValueError(f"labels must be numbers or names of {LABELS}, got an array of {labels.dtype}")
     if labels.dtype.kind in "UO":
         labels = np.array([label_index(name) for name in labels.ravel()], np.int64)
     if labels.dtype.kind == "f" and not (labels == np.trunc(labels)).all():

@@ -115,14 +115,20 @@ def beyond(
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
     """Positions in `available` of the sensors named or numbered in `wanted`, None for all.
 
-    Raises ValueError that lists what there is, for one that is not there.
+    Raises ValueError that lists what there is, for one that is not there; and for one that is chosen twice, or a name
+    that two of them have.
     """
     names = [sensor.name for sensor in available]
+    if len(set(names)) < len(names):
+        raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
     if wanted is None:
         return list(range(len(names)))
     if isinstance(wanted, str):
         raise ValueError(f"sensors must be a list of numbers or names, got the text {wanted!r}: pass [{wanted!r}]")
-    return [_position(names, which) for which in wanted]
+    chosen = [_position(names, which) for which in wanted]
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(f"a sensor can be chosen once only, got {list(wanted)}: leave out what is there twice")
+    return chosen
 
 
 def _position(names: list[str], which: int | str) -> int:
@@ -141,5 +147,7 @@ def area_of(place: Area) -> Float64[np.ndarray, "4"]:
 def height_of(place: Area, height: float | None = None) -> float:
     """The height (m) up to which points are kept: the one given, else a site's own, else 4 m (paper section II-B)."""
     if height is not None:
+        if np.isnan(height):
+            raise ValueError("height must be a number of metres, got NaN")
         return height
     return place.height if isinstance(place, Site) else 4.0

@@ -10,7 +10,6 @@ site. A collection with the member `coview_site`, such as a saved site, is in th
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
 from collections import Counter
@@ -24,6 +23,7 @@ from shapely.geometry import shape
 
 from toolkit.arrays import Float64
 from toolkit.geometry import invert, transform
+from toolkit.runtime.json_files import read_json
 from toolkit.sites import osm
 from toolkit.sites.site import Mount, Site
 
@@ -63,12 +63,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 def _read(path: Path) -> Json:
     if not path.is_file():
         raise FileNotFoundError(f"no file {str(path)!r}: give a GeoJSON of poles")
-    try:
-        collection = json.loads(path.read_text(encoding="utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: not JSON from line {error.lineno} on ({error.msg}): export it again") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a GeoJSON") from None
+    collection = read_json(path)
     if not isinstance(collection, dict) or not isinstance(collection.get("features"), list):
         raise ValueError(f"{path}: must be a GeoJSON FeatureCollection with a list of features: export it again")
     system = re.sub(r"\W+", ":", str(collection.get("crs") or "CRS84"))

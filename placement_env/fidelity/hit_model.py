@@ -29,6 +29,7 @@ import numpy as np
 from toolkit.arrays import Float
 from toolkit.detection.schemes import SCHEMES
 from toolkit.runtime.files import write_text
+from toolkit.runtime.json_files import read_json
 
 FOLDER = Path(__file__).parent / "surrogates"
 RANGES = {
@@ -86,8 +87,8 @@ def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) 
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with placement_env.fidelity.hit_fit.fit and save_models")
+    rows = read_json(path)
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(rows, list):
             raise ValueError(f"needs a list of models, got {type(rows).__name__}")
         return tuple(_model(row, schemes) for row in rows)

@@ -24,6 +24,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
 from toolkit.objects import Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
 from toolkit.sites.files import load_site
@@ -195,7 +196,7 @@ def load_table(name: str | Path) -> Table:
         raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with make_table")
     arrays = read_arrays(path)
     try:
-        values: dict[str, Any] = json.loads(arrays.pop("origin").tobytes())
+        values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         radius = values.get("hybrid_radius", _hybrid_radius(values["site"]))
         return Table(Origin(**values | {"sensors": tuple(values["sensors"]), "hybrid_radius": radius}), **arrays)
     except (KeyError, TypeError, ValueError) as error:

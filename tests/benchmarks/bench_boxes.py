@@ -6,7 +6,7 @@ python tests/benchmarks/bench_boxes.py
 import numpy as np
 from timing import report
 
-from toolkit.boxes import count_points, iou_3d
+from toolkit.boxes import count_points, iou_3d, nms
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import Detections, Objects
 
@@ -32,6 +32,9 @@ def main() -> None:
     points = rng.uniform([-40, -20, 0], [40, 20, 4], (80_000, 3)).astype(np.float32)
     boxes = cars(30, rng)
     report("count_points of 80,000 points in 30 boxes", lambda: count_points(points, boxes), limit_ms=5.0)
+    crowd = cars(20, rng)[rng.integers(0, 20, 300)] + rng.normal(0, 0.05, (300, 7))
+    scores = rng.random(300)
+    report("nms of 300 boxes in 20 places", lambda: nms(crowd, scores, 0.1), limit_ms=20.0)
     detections, truths = zip(*(scene(rng) for _ in range(1000)), strict=True)
     report(
         "AP of 1000 frames x 100 detections",

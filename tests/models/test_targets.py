@@ -84,3 +84,31 @@ def test_a_sample_keeps_so_many_and_half_of_them_positive_at_most():
     np.testing.assert_array_equal(kept.labels[chosen], found.labels[chosen])
     few = sample(assign(GRID, car(), positive=0.9, negative=0.9), np.random.default_rng(0), size=20, positives=5)
     assert ((few.labels == POSITIVE).sum(), (few.labels == NEGATIVE).sum()) == (1, 19)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_an_anchor_between_two_objects_belongs_to_the_one_it_overlaps_more(order):
+    """The anchor at 0.2 is positive for both; neither has it for its best one, so that only the overlap decides."""
+    near, far = car(0.75, 0.2), car(-0.75, 0.2)
+    found = assign(GRID, np.concatenate([[near, far][k] for k in order]), positive=0.3, best=2.0)
+    assert found.labels[(*CELL, 0)] == POSITIVE
+    assert found.owner[(*CELL, 0)] == order.index(0)
+
+
+def test_an_anchor_that_overlaps_two_objects_alike_belongs_to_the_first():
+    found = assign(GRID, np.concatenate([car(), car()]), positive=0.3, best=2.0)
+    assert (found.owner[found.labels == POSITIVE] == 0).all()
+
+
+def test_the_best_anchor_of_an_object_is_its_own_though_it_overlaps_another_more():
+    """A small object whose best anchor lies under a large one: without this rule it would have none."""
+    found = assign(GRID, np.concatenate([car(), car(0.2, 0.2, length=2.0, width=1.2)]), positive=0.5)
+    owners = found.owner[found.labels == POSITIVE]
+    assert (owners == 1).sum() == 1
+    assert (owners == 0).sum() > 1
+
+
+def test_anchors_that_are_not_positive_have_no_owner():
+    found = assign(GRID, np.concatenate([car(-6, -6), car()]), positive=0.6, negative=0.3)
+    assert (found.owner[found.labels != POSITIVE] == 0).all()
+    assert (found.owner == 1).any()

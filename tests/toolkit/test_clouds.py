@@ -5,10 +5,13 @@ import open3d as o3d
 import pytest
 
 from toolkit.clouds import (
+    attributes,
     crop,
     density_cdf,
     density_map,
+    down_sample,
     frame_cloud,
+    from_attributes,
     from_depth,
     from_points,
     fuse,
@@ -218,3 +221,68 @@ def test_clouds_own_their_memory():
     clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
     gc.collect()
     assert all((positions(cloud) == k).all() and (sensor_numbers(cloud) == k).all() for k, cloud in enumerate(clouds))
+
+
+def rich_cloud(n=60, seed=0, *left_out):
+    """A cloud with everything that scanners give."""
+    rng = np.random.default_rng(seed)
+    made = {
+        "positions": rng.normal(0, 9, (n, 3)).astype(np.float32),
+        "sensor": (np.arange(n) % 5).astype(np.int32)[:, None],
+        "normals": rng.normal(size=(n, 3)).astype(np.float32),
+        "colors": rng.integers(0, 256, (n, 3)).astype(np.uint8),
+        "intensity": rng.random((n, 1)).astype(np.float32),
+        "time": rng.random((n, 1)) + 1.7e9,
+        "ring": rng.integers(0, 64, (n, 1)).astype(np.uint16),
+    }
+    return from_attributes({name: column for name, column in made.items() if name not in left_out})
+
+
+def equal(cloud, other):
+    ours, theirs = attributes(cloud), attributes(other)
+    assert ours.keys() == theirs.keys()
+    for name, column in ours.items():
+        assert column.dtype == theirs[name].dtype
+        np.testing.assert_array_equal(column, theirs[name], err_msg=name)
+
+
+@pytest.mark.parametrize("ending", ["ply", "pcd", "npz"])
+def test_files_keep_every_attribute(tmp_path, ending):
+    save(rich_cloud(), tmp_path / f"cloud.{ending}")
+    equal(load(tmp_path / f"cloud.{ending}"), rich_cloud())
+
+
+def test_fuse_keeps_what_all_clouds_have_and_names_the_rest():
+    parts = [rich_cloud(20, 1), fuse([]), rich_cloud(30, 2)]
+    fused = fuse(parts)
+    for name in attributes(parts[0]):
+        expected = np.concatenate([attributes(part)[name] for part in (parts[0], parts[2])])
+        np.testing.assert_array_equal(attributes(fused)[name], expected)
+    with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all of 2 clouds"):
+        poorer = fuse([rich_cloud(20, 1), rich_cloud(30, 2, "intensity", "ring")])
+    assert set(attributes(poorer)) == {"positions", "sensor", "normals", "colors", "time"}
+
+
+def test_down_sampling_keeps_measured_points_of_every_sensor():
+    cloud = rich_cloud(3000)
+    thin = down_sample(cloud, 4.0)
+    cells = [
+        set(map(tuple, np.column_stack([np.floor(positions(c).astype(float) / 4.0), sensor_numbers(c)]).tolist()))
+        for c in (cloud, thin)
+    ]
+    assert cells[0] == cells[1]
+    assert len(positions(thin)) == len(cells[0]) < 2500
+    row = {tuple(point): k for k, point in enumerate(positions(cloud).tolist())}
+    rows = [row[tuple(point)] for point in positions(thin).tolist()]
+    assert rows == sorted(rows)
+    for name, column in attributes(thin).items():
+        np.testing.assert_array_equal(column, attributes(cloud)[name][rows])
+    assert len(positions(down_sample(fuse([]), 1.0))) == 0
+    for wrong in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="voxel_m"):
+            down_sample(cloud, wrong)
+
+
+def test_rows_that_do_not_fit_the_points_are_refused():
+    with pytest.raises(ValueError, match="intensity must have one row for each of 3 points, got 2"):
+        from_attributes({"positions": np.zeros((3, 3)), "intensity": np.zeros(2)})

@@ -5,7 +5,7 @@ from toolkit.clouds import crop, from_depth, positions
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.points import centred_in, frame_points, select_sensors
+from toolkit.points import beyond, centred_in, frame_points, select_sensors
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -88,3 +88,26 @@ def test_map_coordinates_are_refused_since_float32_cannot_hold_them():
 def test_centred_in_includes_the_edge():
     boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
     assert centred_in(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
+
+
+def test_a_point_on_the_circle_is_not_beyond_it():
+    points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
+    for metric in ("horizontal", "published"):
+        level = beyond(points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric)
+        assert level.tolist() == [False, True, False]
+
+
+def test_a_sensor_is_chosen_once_and_has_a_name_of_its_own():
+    with pytest.raises(ValueError, match="once only"):
+        select_sensors(SENSORS, [0, "a"])
+    with pytest.raises(ValueError, match="name of its own"):
+        select_sensors((*SENSORS, SENSORS[0]))
+
+
+def test_a_height_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match="height must be a number"):
+        frame_points(frame(), area=AREA, height=float("nan"))
+    with pytest.raises(ValueError, match="height must be a number"):
+        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
+    with pytest.raises(ValueError, match="floor must be a number"):
+        crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))

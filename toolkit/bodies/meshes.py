@@ -77,6 +77,9 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
     if not mesh.has_triangles():
         state = "has points but no triangles" if mesh.has_vertices() else "is damaged, empty or no mesh"
         raise ValueError(f"{path}: {state}: export it again as a triangle mesh")
+    corners = np.asarray(mesh.triangles)
+    if corners.min() < 0 or corners.max() >= len(mesh.vertices):  # which Open3D would follow out of its memory
+        raise ValueError(f"{path}: a triangle has a corner that is not there: repair it or export it again")
     mesh.remove_unreferenced_vertices()
     vertices = np.asarray(mesh.vertices, np.float64)
     if not np.isfinite(vertices).all():

@@ -1,11 +1,11 @@
 """Fuse recorded clouds: any usual point file, and the pose of the sensor that recorded it.
 
-    .ply .pcd .npz       whatever Open3D reads
+    .ply .pcd .npz       with all their attributes
     .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line
-                         that names the columns
-    .npy                 array (n, 3 or more), x y z first
+                         that names the columns, of which those of numbers alone are kept
+    .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
-    .feather             columns x, y, z, as Argoverse 2 has them (needs pyarrow)
+    .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
 
 A pose is world_SE3_sensor, and `inverted` means that the file gives the extrinsic matrix instead, world → sensor. It is
 16 numbers (4×4 by rows), 12 (the first three rows, as KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON,
@@ -16,7 +16,6 @@ coordinates of a million metres keep their millimetres.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,8 +24,11 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.clouds import Cloud, crop, from_points, fuse, load, positions
+from toolkit.clouds import Cloud, attributes, crop, from_attributes, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
+from toolkit.point_fields import Attributes, attributes_of, missing
+from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.numpy_files import load_arrays
 
 Pose = Float64[np.ndarray, "4 4"]
 
@@ -34,14 +36,18 @@ Pose = Float64[np.ndarray, "4 4"]
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> Cloud:
     """One cloud, float64, in the poses' common frame; sensor k recorded paths[k] and stood at poses[k].
 
+    Normals turn with their pose. Attributes that all files have stay, a warning names the others, see `fuse`.
     Raises FileNotFoundError, and ValueError for a file that holds no points and for a pose that is none.
     """
     if len(paths) != len(poses):
         raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
     parts = []
     for number, (path, pose) in enumerate(zip(paths, poses, strict=True)):
-        placed = transform(check_pose(pose, f"pose of {path}"), read_points(path))
-        parts.append(from_points(placed, number))
+        checked, recorded = check_pose(pose, f"pose of {path}"), read_attributes(path)
+        placed = {"positions": transform(checked, recorded.pop("positions"))}
+        if "normals" in recorded:
+            placed["normals"] = recorded.pop("normals") @ checked[:3, :3].T.astype(np.float32)
+        parts.append(from_attributes(placed | recorded, number))
     return fuse(parts)
 
 
@@ -63,11 +69,21 @@ def crop_to(
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
     """The points of one file, as they stand in it, less those that are not finite."""
+    return read_attributes(path)["positions"]
+
+
+def read_attributes(path: str | Path) -> Attributes:
+    """All that one file says of its points, less those that are not finite: `positions` (float64), the others by name.
+
+    Raises FileNotFoundError, and ValueError for a file that holds no points.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    points = np.asarray(_read(path), np.float64)
-    return points[np.isfinite(points).all(axis=1)]
+    recorded = _read(path)
+    recorded["positions"] = np.asarray(recorded["positions"], np.float64)
+    finite = np.isfinite(recorded["positions"]).all(axis=1)
+    return {name: column[finite] for name, column in recorded.items()}
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -78,7 +94,7 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     try:
         text = _text(path)  # once: it may be a pipe, which has no ending either
         is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
-        numbers = _poses_of_json(json.loads(text)) if is_json else _poses_of_text(text)
+        numbers = _poses_of_json(parse_json(text)) if is_json else _poses_of_text(text)
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
     poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}
@@ -150,52 +166,70 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
     """The columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
     try:
-        from pyarrow import ArrowInvalid, feather
+        import pyarrow
+        from pyarrow import feather
     except ImportError:
         raise ImportError("reading .feather needs pyarrow: pip install pyarrow") from None
     try:
-        table = feather.read_table(path)
-    except (ArrowInvalid, OSError) as error:
-        raise ValueError(f"{path} is no feather file that can be read: {error}") from None
-    return {name: table[name].to_numpy() for name in table.column_names}
+        table = feather.read_table(path, memory_map=False)
+        table.validate(full=True)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    except (pyarrow.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path} is no feather file that can be read: {reason}") from None
 
 
-def _read(path: Path) -> np.ndarray:
+def _read(path: Path) -> Attributes:
     ending = path.suffix.lower()
     if ending in (".ply", ".pcd", ".npz"):
-        return positions(load(path))
+        return {name: column for name, column in attributes(load(path)).items() if name != "sensor"}
     if ending in (".xyz", ".txt", ".csv"):
-        return _columns(_numbers_of_text(path), path)
+        return attributes_of(_columns_of_text(path))
     if ending == ".npy":
-        return _columns(_array(path), path)
+        return _array(path)
     if ending == ".bin":
-        return _columns(_floats(path, 5 if path.name.lower().endswith(".pcd.bin") else 4), path)
+        names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
+        return attributes_of(dict(zip(names, _floats(path, len(names)).T, strict=True)))
     if ending == ".feather":
         table = read_table(path)
-        if not {"x", "y", "z"} <= table.keys():
+        if missing(tuple(table)):
             raise ValueError(f"{path} must have columns x, y and z, got {', '.join(table)}")
-        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+        if any(table[axis].dtype.kind not in "fiu" for axis in "xyz"):
+            raise ValueError(f"{path} must hold numbers in its columns x, y and z")
+        half = {name: column.astype(np.float32) for name, column in table.items() if column.dtype == np.float16}
+        return attributes_of(table | half)
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
 
 
-def _columns(table: np.ndarray, path: Path) -> np.ndarray:
+def _array(path: Path) -> Attributes:
+    table = load_arrays(path).get("")
+    if table is None:
+        raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
+    if table.dtype.names is not None and table.ndim == 1 and not missing(table.dtype.names):
+        return attributes_of({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
     if table.ndim != 2 or table.shape[1] < 3:
         raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
     if table.dtype.kind not in "fiu":
         raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
-    return table[:, :3]
+    return {"positions": table[:, :3]}
 
 
-def _numbers_of_text(path: Path) -> np.ndarray:
+def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
+    """x, y and z by their places, or by the names in the first line, and what else has a name and numbers alone."""
     rows = _rows(_text(path))
-    columns = [0, 1, 2]
+    columns, others = dict(zip("xyz", range(3), strict=True)), {}
     if rows and not any(map(_is_number, rows[0])):
         names = [name.strip("\"'").lower() for name in rows.pop(0)]
-        columns = [names.index(axis) if axis in names else place for place, axis in enumerate("xyz")]
+        columns = {axis: names.index(axis) if axis in names else place for axis, place in columns.items()}
+        others = {name: place for place, name in enumerate(names) if name and place not in columns.values()}
     try:
-        return np.array([[float(row[column]) for column in columns] for row in rows]).reshape(-1, 3)
+        table = {name: np.array([float(row[place]) for row in rows]) for name, place in columns.items()}
     except (ValueError, IndexError):
         raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+    for name, place in others.items():
+        if all(len(row) > place and _is_number(row[place]) for row in rows):
+            table[name] = np.array([float(row[place]) for row in rows])
+    return table
 
 
 def _text(path: Path) -> str:
@@ -219,13 +253,6 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _array(path: Path) -> np.ndarray:
-    try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise ValueError(f"{path} is no .npy array that can be read: {error}") from None
-
-
 def _floats(path: Path, columns: int) -> np.ndarray:
     size = path.stat().st_size
     if size % (4 * columns):
@@ -235,6 +262,8 @@ def _floats(path: Path, columns: int) -> np.ndarray:
 
 def _poses_of_json(content: Any) -> dict[str, Any]:
     if isinstance(content, dict):
+        if not content:
+            raise ValueError("it is empty")
         return content
     if not isinstance(content, list) or not content:
         raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import operator
 import os
-import re
+import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
@@ -20,25 +19,33 @@ from toolkit.datasets import published_layout as published
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
+from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.catalogue import make_model, model_class
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 
+class UnknownSite(ValueError):
+    """A recording that does not say which site it shows, and shows none that is known."""
+
+
 class CoopDataset(Sequence[Frame]):
     """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
 
     path: a file of `coview simulate` or one in the published layout. site: which place it shows; ours say so
-    themselves, published ones are recognised where they show a built-in site.
+    themselves, published ones are recognised where they show a built-in site. drop_invalid: rows that no object can
+    have (NaN, no size, kilometres away, see `published_layout.wrong_rows`) are left out with one warning that counts
+    them, instead of the ValueError that names the first one when its frame is read.
     Opened when needed and again in every process it is sent to; usable in a `with` statement.
 
     Raises FileNotFoundError; OSError where the file is no HDF5 file or cut off; ValueError, which names what in the
     file is wrong, where it has another layout; IndexError where there is no such frame.
     """
 
-    def __init__(self, path: str | Path, site: Site | None = None) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
+        self.path, self.drop_invalid = Path(path), drop_invalid
         self._open: tuple[int, h5py.File] | None = None
         file = self._file()
         try:
@@ -49,9 +56,12 @@ class CoopDataset(Sequence[Frame]):
             self._times = _own(file, "coview/time")
             self._starts = _own(file, "coview/object_start")
             self._length = _length(file, [name for _, name, _ in self.channels])
-        except ValueError as error:
+            _check_starts(self._starts, self._length)
+            if drop_invalid:
+                self._warn_of_invalid(file)
+        except (ValueError, OSError) as error:
             self.close()
-            raise ValueError(f"{path}: {error}") from None
+            raise type(error)(f"{path}: {error}") from None
 
     def __len__(self) -> int:
         return self._length
@@ -105,21 +115,44 @@ class CoopDataset(Sequence[Frame]):
         try:
             measurements = tuple(_measurement(file, *channel, k) for channel in self.channels)
             objects = self._objects(file, k)
-        except (OSError, KeyError) as error:
-            raise OSError(f"{self.path}: frame {k} cannot be read ({error}): the file is damaged, restore it") from None
+        except OSError as error:
+            raise OSError(f"{self.path}: frame {k} cannot be read: {error}") from None
+        except ValueError as error:
+            raise ValueError(f"{self.path}: frame {k}: {error}") from None
         time = 0.0 if self._times is None else float(self._times[k])
         return Frame(self.sensors, measurements, objects, time, k)
 
     def _objects(self, file: h5py.File, k: int) -> Objects:
-        if f"objects/{k}" not in file:
-            raise ValueError(f"{self.path}: objects/{k} is missing: every frame needs its objects, no rows for none")
-        ids = None if self._starts is None else file["coview/object_ids"][self._starts[k] : self._starts[k + 1]]
-        name = f"{self.path}: objects/{k}"
-        rows = file[f"objects/{k}"]
-        rows = rows[()] if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
-        if ids is not None and len(ids) != len(rows):
-            raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
+        name = f"objects/{k}"
+        rows = object_rows(file, name)
+        ids = None
+        if self._starts is not None:
+            ids = hdf5.rows(
+                hdf5.dataset(file, "coview/object_ids", axes=1, kinds="iu"),
+                "coview/object_ids",
+                slice(*self._starts[k : k + 2].tolist()),
+            )
+            if len(ids) != len(rows):
+                raise ValueError(f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for it")
+        if self.drop_invalid:
+            sound = published.wrong_rows(rows) == ""
+            rows, ids = rows[sound], None if ids is None else ids[sound]
         return published.objects_of(rows, self.site.map_SE3_site, ids, name)
+
+    def _warn_of_invalid(self, file: h5py.File) -> None:
+        """One warning that says how many objects are left out, and what is wrong with the first of them."""
+        wrong = {k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)}
+        frames = [k for k, words in wrong.items() if (words != "").any()]
+        if frames:
+            count, row = (
+                sum(int((words != "").sum()) for words in wrong.values()),
+                int((wrong[frames[0]] != "").argmax()),
+            )
+            warnings.warn(
+                f"{self.path}: {count} objects in {len(frames)} frames are left out, the first is objects/{frames[0]} "
+                f"row {row}, which {wrong[frames[0]][row]}",
+                stacklevel=4,
+            )
 
 
 def noisy(frame: Frame, seed: int) -> Frame:
@@ -143,50 +176,50 @@ def open_file(path: str | Path) -> h5py.File:
         raise FileNotFoundError(f"no dataset {path}: {hint}")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: give the HDF5 file itself")
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        cut = re.search(r"eof = (\d+).*stored_eof = (\d+)", str(error))
-        if cut:
-            raise OSError(
-                f"{path} is cut off: {cut[1]} of {cut[2]} bytes are there; copy or simulate it again"
-            ) from None
-        if path.stat().st_size == 0:
-            raise OSError(f"{path} is empty: copy or simulate it again") from None
-        if "signature" in str(error):
-            raise OSError(f"{path} is not an HDF5 file: give a file of coview simulate or a published one") from None
-        raise OSError(f"{path} cannot be read as HDF5 ({error}): copy or simulate it again") from None
+    return hdf5.open_hdf5(path)
+
+
+def object_rows(file: h5py.File, name: str) -> np.ndarray:
+    """The published rows of a frame's objects, whatever they say. Raises ValueError where they cannot be read."""
+    if not hdf5.holds(file, name):
+        raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
+    rows = hdf5.array(file, name, kinds="fiub")
+    return rows if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
 
 
 def check_kinds(file: h5py.File) -> None:
     """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset."""
-    kinds: dict[str, type] = {"dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group}
+    kinds: dict[str, type] = {
+        "dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group, "coview": h5py.Group,
+        "coview/ranges": h5py.Group, "coview/depth": h5py.Group,
+    }  # fmt: skip
     for name, kind in kinds.items():
-        if name in file and not isinstance(file[name], kind):
+        if hdf5.holds(file, name) and not issubclass(hdf5.kind_of(file, name), kind):
             raise ValueError(
-                f"{name} must be an HDF5 {kind.__name__.lower()}, got {file[name]}: see toolkit.datasets.recording"
+                f"{name} must be an HDF5 {kind.__name__.lower()}, got a {hdf5.kind_of(file, name).__name__.lower()}: "
+                "see toolkit.datasets.recording"
             )
     for name in published_cameras(file):
-        if not isinstance(file["cameras"][name], h5py.Group):
+        if not issubclass(hdf5.kind_of(file, f"cameras/{name}"), h5py.Group):
             raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
 
 
 def published_cameras(file: h5py.File) -> tuple[str, ...]:
     """The names of the depth cameras in the order of `dslices`: those that start with d, by the alphabet."""
-    return tuple(sorted(name for name in file.get("cameras", ()) if name.startswith("d")))
+    return tuple(sorted(name for name in hdf5.names_in(file, "cameras") if name.startswith("d")))
 
 
 Channel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
 
 
 def _site(file: h5py.File) -> Site:
-    if "coview/site" in file:
+    if hdf5.holds(file, "coview/site"):
         from toolkit.sites.geojson import parse
 
         try:
-            return parse(json.loads(file["coview/site"].asstr()[()]))
-        except (json.JSONDecodeError, TypeError) as error:
-            raise ValueError(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
+            return parse(parse_json(hdf5.text(file, "coview/site")))
+        except (ValueError, OSError) as error:
+            raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
     return _recognised(file)
 
 
@@ -194,11 +227,11 @@ def _recognised(file: h5py.File) -> Site:
     """The built-in site that most cameras, or most objects, of a published file stand in or beside."""
     from toolkit.sites import BUILT_IN
 
-    cameras = [file[f"cameras/{name}/extrinsic"][()] for name in published_cameras(file)]
+    cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in published_cameras(file)]
     usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
-    some = islice(file.get("objects", {}).values(), 20)
-    centres = [objects[:, :2] for objects in some if objects.ndim == 2 and len(objects)]
+    some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.names_in(file, "objects"), 20))
+    centres = [objects[:, :2] for objects in some if objects.ndim == 2 and objects.shape[1] > 1]
     for site in map(load_site, BUILT_IN):
         carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
         for places in (positions, centres):
@@ -206,25 +239,45 @@ def _recognised(file: h5py.File) -> Site:
             inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
             if len(xy) and inside.mean() > 0.5:
                 return site
-    raise ValueError(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
+    raise UnknownSite(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
 
 
 def _channels(file: h5py.File, site: Site) -> tuple[Channel, ...]:
     own = _own_channels(file)
-    if "dslices" not in file and not own:
+    has_images = hdf5.holds(file, "dslices")
+    if not has_images and not own:
         raise ValueError(
-            f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {list(file) or 'nothing'}"
+            "dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds "
+            f"{hdf5.names_in(file, '/') or 'nothing'}"
         )
-    cameras = _published_channels(file, site) if "dslices" in file else []
-    channels = {sensor.name: (sensor, name, place) for sensor, name, place in [*cameras, *own]}
-    order = json.loads(file["coview"].attrs.get("sensors", "[]")) if "coview" in file else []
+    every = [*(_published_channels(file, site) if has_images else []), *own]
+    channels = {sensor.name: (sensor, name, place) for sensor, name, place in every}
+    if len(channels) < len(every):
+        raise ValueError(
+            f"every sensor needs a name of its own, got {', '.join(sensor.name for sensor, _, _ in every)}"
+        )
+    order = _order(file)
     if order and sorted(order) != sorted(channels):
         raise ValueError(f"attribute coview:sensors names {order}, but measurements are there of {sorted(channels)}")
     return tuple(channels[name] for name in order or channels)
 
 
+def _order(file: h5py.File) -> list[str]:
+    """The names of the sensors in the order of a frame's measurements, none where the file does not say."""
+    if not hdf5.holds(file, "coview"):
+        return []
+    written = hdf5.attributes(file["coview"], "coview").get("sensors", "[]")
+    try:
+        order = parse_json(written) if isinstance(written, str) else None
+    except ValueError:
+        order = None
+    if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
+        raise ValueError(f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}")
+    return order
+
+
 def _published_channels(file: h5py.File, site: Site) -> list[Channel]:
-    depth, names = file["dslices"], published_cameras(file)
+    depth, names = hdf5.dataset(file, "dslices", kinds="fiub"), published_cameras(file)
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
     if len(names) != depth.shape[1]:
@@ -238,13 +291,14 @@ def _published_channels(file: h5py.File, site: Site) -> list[Channel]:
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     where = group.name.lstrip("/")
     for matrix in ("intrinsic", "extrinsic"):
-        if matrix not in group:
+        if not hdf5.holds(group, matrix):
             raise ValueError(f"{where}/{matrix} is missing")
-    model = published.camera_of(group["intrinsic"][()], *shape, name=f"{where}/intrinsic")
-    pose = published.pose_of(group["extrinsic"][()], site.map_SE3_site, f"{where}/extrinsic")
-    if "site_SE3_sensor" not in group.attrs:
+    model = published.camera_of(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
+    pose = published.pose_of(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
+    attributes = hdf5.attributes(group, where)
+    if "site_SE3_sensor" not in attributes:
         return Sensor(where.removeprefix("cameras/"), model, pose)
-    ours = _own_sensor(group.attrs, where)
+    ours = _own_sensor(attributes, where)
     camera = published.pinhole(ours.model)
     if camera is None:
         raise ValueError(f"{where} is a {type(ours.model).__name__}, which dslices cannot hold: write the file again")
@@ -255,8 +309,9 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
 def _own_channels(file: h5py.File) -> list[Channel]:
     channels: list[Channel] = []
     for kind in OWN_IMAGES.values():
-        for name, images in file.get(f"coview/{kind}", {}).items():
-            sensor = _own_sensor(images.attrs, f"coview/{kind}/{name}")
+        for name in hdf5.names_in(file, f"coview/{kind}"):
+            images = hdf5.dataset(file, f"coview/{kind}/{name}", axes=3)
+            sensor = _own_sensor(hdf5.attributes(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
             if images.shape[1:] != sensor.model.shape:
                 raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
             channels.append((sensor, f"coview/{kind}/{name}", None))
@@ -267,24 +322,41 @@ def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
     missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
     if missing:
         raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
-    kind = str(attributes["model"])
-    entries = [entry.name for entry in fields(model_class(kind)) if entry.name in attributes]
-    values = {name: np.asarray(attributes[name]).tolist() for name in entries}
-    return Sensor(str(attributes["name"]), make_model(kind, values), attributes["site_SE3_sensor"])
+    try:
+        kind = str(attributes["model"])
+        entries = [entry.name for entry in fields(model_class(kind)) if entry.name in attributes]
+        values = {name: np.asarray(attributes[name]).tolist() for name in entries}
+        return Sensor(str(attributes["name"]), make_model(kind, values), attributes["site_SE3_sensor"])
+    except (TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise ValueError(
+            f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
+        ) from None
 
 
 def _own(file: h5py.File, name: str) -> np.ndarray | None:
-    return file[name][()] if name in file else None
+    return hdf5.array(file, name, axes=1) if hdf5.holds(file, name) else None
+
+
+def _check_starts(starts: np.ndarray | None, frames: int) -> None:
+    """ValueError where `coview/object_start` does not cut the objects into so many frames."""
+    if starts is None:
+        return
+    if starts.dtype.kind not in "iu" or len(starts) != frames + 1 or (np.diff(starts.astype(np.int64)) < 0).any():
+        raise ValueError(
+            f"coview/object_start must be {frames + 1} whole numbers that ascend, got {len(starts)} of {starts.dtype}"
+        )
 
 
 def _length(file: h5py.File, images: list[str]) -> int:
-    lengths = {name: len(file[name]) for name in (*images, "coview/time") if name in file}
+    names = (*images, *(["coview/time"] if hdf5.holds(file, "coview/time") else []))
+    lengths = {name: hdf5.dataset(file, name).shape[0] for name in names}
     if len(set(lengths.values())) != 1:
         raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
     return next(iter(lengths.values()))
 
 
 def _measurement(file: h5py.File, sensor: Sensor, name: str, place: int | None, k: int) -> np.ndarray:
+    images = hdf5.dataset(file, name)
     if place is None:
-        return np.asarray(file[name][k], np.float32)
-    return published.measured(file[name][k, place], published.stride_of(sensor.model))
+        return hdf5.rows(images, name, k).astype(np.float32)
+    return published.measured(hdf5.rows(images, name, (k, place)), published.stride_of(sensor.model))

@@ -23,6 +23,7 @@ from toolkit.sensors.model import SensorModel
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures
 DEPTH_STEP = 1 / 1024  # m, what stored depth is rounded to, so that it compresses
+FARTHEST, LARGEST, MOST_TURNED = 1e6, 500.0, 1e6  # m from the map's origin, m of half an extent, degrees of yaw
 
 MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so not an SE3
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -139,7 +140,7 @@ def objects_of(
 ) -> Objects:
     """Published rows as objects of the site frame; pitch and roll are dropped, yaw is brought to -pi..pi.
 
-    Raises ValueError where the rows have another width or hold NaN, infinity or an unknown class.
+    Raises ValueError where the rows have another width, and where one is no object, see `wrong_rows`.
 
     >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
     0
@@ -153,18 +154,48 @@ def objects_of(
         raise ValueError(
             f"{name} must have {len(OBJECT_COLUMNS)} columns ({', '.join(OBJECT_COLUMNS)}), got {rows.shape}"
         )
-    damaged = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    if len(damaged):
-        raise ValueError(f"{name} row {damaged[0]} holds NaN or infinity: {rows[damaged[0]].tolist()}")
-    if not np.isin(rows[:, 9], range(len(LABELS))).all():
-        raise ValueError(
-            f"{name} must have classes 0..{len(LABELS) - 1} {LABELS}, got {np.unique(rows[:, 9]).tolist()}"
-        )
+    wrong = wrong_rows(rows)
+    if (wrong != "").any():
+        row = int((wrong != "").argmax())
+        raise ValueError(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
     centres = moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
     yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
     ids = np.arange(len(rows)) if ids is None else ids
     return Objects(np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids)
+
+
+def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
+    """What is wrong with each row, "" for nothing: NaN or infinity, an unknown class, a size that is not positive or
+    above `LARGEST`, a place beyond `FARTHEST`, a yaw beyond `MOST_TURNED`. Tables of another width have no wrong rows.
+
+    >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
+    ['', 'has half extents']
+    """
+    words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
+    if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
+        return words
+    rows = np.asarray(rows, np.float64)
+    with np.errstate(invalid="ignore"):
+        rules = (
+            (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
+            (
+                ~((rows[:, 6:9] > 0) & (rows[:, 6:9] <= LARGEST)).all(axis=1),
+                slice(6, 9),
+                f"has half extents {{}}: they must be positive and at most {LARGEST:g} m",
+            ),
+            ((np.abs(rows[:, :3]) > FARTHEST).any(axis=1), slice(3), f"lies at {{}}, beyond {FARTHEST:g} m"),
+            (np.abs(rows[:, 5]) > MOST_TURNED, slice(5, 6), f"has yaw {{}}, beyond {MOST_TURNED:g} degrees"),
+            (
+                ~np.isin(rows[:, 9], range(len(LABELS))),
+                slice(9, 10),
+                f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}",
+            ),
+        )
+    for wrong, columns, what in rules:
+        for row in np.flatnonzero(wrong & (words == "")):
+            words[row] = what.format(rows[row, columns].tolist())
+    return words
 
 
 def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
@@ -177,7 +208,8 @@ def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) ->
 
 def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
     """The measured pixels of a published depth image, 0 where nothing returned."""
-    depth = np.asarray(image[::stride, ::stride], np.float32)
+    with np.errstate(over="ignore"):
+        depth = np.asarray(image[::stride, ::stride], np.float32)
     return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
 
 

@@ -173,6 +173,13 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, "
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
     """
+    if truths < 0 or truths != int(truths) or np.shape(scores) != np.shape(hits) or np.ndim(scores) != 1:
+        raise ValueError(
+            "precision_recall needs one score and one hit for each detection, and 0 or more truths, "
+            f"got {np.shape(scores)}, {np.shape(hits)} and {truths} truths"
+        )
+    if np.sum(hits) > truths:
+        raise ValueError(f"more detections hit ({np.sum(hits)}) than there are truths ({truths}): count all truths")
     best_first = np.argsort(-scores, kind="stable")
     scores = scores[best_first]
     last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from toolkit.runtime.files import write_text
+from toolkit.runtime.json_files import read_json
 from toolkit.sites import BUILT_IN
 from toolkit.sites.geojson import dumps, parse
 from toolkit.sites.site import Site
@@ -22,12 +22,9 @@ def load_site(name_or_path: str | Path) -> Site:
         path = Path(__file__).parent / f"{name_or_path}.json"
     if not path.is_file():
         raise FileNotFoundError(f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}")
+    content = read_json(path)
     try:
-        return parse(json.loads(path.read_text(encoding="utf-8-sig")))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: not JSON from line {error.lineno} on ({error.msg}): restore the file") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a site's JSON") from None
+        return parse(content)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

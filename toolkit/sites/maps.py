@@ -80,7 +80,7 @@ def import_opendrive(
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
-    geo_reference = _opendrive_header(path, (x, y))
+    geo_reference = opendrive_header(path, (x, y))
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
     with tempfile.TemporaryDirectory() as folder:
@@ -248,7 +248,7 @@ def _check_place(centre: Sequence[float | int], size: Sequence[float | int], hea
     return float(centre[0]), float(centre[1])
 
 
-def _opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
+def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
     """The projection an OpenDRIVE file names; ValueError where it is none or `centre` is not in it."""
     starts, lengths, reference = [], [], None
     try:

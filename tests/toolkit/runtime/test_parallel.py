@@ -118,11 +118,9 @@ def test_work_that_kills_every_process_is_given_up():
 
 
 def test_nobody_is_left_when_the_rest_is_not_wanted(tmp_path):
-    results = spread(time.sleep, [0.0, 60.0, 60.0], workers=2)
+    results = spread(time.sleep, [0.0, 36000.0, 36000.0], workers=2)
     next(results)
-    before = time.monotonic()
-    results.close()
-    assert time.monotonic() - before < 10.0
+    results.close()  # which returns at once, or never
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path):

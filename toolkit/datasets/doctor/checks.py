@@ -15,6 +15,7 @@ from toolkit.datasets.dataset import Channel
 from toolkit.datasets.doctor.hypotheses import ENOUGH, Suspicion, View, suspect_objects, suspect_sensor, witnesses
 from toolkit.geometry import transform
 from toolkit.objects import Objects
+from toolkit.runtime import hdf5_files as hdf5
 from toolkit.sites.site import Site
 
 UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known
@@ -139,11 +140,12 @@ def _views(dataset: Recording, frames: Sequence[int]) -> tuple[list[View], list[
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
         for i, k in enumerate(frames):
             try:
-                image = images[k] if place is None else images[k, place]
+                image = hdf5.rows(images, name, k if place is None else (k, place))
             except OSError as error:
                 findings.append(_error(f"{name}, frame {k}", "damaged image", str(error), "restore the file"))
                 continue
-            depth[i] = image[::stride, ::stride]
+            with np.errstate(over="ignore"):
+                depth[i] = image[::stride, ::stride]
         depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
         views.append(View(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1)))
     return views, findings

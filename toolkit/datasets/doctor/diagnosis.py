@@ -9,8 +9,9 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.dataset import CoopDataset, check_kinds, open_file
+from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
 from toolkit.datasets.doctor.checks import UNKNOWN, Finding, check_measurements
+from toolkit.runtime import hdf5_files as hdf5
 from toolkit.sites.site import Site
 
 
@@ -30,15 +31,18 @@ def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
             return damaged + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError) as error:
         return [Finding("error", str(path), "it cannot be read", str(error), "repair it or restore it")]
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
     """What the file's depth may have to be multiplied by to be metres, judged by its largest number."""
-    if "dslices" not in file or file["dslices"].ndim != 4 or not len(file["dslices"]):
+    if not hdf5.holds(file, "dslices"):
         return (1.0,)
-    image = np.asarray(file["dslices"][len(file["dslices"]) // 2], np.float64)
+    images = hdf5.dataset(file, "dslices", kinds="fiub")
+    if images.ndim != 4 or not len(images):
+        return (1.0,)
+    image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
     largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
     if 0 < largest <= 1.0:
         return (published.NO_RETURN,)  # CARLA's own encoding, parts of the far plane
@@ -50,7 +54,9 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
     """The published rows of all frames without the damaged ones, which are whole, and what is wrong in the first three
     that are not."""
-    frames = len(file["dslices"]) if "dslices" in file else len(file.get("coview/time", ()))
+    images = [name for name in ("dslices", "coview/time") if hdf5.holds(file, name)]
+    shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
+    frames = shape[0] if shape else 0
     tables: list[np.ndarray] = []
     whole: list[bool] = []
     findings: list[Finding] = []
@@ -65,19 +71,18 @@ def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding
 
 def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
     nothing = np.zeros((0, len(published.OBJECT_COLUMNS)))
-    if f"objects/{k}" not in file:
-        return nothing, "it is missing"
-    rows = file[f"objects/{k}"]
-    rows = rows[()] if rows.size else nothing
     try:
-        published.objects_of(rows, np.eye(4))
+        rows = object_rows(file, f"objects/{k}")
+    except (ValueError, OSError) as error:
+        return nothing, str(error)
+    words = published.wrong_rows(rows)
+    sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
+    try:
+        published.objects_of(sound, np.eye(4))
     except ValueError as error:
         return nothing, str(error).removeprefix("objects ")
-    rows = np.asarray(rows, np.float64)
-    flat = (rows[:, 6:9] <= 0).any(axis=1)
-    if flat.any():
-        return rows[~flat], f"row {np.argmax(flat)} has half extents {rows[flat][0, 6:9].tolist()}"
-    return rows, ""
+    wrong = f"row {int((words != '').argmax())} {words[words != ''][0]}" if (words != "").any() else ""
+    return np.asarray(sound, np.float64), wrong
 
 
 def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Finding]:
@@ -103,9 +108,6 @@ def _place(path: str | Path) -> Site | None:
     anywhere can be looked at."""
     try:
         CoopDataset(path).close()
-    except ValueError as error:
-        if "pass site=" not in str(error):
-            raise
-    else:
-        return None
-    return Site(UNKNOWN, np.array([-1.0, -1, 1, 1]))
+    except UnknownSite:
+        return Site(UNKNOWN, np.array([-1.0, -1, 1, 1]))
+    return None

@@ -1,0 +1,511 @@
+"""Every file format that is read: how to make a small sound file of it, how it is damaged, and what reads it."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mutants import BYTES, HDF5, JSON, SAFETENSORS, TEXT, Mutation
+
+
+@dataclass(frozen=True)
+class Format:
+    """make: writes a sound file; read: all that a command does with it until it computes; share: of the mutants, 1 for
+    an ordinary one; owns: whether reading may put the file aside or write into it."""
+
+    make: Callable[[Path], None]
+    read: Callable[[Path], object]
+    mutations: tuple[Mutation, ...] = BYTES
+    share: float = 1.0
+    owns: bool = False
+
+
+def formats() -> dict[str, Format]:
+    """All formats, by the name of the file that is made of each."""
+    clouds = {
+        "binary.ply": _ply, "text.ply": _ply_text, "binary.pcd": _pcd("binary"), "text.pcd": _pcd("ascii"),
+        "compressed.pcd": _pcd("binary_compressed"), "open3d.pcd": _open3d_pcd, "cloud.npz": _open3d_pcd,
+        "cloud.xyz": _xyz, "cloud.csv": _csv, "cloud.npy": _npy, "kitti.bin": _bin, "sweep.feather": _feather,
+    }  # fmt: skip
+    poses = {"poses.json": _poses_json, "poses.txt": _poses_text}
+    meshes = {"mesh.obj": _mesh, "mesh.ply": _mesh, "mesh.stl": _mesh, "mesh.off": _mesh}
+    texts = (".xyz", ".csv", "text.ply", "text.pcd", ".txt", ".obj", ".off")
+    return {
+        "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
+        "published.hdf5": Format(_published, _read_recording, HDF5, 3),
+        "frames.packed": Format(_packed, _read_packed, HDF5, 3),
+        "network.safetensors": Format(_weights, _read_weights, SAFETENSORS, 2),
+        "published.pth": Format(_published_checkpoint, _read_published_checkpoint, BYTES, 0.5),
+        "checkpoint.pt": Format(_checkpoint, _read_checkpoint, BYTES, 1),
+        **{
+            name: Format(make, _read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:]))
+            for name, make in clouds.items()
+        },
+        **{name: Format(make, _read_poses, JSON if name.endswith("json") else TEXT) for name, make in poses.items()},
+        "site.json": Format(_site, _read_site, JSON, 2),
+        "poles.geojson": Format(_poles, _read_poles, JSON, 2),
+        "map.osm": Format(_osm, _read_osm, TEXT, 2),
+        "map.xodr": Format(_opendrive, _read_opendrive, TEXT),
+        "table.npz": Format(_table, _read_table, (*BYTES, _another_table, _another_table), 1),
+        "surrogate.json": Format(_surrogate, _read_surrogate, JSON),
+        "answers.sqlite": Format(_cache, _read_cache, BYTES, 1, owns=True),
+        **{
+            name: Format(make, _read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
+            for name, make in meshes.items()
+        },
+    }
+
+
+def _frames(shared: bool) -> tuple[Any, list[Any]]:
+    """A site and three frames of two cameras and a lidar, or of two cameras alone, over two cars and a truck."""
+    from toolkit.frame import Frame
+    from toolkit.geometry import look, pose
+    from toolkit.objects import Objects
+    from toolkit.sensors.depth_camera import DepthCamera
+    from toolkit.sensors.sensor import Sensor
+    from toolkit.sensors.spinning_lidar import SpinningLidar
+    from toolkit.sites.site import Site, Solid
+
+    camera = DepthCamera(width=40, height=30, stride=2)
+    sensors: tuple[Sensor, ...] = (
+        Sensor("north", camera, look((-14.0, 0.0, 5.0), 0.0, 0.4)),
+        Sensor("south", camera, look((14.0, 3.0, 6.0), 3.1, 0.5)),
+    )
+    if not shared:
+        sensors = (*sensors, Sensor("lidar", SpinningLidar(channels=8, azimuth_step=0.2), pose(0.0, -14.0, 4.0)))
+    wall = Solid(np.array([[15.0, -5], [16, -5], [16, 5], [15, 5]]), 0.0, 3.0, "wall")
+    site = Site("yard", np.array([-12.8, -12.8, 12.8, 12.8]), solids=(wall,), sensors=sensors)
+    rng = np.random.default_rng(4)
+    frames = []
+    for k in range(3):
+        boxes = np.array([[k, 0, 0.8, 4.4, 1.8, 1.6, 0.3], [-6, 5, 0.8, 4, 1.8, 1.6, -1], [5, -6, 1.5, 9, 2.5, 3, 2.0]])
+        measured = tuple(rng.uniform(4, 16, sensor.model.shape).astype(np.float32) for sensor in sensors)
+        frames.append(Frame(sensors, measured, Objects(boxes, np.array([0, 0, 3])), 0.5 * k, k))
+    return site, frames
+
+
+def _recording(path: Path) -> None:
+    from toolkit.datasets.recording import Header, Scene, encode
+
+    site, frames = _frames(shared=False)
+    scenes = [Scene(frame, np.zeros(len(frame.objects), np.int64)) for frame in frames]
+    path.write_bytes(encode(Header(site, frames[0].sensors, ("car",)), scenes))
+
+
+def _published(path: Path) -> None:
+    """In the published layout alone, at a built-in site."""
+    import h5py
+
+    from toolkit.datasets.recording import Header, Scene, encode
+    from toolkit.sites.files import load_site
+
+    _, frames = _frames(shared=True)
+    scenes = [Scene(frame, np.zeros(len(frame.objects), np.int64)) for frame in frames]
+    path.write_bytes(encode(Header(load_site("tjunction"), frames[0].sensors), scenes))
+    with h5py.File(path, "r+") as file:
+        del file["coview"]
+        for group in file["cameras"].values():
+            for name in list(group.attrs):
+                del group.attrs[name]
+
+
+def _read_recording(path: Path) -> None:
+    """As `doctor`, `survey` and `evaluate` read it."""
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.datasets.doctor.diagnosis import diagnose
+    from toolkit.detection.evaluation import evaluate_dataset
+    from toolkit.detection.survey import survey
+    from toolkit.objects import Detections
+
+    for finding in diagnose(path):
+        one_line(str(finding))
+    with CoopDataset(path) as dataset:
+        list(dataset)
+        if len(dataset):
+            survey(dataset)
+            evaluate_dataset(dataset, lambda points: Detections.empty(), frames=2, schemes=("early",))
+
+
+def _packed(path: Path) -> None:
+    from models.packing import pack, recording
+
+    site, frames = _frames(shared=False)
+    empty = [np.zeros(sensor.model.shape, np.float32) + 17 for sensor in frames[0].sensors]
+    pack([recording(frames, site.area, 4.0, empty=empty)], path)
+
+
+def _read_packed(path: Path) -> None:
+    from models.packed import PackedFrames
+
+    packed = PackedFrames(path)
+    for k in range(len(packed)):
+        packed.points(k, np.random.default_rng(0))
+        packed.objects(k)
+
+
+def _network() -> Any:
+    import torch
+
+    from models.config import VoxelNetConfig
+    from models.voxelnet import VoxelNet
+
+    torch.manual_seed(0)
+    return VoxelNet(
+        VoxelNetConfig(
+            area=(0.0, 0.0, 6.4, 6.4), vfe_widths=(4,), voxel_width=8, middle_widths=(4, 4, 4), rpn_widths=(8, 8, 8),
+            rpn_layers=((0, 1), (0, 1), (0, 1)), upsample_width=8, head3x3=8,
+        )
+    )  # fmt: skip
+
+
+def _weights(path: Path) -> None:
+    from models.weights import Header, save_weights
+
+    save_weights(path, _network(), Header("yard", 3, "abc", {"0.7": 0.5}))
+
+
+def _read_weights(path: Path) -> None:
+    from models.weights import load_weights
+
+    load_weights(path)
+
+
+def _published_checkpoint(path: Path) -> None:
+    import torch
+
+    torch.save({"epoch": 3, "state_dict": {f"module.{k}": v for k, v in _network().state_dict().items()}}, path)
+
+
+def _read_published_checkpoint(path: Path) -> None:
+    from models.published import load_published
+
+    load_published(path, "tjunction")
+
+
+def _checkpoint(path: Path) -> None:
+    import torch
+
+    from models.train import PRESETS
+
+    network = _network()
+    state = {
+        "format": 1, "network": network.state_dict(), "config": network.config.to_dict(),
+        "preset": asdict(next(iter(PRESETS.values()))), "step": 3, "frames": 2,
+    }  # fmt: skip
+    torch.save(state, path)
+
+
+def _read_checkpoint(path: Path) -> None:
+    from models.train import load_checkpoint
+
+    load_checkpoint(path)
+
+
+def _points() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-50, 50, (200, 3)).astype(np.float32)
+
+
+def _cloud() -> Any:
+    import open3d as o3d
+
+    from toolkit.clouds import from_points
+
+    cloud = from_points(_points(), np.arange(200) % 3)
+    cloud.point["intensity"] = o3d.core.Tensor.from_numpy(np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy())
+    return cloud
+
+
+def _ply(path: Path) -> None:
+    import open3d as o3d
+
+    o3d.t.io.write_point_cloud(path, _cloud())
+
+
+def _ply_text(path: Path) -> None:
+    import open3d as o3d
+
+    o3d.t.io.write_point_cloud(path, _cloud(), write_ascii=True)
+
+
+def _open3d_pcd(path: Path) -> None:
+    from toolkit.clouds import save
+
+    save(_cloud(), path)
+
+
+def _pcd(kind: str) -> Callable[[Path], None]:
+    """As PCL and ROS write it, with padding between the fields."""
+
+    def make(path: Path) -> None:
+        dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("p", "u1", 4), ("intensity", "<f4"), ("q", "u1", 12)]
+        rows = np.zeros(200, dtype)
+        for axis, column in zip("xyz", _points().T, strict=True):
+            rows[axis] = column
+        header = (
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n"
+            f"COUNT 1 1 1 4 1 12\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 200\nDATA {kind}\n"
+        ).encode()
+        if kind == "ascii":
+            body = "\n".join(" ".join(str(v) for v in np.hstack([*row])) for row in rows.tolist()).encode()
+        elif kind == "binary":
+            body = rows.tobytes()
+        else:
+            columns = b"".join(rows[name].tobytes() for name in rows.dtype.names or ())
+            packed = b"".join(
+                bytes([len(columns[k : k + 32]) - 1]) + columns[k : k + 32] for k in range(0, len(columns), 32)
+            )
+            body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed
+        path.write_bytes(header + body)
+
+    return make
+
+
+def _xyz(path: Path) -> None:
+    np.savetxt(path, _points()[:60], header="x y z", fmt="%.4f")
+
+
+def _csv(path: Path) -> None:
+    np.savetxt(path, _points()[:60], header="x,y,z", comments="", delimiter=",", fmt="%.4f")
+
+
+def _npy(path: Path) -> None:
+    np.save(path, _points())
+
+
+def _bin(path: Path) -> None:
+    np.hstack([_points(), np.ones((200, 1), np.float32)]).tofile(path)
+
+
+def _feather(path: Path) -> None:
+    import pyarrow
+    from pyarrow import feather
+
+    columns = dict(zip("xyz", _points().T, strict=True)) | {"laser_number": np.arange(200, dtype=np.uint8)}
+    feather.write_feather(pyarrow.table(columns), path)
+
+
+def _read_cloud(path: Path) -> None:
+    from toolkit.datasets.cloud_files import fuse_files
+
+    fuse_files([path], [np.eye(4)])
+
+
+def _two_poses() -> dict[str, Any]:
+    from toolkit.geometry import pose
+
+    return {"north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(), "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist()}
+
+
+def _poses_json(path: Path) -> None:
+    path.write_text(json.dumps(_two_poses()))
+
+
+def _poses_text(path: Path) -> None:
+    path.write_text("\n".join(f"{name} {' '.join(map(str, np.ravel(p)))}" for name, p in _two_poses().items()))
+
+
+def _read_poses(path: Path) -> None:
+    from toolkit.datasets.cloud_files import match_poses, poses_of, read_poses
+
+    read_poses(path, inverted=True)
+    match_poses(["north.ply", "south.ply"], read_poses(path))
+    poses_of(["north.ply", "south.ply"], [path])
+
+
+def _site(path: Path) -> None:
+    from toolkit.sites.files import save_site
+
+    save_site(_frames(shared=False)[0], path)
+
+
+def _read_site(path: Path) -> None:
+    from toolkit.sites.files import load_site
+
+    load_site(path)
+
+
+def _poles(path: Path) -> None:
+    def feature(shape: str, coordinates: Any, **properties: Any) -> Any:
+        return {"type": "Feature", "properties": properties, "geometry": {"type": shape, "coordinates": coordinates}}
+
+    features = [
+        *(feature("Point", [x, 3.0], name=f"p{x}", height=6, price=1.5, capacity_kbit=900.0) for x in range(4)),
+        feature("Polygon", [[[9, 9], [12, 9], [12, 12], [9, 9]]], keep_out=True),
+        feature("MultiPolygon", [[[[19, 9], [22, 9], [22, 12], [19, 9]]]], kind="keep_out"),
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features}))
+
+
+def _read_poles(path: Path) -> None:
+    from placement_env.candidates.poles import load_keep_out, load_poles
+
+    site = _frames(shared=True)[0]
+    load_poles(path, site)
+    load_keep_out(path, site)
+
+
+def _osm(path: Path) -> None:
+    from toolkit.sites.osm import longitude_latitude
+
+    places = [(-90, 0), (0, 0), (90, 0), (0, -90), (5, 90), (20, 20), (40, 20), (40, 40), (20, 40), (12, 9), (-9, 12)]
+    degrees = longitude_latitude(np.array(places, float), (13.4, 52.5))
+    nodes = [f'<node id="{i}" lat="{lat:.7f}" lon="{lon:.7f}"/>' for i, (lon, lat) in enumerate(degrees.tolist(), 1)]
+    nodes[9] = nodes[9].replace("/>", '><tag k="highway" v="street_lamp"/><tag k="height" v="7 m"/></node>')
+    nodes[10] = nodes[10].replace("/>", '><tag k="natural" v="tree"/></node>')
+    ways = [
+        ((1, 2, 3), {"highway": "secondary", "lanes": "2", "maxspeed": "50", "layer": "0"}),
+        ((4, 2, 5), {"highway": "residential", "width": "6"}),
+        ((6, 7, 8, 9, 6), {"building": "yes", "building:levels": "3", "height": "12 m"}),
+        ((7, 8), {"barrier": "wall", "height": "2"}),
+    ]
+    for i, (corners, tags) in enumerate(ways, 100):
+        inside = "".join(f'<nd ref="{k}"/>' for k in corners)
+        inside += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
+        nodes.append(f'<way id="{i}">{inside}</way>')
+    relation = (
+        '<relation id="300"><member type="way" ref="102" role="outer"/><tag k="type" v="multipolygon"/></relation>'
+    )
+    path.write_text("\n".join(['<?xml version="1.0"?>', '<osm version="0.6">', *nodes, relation, "</osm>", ""]))
+
+
+def _read_osm(path: Path) -> None:
+    """All of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
+    import shapely
+
+    from toolkit.sites import osm, osm_roads, osm_solids
+
+    extract, window = osm.read(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    pieces, _ = osm_roads.roads(extract, window)
+    osm_roads.written(pieces, extract)
+    osm_roads.paths(extract, window)
+    street = shapely.box(-60, -4, 60, 4)
+    osm_solids.buildings(extract, window, street)
+    osm_solids.barriers(extract, window, street)
+    osm_solids.trees(extract, window, street)
+    osm_solids.furniture(extract, window, street)
+
+
+def _opendrive(path: Path) -> None:
+    road = (
+        '<road name="" length="{length}" id="{i}" junction="-1"><planView><geometry s="0" x="{x}" y="{y}" hdg="{hdg}" '
+        'length="{length}"><line/></geometry></planView><elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/>'
+        '</elevationProfile><lanes><laneSection s="0"><center><lane id="0" type="none" level="false"/></center><right>'
+        '<lane id="-1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>'
+        "</laneSection></lanes></road>"
+    )
+    roads = [
+        road.format(i=1, x=-60, y=0, hdg=0, length=120),
+        road.format(i=2, x=60, y=20, hdg=3.1, length=120),
+    ]
+    path.write_text(
+        "\n".join(['<?xml version="1.0"?>', '<OpenDRIVE><header revMajor="1" revMinor="4"/>', *roads, "</OpenDRIVE>"])
+    )
+
+
+def _read_opendrive(path: Path) -> None:
+    """All of `import_opendrive` before SUMO's netconvert."""
+    from toolkit.sites.maps import opendrive_header
+
+    opendrive_header(path, (0.0, 0.0))
+
+
+def _table(path: Path) -> None:
+    from placement_env.fidelity.detector import IOUS
+    from placement_env.fidelity.table import Origin, Table, save_table
+    from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
+
+    ap = np.linspace(0, 1, 8 * len(SCHEMES) * len(IOUS)).reshape(8, len(SCHEMES), len(IOUS))
+    origin = Origin("yard", ("a", "b", "c"), "p", 3, 9, "r", "d", 0, "c")
+    save_table(Table(origin, ap, ap.copy(), ap[..., 0].copy()), path)
+
+
+def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
+    """Sound arrays that make no table."""
+    import io
+    import tempfile
+
+    from toolkit.runtime.array_files import write_arrays
+
+    with np.load(io.BytesIO(content)) as file:
+        arrays = {name: file[name] for name in file}
+    name = sorted(arrays)[int(rng.integers(len(arrays)))]
+    if name == "origin":
+        what, text = JSON[-1](arrays[name].tobytes(), rng)
+        arrays[name] = np.frombuffer(text, np.uint8)
+    else:
+        what = str(rng.choice(["gone", "text", "nan", "short", "whole"]))
+        changed = {"text": np.array(["a"]), "nan": arrays[name] * np.nan, "short": arrays[name][1:]}
+        arrays[name] = changed.get(what, arrays[name].astype(int))
+        if what == "gone":
+            del arrays[name]
+    with tempfile.TemporaryDirectory() as folder:
+        write_arrays(Path(folder, "table.npz"), arrays)
+        return f"{name} is {what}", Path(folder, "table.npz").read_bytes()
+
+
+def _read_table(path: Path) -> None:
+    from placement_env.fidelity.table import load_table
+
+    load_table(path)
+
+
+def _surrogate(path: Path) -> None:
+    from placement_env.fidelity.hit_model import FOLDER
+
+    path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
+
+
+def _read_surrogate(path: Path) -> None:
+    from placement_env.fidelity.hit_model import load_models
+
+    load_models(path)
+
+
+def _cache(path: Path) -> None:
+    from toolkit.runtime.cache import Cache, key_of
+
+    cache = Cache(path)
+    cache.put({key_of(k): (np.arange(20.0 * k),) for k in range(20)})
+    cache.close()
+    with sqlite3.connect(path) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+
+def _read_cache(path: Path) -> None:
+    from toolkit.runtime.cache import Cache, key_of
+
+    cache = Cache(path)
+    for k, value in enumerate(cache.get([key_of(k) for k in range(20)])):
+        if value is not None and not np.array_equal(value[0], np.arange(20.0 * k)):
+            raise RuntimeError("the cache answers with a figure that was never put in")
+    cache.put({key_of("more"): (np.arange(3),)})
+    cache.close()
+
+
+def _mesh(path: Path) -> None:
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh.create_box(4.4, 1.8, 1.5)
+    mesh.compute_triangle_normals()
+    o3d.io.write_triangle_mesh(path, mesh)
+
+
+def _read_mesh(path: Path) -> None:
+    from toolkit.bodies.meshes import load_mesh
+
+    load_mesh(path)
+
+
+def one_line(message: str) -> None:
+    """RuntimeError where a message to the user is empty or of several lines."""
+    if not message.strip() or len(message.strip().splitlines()) > 1:
+        raise RuntimeError(f"no message in one line: {message!r:.200}")
+
+
+warnings.simplefilter("ignore")

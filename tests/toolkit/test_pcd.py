@@ -1,0 +1,99 @@
+import numpy as np
+import open3d as o3d
+import pytest
+
+from toolkit.clouds import attributes, from_attributes
+from toolkit.pcd import lzf_decompressed, read_pcd
+
+RNG = np.random.default_rng(0)
+MADE: dict[str, np.ndarray] = {
+    "positions": RNG.normal(0, 9, (500, 3)).astype(np.float32),
+    "normals": RNG.normal(size=(500, 3)).astype(np.float32),
+    "colors": RNG.integers(0, 256, (500, 3)).astype(np.uint8),
+    "intensity": RNG.random((500, 1)).astype(np.float32),
+    "ring": (np.arange(500)[:, None] // 8).astype(np.uint16),
+    "sensor": np.zeros((500, 1), np.int32),
+}
+
+
+def header(fields, points, data):
+    names, kinds, sizes, counts = zip(*fields, strict=True)
+    rows = [("FIELDS", names), ("SIZE", sizes), ("TYPE", kinds), ("COUNT", counts)]
+    text = "\n".join(f"{key} {' '.join(map(str, values))}" for key, values in rows)
+    return f"# .PCD\nVERSION 0.7\n{text}\nWIDTH {points}\nHEIGHT 1\nPOINTS {points}\nDATA {data}\n".encode()
+
+
+@pytest.mark.parametrize("way", [{"write_ascii": True}, {"compressed": True}, {}])
+def test_what_open3d_writes_is_read_as_it_was(tmp_path, way):
+    o3d.t.io.write_point_cloud(tmp_path / "a.pcd", from_attributes(MADE), **way)
+    read = read_pcd(tmp_path / "a.pcd")
+    assert read.keys() == MADE.keys()
+    for name, column in MADE.items():
+        np.testing.assert_allclose(read[name], column, rtol=1e-6)
+        assert read[name].dtype == column.dtype
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary", "binary_compressed"])
+def test_two_paddings_of_one_name(tmp_path, kind):
+    """As PCL and ROS write them; Open3D's reader writes past the end of its memory here."""
+    fields = [
+        *(("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1), ("_", "U", 1, 4)),
+        *(("intensity", "F", 4, 1), ("t", "U", 4, 1), ("_", "U", 1, 24)),
+    ]
+    rows = np.zeros(90, [(f"{k}", f"<{c.lower()}{size}", count) for k, (_, c, size, count) in enumerate(fields)])
+    for k in (0, 1, 2, 4, 5):
+        rows[f"{k}"] = np.arange(90)[:, None] * (k + 1)
+    if kind == "ascii":
+        body = "\n".join(" ".join(str(value) for value in np.hstack([*row])) for row in rows.tolist()).encode()
+    else:
+        body = rows.tobytes()
+    if kind == "binary_compressed":
+        plain = b"".join(rows[name].tobytes() for name in rows.dtype.names)
+        packed = b"".join(bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32] for i in range(0, len(plain), 32))
+        body = np.array([len(packed), len(plain)], "<u4").tobytes() + packed
+    (tmp_path / "a.pcd").write_bytes(header(fields, 90, kind) + body)
+    read = read_pcd(tmp_path / "a.pcd")
+    np.testing.assert_array_equal(read["positions"], np.arange(90)[:, None] * [1.0, 2, 3])
+    np.testing.assert_array_equal(read["intensity"][:, 0], np.arange(90) * 5.0)
+    assert read["t"].dtype == np.uint32
+    assert read.keys() == {"positions", "intensity", "t"}
+
+
+def test_lzf_copies_from_itself():
+    assert lzf_decompressed(bytes([2, 1, 2, 3, 0x20 | 0, 2]), 6) == bytes([1, 2, 3, 1, 2, 3])
+    assert lzf_decompressed(bytes([0, 7, 0xE0, 255, 0]), 265) == bytes([7] * 265)
+    for packed, size in (([5, 1], 6), ([0x20, 9], 3), ([0, 1], 2), ([0, 7, 0xE0, 255, 0], 9)):
+        with pytest.raises(ValueError, match="damaged"):
+            lzf_decompressed(bytes(packed), size)
+
+
+XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"junk", "no line DATA"),
+        (header(XYZ[:2], 1, "binary") + bytes(8), "no field z"),
+        (header([*XYZ, ("x", "F", 4, 1)], 1, "binary") + bytes(16), "one name"),
+        (header([*XYZ, ("f", "F", 2, 1)], 1, "binary") + bytes(14), "TYPE and SIZE"),
+        (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),
+        (header(XYZ, 2, "ascii") + b"1 2 3 4", "cut off, 4 of 6"),
+        (header(XYZ, 1, "ascii") + b"1 2 north", "no number"),
+        (header(XYZ, 1, "zip") + bytes(12), "DATA must be"),
+        (header(XYZ, 1, "binary_compressed") + np.array([4, 99], "<u4").tobytes() + bytes(4), "take 12 bytes, but 99"),
+        (header(XYZ, 1, "binary_compressed") + np.array([4, 12], "<u4").tobytes() + bytes(4), "are damaged"),
+    ],
+)
+def test_damage_is_one_line(tmp_path, content, says):
+    (tmp_path / "a.pcd").write_bytes(content)
+    with pytest.raises(ValueError, match=says) as error:
+        read_pcd(tmp_path / "a.pcd")
+    assert "\n" not in str(error.value)
+
+
+def test_no_points_are_no_damage(tmp_path):
+    for kind in ("ascii", "binary", "binary_compressed"):
+        (tmp_path / "a.pcd").write_bytes(header(XYZ, 0, kind))
+        assert read_pcd(tmp_path / "a.pcd")["positions"].shape == (0, 3)
+    assert "positions" in attributes(from_attributes(read_pcd(tmp_path / "a.pcd")))

@@ -1,0 +1,185 @@
+"""PCD files of the Point Cloud Library: text, binary and LZF-compressed, every field kept.
+
+Open3D's reader takes fields of one name, such as the paddings `_` that PCL and ROS write, for one field, and writes
+past the end of its memory. This one needs NumPy only. https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.point_fields import Attributes, attributes_of, missing
+
+PADDING = "_"
+MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
+_TYPES = {
+    **{("F", size): f"<f{size}" for size in (4, 8)},
+    **{("I", size): f"<i{size}" for size in (1, 2, 4, 8)},
+    **{("U", size): f"<u{size}" for size in (1, 2, 4, 8)},
+}
+
+
+@dataclass(frozen=True)
+class _Header:
+    """names, types and counts of the fields; how many points; how they are stored."""
+
+    names: tuple[str, ...]
+    types: tuple[np.dtype, ...]
+    counts: tuple[int, ...]
+    points: int
+    data: str
+
+    @property
+    def row(self) -> np.dtype:
+        """One point as the file has it."""
+        return np.dtype([(f"{i}", *each) for i, each in enumerate(zip(self.types, self.counts, strict=True))])
+
+
+def read_pcd(path: str | Path) -> Attributes:
+    """The attributes of a file's points: `positions`, `normals`, `colors` (uint8), and all other fields by their names.
+
+    Raises ValueError, in one line, where the file is damaged, cut off or has no x, y and z.
+    """
+    content = Path(path).read_bytes()
+    try:
+        header, body = _header(content)
+        if header.data == "ascii":
+            columns = _ascii(header, body)
+        elif header.data == "binary":
+            columns = _binary(header, body)
+        else:
+            columns = _compressed(header, body)
+    except ValueError as error:
+        raise ValueError(f"{path} holds no points that can be read: {error}") from None
+    named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
+    return attributes_of(named)
+
+
+def _header(content: bytes) -> tuple[_Header, bytes]:
+    entries: dict[str, list[str]] = {}
+    rest = content
+    while "DATA" not in entries:
+        line, newline, rest = rest.partition(b"\n")
+        if not newline and not rest and not line.startswith(b"DATA"):
+            raise ValueError("its header has no line DATA, is it a PCD file?")
+        words = line.split(b"#")[0].decode("ascii", "replace").split()
+        if words:
+            entries[words[0]] = words[1:]
+    names = tuple(name.lower() if len(name) == 1 else name for name in entries.get("FIELDS", ()))
+    size, count = (_whole(entries.get(key, default)) for key, default in (("SIZE", []), ("COUNT", ["1"] * len(names))))
+    if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
+        raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
+    if missing(names):
+        raise ValueError(f"it has no field {', '.join(missing(names))}, but {', '.join(names)}")
+    kept = [name for name in names if name != PADDING]
+    if len(set(kept)) < len(kept):
+        raise ValueError(f"two fields have one name: {', '.join(names)}")
+    kinds = list(zip(entries["TYPE"], size, strict=True))
+    if any(kind not in _TYPES for kind in kinds) or any(not 0 < k < 1 << 20 for k in count):
+        raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {kinds} and COUNT {count}")
+    if any(count[names.index(axis)] != 1 for axis in "xyz"):
+        raise ValueError("x, y and z must have COUNT 1")
+    points = _whole(entries.get("POINTS", []) or ["0"])[0]
+    if "POINTS" not in entries:
+        points = int(np.prod(_whole([*entries.get("WIDTH", ["0"]), *entries.get("HEIGHT", ["1"])]), dtype=object))
+    data = " ".join(entries["DATA"])
+    if data not in ("ascii", "binary", "binary_compressed") or points < 0:
+        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
+    return _Header(names, tuple(np.dtype(_TYPES[kind]) for kind in kinds), tuple(count), points, data), rest
+
+
+def _whole(words: list[str]) -> list[int]:
+    try:
+        return [int(word) for word in words]
+    except ValueError:
+        raise ValueError(f"its header has {' '.join(words)[:40]!r} where whole numbers belong") from None
+
+
+def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
+    cells, width = body.split(), sum(header.counts)
+    if len(cells) < header.points * width:
+        raise ValueError(f"it is cut off, {len(cells)} of {header.points * width} numbers are there")
+    table = np.array(cells[: header.points * width], "S").reshape(header.points, width)
+    columns, first = [], 0
+    for dtype, count in zip(header.types, header.counts, strict=True):
+        cell = table[:, first : first + count]
+        first += count
+        try:
+            with np.errstate(all="ignore"):
+                columns.append(cell.astype(dtype) if dtype.kind == "f" else _integers(cell, dtype))
+        except (ValueError, OverflowError):
+            raise ValueError("a cell of its table is no number") from None
+    return columns
+
+
+def _integers(cells: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Whole numbers as text, also where they are written as floats."""
+    try:
+        return cells.astype(np.int64).astype(dtype)
+    except (ValueError, OverflowError):
+        return cells.astype(np.float64).astype(dtype)
+
+
+def _binary(header: _Header, body: bytes) -> list[np.ndarray]:
+    needed = header.points * header.row.itemsize
+    if len(body) < needed:
+        raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
+    rows = np.frombuffer(body[:needed], header.row)
+    return [np.ascontiguousarray(rows[name]) for name in header.row.names or ()]
+
+
+def _compressed(header: _Header, body: bytes) -> list[np.ndarray]:
+    """All values of the first field, then all of the second, and so on."""
+    if len(body) < 8 and header.points:
+        raise ValueError("it is cut off before its points")
+    packed, size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
+    needed = header.points * header.row.itemsize
+    if len(body) - 8 < packed and header.points:
+        raise ValueError(f"it is cut off, {len(body) - 8} of {packed} compressed bytes are there")
+    if size != needed or size > MOST_LZF * max(1, packed):
+        raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
+    plain = lzf_decompressed(body[8 : 8 + packed], size)
+    columns, first = [], 0
+    for dtype, count in zip(header.types, header.counts, strict=True):
+        length = header.points * count * dtype.itemsize
+        columns.append(np.frombuffer(plain[first : first + length], dtype).reshape(header.points, count))
+        first += length
+    return columns
+
+
+def lzf_decompressed(packed: bytes, size: int) -> bytes:
+    """What was compressed by LibLZF. Raises ValueError where that is not `size` bytes.
+
+    >>> lzf_decompressed(bytes([1, 97, 98, 0xE0, 1, 1]), 12)
+    b'abababababab'
+    """
+    out, i = bytearray(), 0
+    try:
+        while i < len(packed):
+            control = packed[i]
+            if control < 32:  # so many plain bytes, and one
+                out += packed[i + 1 : i + 2 + control]
+                i += 2 + control
+                continue
+            length = control >> 5
+            if length == 7:
+                i += 1
+                length += packed[i]
+            back = ((control & 31) << 8) + packed[i + 1] + 1  # bytes ago that the same was there
+            i += 2
+            start, length = len(out) - back, length + 2
+            if start < 0 or len(out) > size:
+                break
+            out += (
+                (out[start : start + length] * (length // back + 1))[:length]
+                if length > back
+                else out[start : start + length]
+            )  # it may overlap what it makes
+    except IndexError:
+        pass
+    if i != len(packed) or len(out) != size:
+        raise ValueError("its compressed points are damaged")
+    return bytes(out)

@@ -1,0 +1,125 @@
+"""HDF5 files read with care: what h5py raises on damaged bytes becomes one OSError that names the place.
+
+A damaged file makes h5py raise OSError, RuntimeError, KeyError, TypeError, ... from any access, even from `in`. Here
+every access stands in `reading`, and what comes out is plain: lists of names, texts, numbers in NumPy arrays.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+# Deflate makes nothing smaller than this; a dataset that claims more than that, and this many bytes, is damaged, and
+# reading it would stop the machine.
+_SMALLEST, _PLENTY = 1 / 1100, 1 << 28
+
+# What h5py was seen to raise on damaged files.
+_H5PY_RAISES = (
+    OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, MemoryError,
+    NotImplementedError, SystemError,
+)  # fmt: skip
+
+
+@contextmanager
+def reading(where: str) -> Iterator[None]:
+    """What the block's accesses to an HDF5 file raise, as an OSError of one line. Only such accesses belong in it."""
+    try:
+        yield
+    except _H5PY_RAISES as error:
+        reason = " ".join(str(error).strip("'\"").split())[:200] or type(error).__name__
+        raise OSError(f"{where} cannot be read ({reason}): the file is damaged, restore it") from None
+
+
+def open_hdf5(path: str | Path) -> h5py.File:
+    """A file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
+    path = Path(path)
+    try:
+        return h5py.File(path, "r")
+    except _H5PY_RAISES as error:
+        cut = re.search(r"eof = (\d+).*stored_eof = (\d+)", str(error))
+        if cut:
+            raise OSError(f"{path} is cut off: {cut[1]} of {cut[2]} bytes are there; copy or make it again") from None
+        if path.stat().st_size == 0:
+            raise OSError(f"{path} is empty: copy or make it again") from None
+        if "signature" in str(error):
+            raise OSError(f"{path} is not an HDF5 file: check that it is the right one") from None
+        raise OSError(f"{path} cannot be read as HDF5 ({_line(error)}): copy or make it again") from None
+
+
+def holds(group: h5py.Group, name: str) -> bool:
+    """Whether there is something of that name."""
+    with reading(name):
+        return name in group
+
+
+def names_in(group: h5py.Group, name: str) -> list[str]:
+    """The names in a group, in order; none where it is missing."""
+    with reading(name):
+        return list(group[name]) if name in group and isinstance(group[name], h5py.Group) else []
+
+
+def kind_of(group: h5py.Group, name: str) -> type:
+    """h5py.Dataset, h5py.Group or h5py.Datatype."""
+    with reading(name):
+        return type(group[name])
+
+
+def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
+    """The dataset of that name, of so many axes and of a type that NumPy calls one of `kinds`, not yet read."""
+    with reading(name):
+        node: Any = group.get(name)
+        numeric = isinstance(node, h5py.Dataset) and node.shape is not None
+        shape, dtype, size = (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
+        stored = node.id.get_storage_size() if numeric else 0
+    if node is None:
+        raise ValueError(f"dataset {name!r} is missing: restore the file, or make it again")
+    if not numeric:
+        raise ValueError(f"{name} must be a dataset of numbers, got {type(node).__name__.lower()} without any")
+    if dtype.kind not in kinds or (dtype.kind in "fc" and dtype.itemsize > 8):
+        raise ValueError(f"{name} must hold {_KINDS.get(kinds, 'numbers')}, got {dtype} of shape {shape}")
+    if axes is not None and len(shape) != axes:
+        raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")
+    if size > _PLENTY and size * _SMALLEST > stored:
+        raise ValueError(f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, restore it")
+    return node
+
+
+def array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> np.ndarray:
+    """All numbers of a dataset, which must pass `dataset`."""
+    return rows(dataset(group, name, axes=axes, kinds=kinds), name, ...)
+
+
+def rows(node: h5py.Dataset, name: str, where: Any) -> np.ndarray:
+    """A part of a dataset, `node[where]`."""
+    with reading(name):
+        return np.asarray(node[where])
+
+
+def text(group: h5py.Group, name: str) -> str:
+    """The text that a dataset holds."""
+    with reading(name):
+        content = group[name][()]
+        if isinstance(content, bytes):
+            return content.decode("utf-8")
+    if not isinstance(content, str):
+        raise ValueError(f"{name} must hold a text, got {type(content).__name__}: the file is damaged, restore it")
+    return content
+
+
+def attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
+    """The attributes of a group or dataset: texts, and NumPy's numbers and arrays."""
+    with reading(f"attributes of {where}"):
+        return {name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)}
+
+
+_KINDS = {"iu": "whole numbers", "f": "floating-point numbers", "fiu": "numbers"}
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,34 @@
+"""JSON read with care: whatever is wrong with a document becomes one ValueError that says where."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+
+def parse_json(text: str) -> Any:
+    """The values of a JSON text. Raises ValueError, in one line, where it is none or nested too deep.
+
+    >>> parse_json("[" * 100000)
+    Traceback (most recent call last):
+    ValueError: its lists or objects are nested too deep to be read: restore the file
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON from line {error.lineno} on ({error.msg}): restore the file") from None
+    except RecursionError:
+        raise ValueError("its lists or objects are nested too deep to be read: restore the file") from None
+    except ValueError:  # Python refuses to turn very long texts into numbers
+        raise ValueError("it has a number of thousands of digits: restore the file") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """The values of a JSON file in UTF-8. Raises OSError; ValueError, in one line, where it is damaged."""
+    try:
+        return parse_json(Path(path).read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a JSON file") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
