@@ -44,7 +44,8 @@ def spread(
     workers: processes on this machine, a script that asks for several must do so under `if __name__ == "__main__":`;
     ray: instead of them the cores of a Ray cluster, by its address; "auto" for the one this machine is part of, "local"
     for one started here for the time being; coview must be installed on all its machines. progress: told how many
-    results are done; ticks: told now and then how often jobs in processes called `tick`.
+    results are done; ticks: told now and then how often jobs in processes called `tick`, in work
+    that is done again too.
 
     Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
     ImportError without Ray; ConnectionError where no cluster answers.
@@ -98,10 +99,15 @@ def _in_processes(
     pickled, remaining = pickle.dumps(job), iter(inputs)
     pending: deque[_Task] = deque()
     deaths = given = given_before = 0  # deaths since there was a result
+    ticked = 0  # in pools that died
+
+    def tell(count: int) -> None:
+        ticks(ticked + count)
+
     while True:
         try:
             with _pool(pickled, workers) as pool:
-                for result in _results(pool, pending, remaining, ticks):
+                for result in _results(pool, pending, remaining, tell):
                     given += 1
                     yield result
             return
@@ -113,6 +119,7 @@ def _in_processes(
                 raise WorkLost(_died(deaths, str(lost[0].input))) from None
             for task in lost:
                 task.future = None
+            ticked += pool.ticks
 
 
 def _results(
@@ -171,11 +178,11 @@ class _Pool:
     @property
     def ticks(self) -> int:
         """How often the job called `tick` since this was set to 0."""
-        return int(self._ticks.value)
+        return int(self._ticks.get_obj().value)  # without the lock, which a process may have been killed with
 
     @ticks.setter
     def ticks(self, count: int) -> None:
-        self._ticks.value = count
+        self._ticks.get_obj().value = count
 
     def submit(self, x: Any) -> Future[Any]:
         """Have the job done on an input."""

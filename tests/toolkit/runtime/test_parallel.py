@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from toolkit.runtime import parallel as processes
-from toolkit.runtime.parallel import RETRIES, spread
+from toolkit.runtime.parallel import RETRIES, spread, tick
 
 
 def square(x: int) -> int:
@@ -81,6 +81,33 @@ def test_processes_give_what_a_loop_gives():
 def test_work_of_a_process_that_is_killed_is_done_again(tmp_path):
     assert list(spread(DiesOnce(tmp_path, 5), range(9), workers=2)) == [x * x for x in range(9)]
     assert (tmp_path / "killed").exists()
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """Ticks twice for each input; the first process that gets 2 is killed over it, in between."""
+
+    folder: Path
+
+    def __call__(self, x: int) -> int:
+        tick()
+        if x == 2 and not (self.folder / "killed").exists():
+            (self.folder / "killed").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        tick()
+        time.sleep(0.3)
+        return x
+
+
+def test_ticks_are_told_while_work_goes_on_and_over_a_death(tmp_path):
+    told: list[int] = []
+    assert list(spread(Ticks(tmp_path), range(6), workers=2, ticks=told.append)) == list(range(6))
+    assert told == sorted(told)
+    assert 12 <= told[-1] <= 20  # what the processes had at hand when one died is done again
+    told.clear()
+    assert list(spread(Ticks(tmp_path), range(3), workers=2, ticks=told.append)) == list(range(3))
+    assert told[-1] == 6
+    tick()  # nobody listens
 
 
 def worker(_: int) -> int:
