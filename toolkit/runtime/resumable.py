@@ -23,8 +23,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from toolkit.runtime.lost import WorkLost
-
 try:
     import fcntl
 except ImportError:  # not a Unix
@@ -213,7 +211,7 @@ def _make_parts_in_processes(
                     future.result()
                 progress(done.value)
         except BrokenProcessPool:
-            raise WorkLost(
+            raise RuntimeError(
                 "a worker process ended unexpectedly: out of memory, or called from a script without"
                 ' `if __name__ == "__main__":`; start again to go on, with fewer workers'
             ) from None
