@@ -84,3 +84,14 @@ def test_sensor_models_by_name(run, refused, tmp_path):
     arguments = ("--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", tmp_path, "--json")
     assert run("search", "tjunction", "--model", "spinning-lidar", "depth-camera", *arguments)[0] == 0
     assert "telepathy" in refused("search", "tjunction", "--model", "telepathy", *arguments)
+
+
+def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
+    monkeypatch.chdir(tmp_path)
+    code = "from toolkit.objects import Detections\n\ndef nothing(points):\n    return Detections.empty()\n"
+    (tmp_path / "search_detectors.py").write_text(code)
+    arguments = ("--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "detector")
+    start = ("search", "tjunction", *arguments, "--detector", "search_detectors:nothing")
+    assert "needs an attribute digest" in refused(*start)
+    code, out, err = run(*start, "--cache", "None", "--json")
+    assert (code, json.loads(out)["reward"], json.loads(out)["fidelity"]) == (0, 0.0, "detector"), err
