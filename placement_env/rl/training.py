@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 CHECKPOINT = "policy.pt"
-STEPS = 50_000  # that `search` trains for where no limit is given
+DEFAULT_STEPS = 50_000  # that `search` trains for where no limit is given
 EPISODES = 20  # of the trained policy, after that
 UPDATES = 4  # of a round
 
@@ -69,9 +69,9 @@ def search(
     """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
     that it met in training.
 
-    Every step counts as an evaluation; without a limit `STEPS` are trained.
+    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained.
     """
-    steps = STEPS if seconds is None and evaluations is None else evaluations
+    steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
 
     def make_env() -> SensorSelectEnv:
