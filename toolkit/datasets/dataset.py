@@ -299,8 +299,10 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     if "site_SE3_sensor" not in attributes:
         return Sensor(where.removeprefix("cameras/"), model, pose)
     ours = _described(where, DepthCamera, attributes)
-    as_written = np.allclose(published.intrinsic(ours.model), published.intrinsic(model)) and np.allclose(
-        ours.pose, pose
+    as_written = (
+        (ours.model.height, ours.model.width) == shape
+        and np.allclose(published.intrinsic(ours.model), published.intrinsic(model))
+        and np.allclose(ours.pose, pose)
     )
     return ours if as_written else Sensor(ours.name, replace(model, stride=ours.model.stride), pose)
 
