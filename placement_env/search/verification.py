@@ -75,14 +75,3 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndar
         sets[swaps, member] = False
         sets[swaps, others] = True
     return sets
-
-
-def verified_best(cheap: Objective, exact: Objective, found: Found) -> tuple[Score, int]:
-    """The best by an exact objective of what a search on a cheap one found and its neighbours, and of how many sets.
-
-    Sensors that were moved have no neighbours: they are scored where they stand, as one set.
-    """
-    if found.sensors:
-        return rescored(exact, found), 1
-    ranking = verified(cheap, exact, np.array(found.best.subset))
-    return exact.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)

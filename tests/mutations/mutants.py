@@ -10,6 +10,7 @@ import json
 import re
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import h5py

@@ -302,7 +302,11 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     camera = published.pinhole(ours.model)
     if camera is None:
         raise ValueError(f"{where} is a {type(ours.model).__name__}, which dslices cannot hold: write the file again")
-    as_written = np.allclose(published.intrinsic(camera), published.intrinsic(model)) and np.allclose(ours.pose, pose)
+    as_written = (
+        (camera.height, camera.width) == shape
+        and np.allclose(published.intrinsic(camera), published.intrinsic(model))
+        and np.allclose(ours.pose, pose)
+    )
     return ours if as_written else Sensor(ours.name, replace(model, stride=camera.stride), pose)
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.doctor.diagnosis import diagnose
 from toolkit.datasets.recording import Header, Scene, encode, join
+from toolkit.detection.survey import survey
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
@@ -320,3 +322,53 @@ def test_a_camera_moved_by_hand_is_where_the_file_says(path):
     moved = CoopDataset(path).sensors[0]
     assert moved.name == "north"
     assert np.allclose(moved.position, NORTH.position + NORTH.pose[:3, 1])
+
+
+NONSENSE = {
+    "half extents of -1": (6, -1.0, "has half extents"),
+    "half extents of 0": (7, 0.0, "has half extents"),
+    "half extents of a million": (8, 1e6, "has half extents"),
+    "x of 1e300": (0, 1e300, "lies at"),
+    "yaw of 1e18": (5, 1e18, "has yaw"),
+    "NaN": (2, np.nan, "holds NaN"),
+    "class 7": (9, 7.0, "has class"),
+}
+
+
+@pytest.mark.parametrize("what", NONSENSE)
+def test_objects_that_cannot_be_are_refused_by_row_or_dropped(path, what):
+    column, value, says = NONSENSE[what]
+    made = write(path, (NORTH,))
+
+    def spoil(file):
+        rows = file["objects/2"][()]
+        rows[1, column] = value
+        file["objects/2"][...] = rows
+
+    damage(path, spoil)
+    with CoopDataset(path) as dataset:
+        assert same(dataset[0], made[0])
+        with pytest.raises(ValueError, match=rf"recording.hdf5: frame 2: objects/2 row 1 {says}"):
+            dataset[2]
+        with pytest.raises(ValueError, match="row 1"):
+            survey(dataset)
+    with pytest.warns(UserWarning, match=rf"1 objects in 1 frames are left out, .*objects/2 row 1, which {says}"):
+        dataset = CoopDataset(path, drop_invalid=True)
+    assert len(dataset[2].objects) == len(made[2].objects) - 1
+    assert dataset[2].objects.ids.tolist() == np.delete(made[2].objects.ids, 1).tolist()
+    assert survey(dataset).frames == len(made)
+    assert any(f.where == "objects/2" and "row 1" in f.evidence for f in diagnose(path))
+
+
+def test_a_healthy_recording_loses_nothing_when_the_invalid_is_dropped(path, recwarn):
+    made = write(path, (NORTH,))
+    with CoopDataset(path, drop_invalid=True) as dataset:
+        assert all(same(frame, was) for frame, was in zip(dataset, made, strict=True))
+    assert not recwarn.list
+
+
+def test_two_sensors_of_one_name_are_refused(path):
+    write(path, (NORTH, WEST))
+    damage(path, lambda file: file["cameras/d01"].attrs.__setitem__("name", NORTH.name))
+    with pytest.raises(ValueError, match="name of its own"):
+        CoopDataset(path)

@@ -1,0 +1,71 @@
+"""No damaged file makes a traceback, a crash or a hang, and none is touched: a few hundred mutants, or very many."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+HALVES = (
+    ("recording.hdf5", "frames.packed", "network.safetensors", "checkpoint.pt", "published.pth", "table.npz"),
+    (
+        *(
+            "published.hdf5",
+            ".ply",
+            ".pcd",
+            "cloud.npz",
+            ".xyz",
+            ".csv",
+            ".npy",
+            ".bin",
+            ".feather",
+            "poses",
+            "site.json",
+        ),
+        *("poles", "map.", "surrogate", "sqlite", ".obj", ".stl", ".off"),
+    ),
+)
+
+
+def run(mutants: int, wanted: tuple[str, ...]) -> None:
+    done = subprocess.run(
+        [sys.executable, HERE / "run.py", str(mutants), "--formats", *wanted], capture_output=True, text=True,
+        timeout=1800, check=False,
+    )  # fmt: skip
+    print(done.stdout)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("wanted", HALVES)
+def test_some_mutants_of_every_format(wanted):
+    run(400, wanted)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wanted", HALVES)
+def test_very_many_mutants_of_every_format(wanted):
+    run(2400, wanted)
+
+
+def test_the_halves_are_all_formats():
+    code = "from formats import formats; print(*formats())"
+    text = subprocess.run(
+        [sys.executable, "-c", code], cwd=HERE, capture_output=True, text=True, check=True,
+        env={"PYTHONPATH": str(HERE.parents[1])},
+    ).stdout  # fmt: skip
+    for name in text.split():
+        assert sum(any(part in name for part in half) for half in HALVES) == 1, name
+
+
+def test_named_damage_is_one_line_each():
+    done = subprocess.run(
+        [sys.executable, HERE / "named_damage.py"], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    _, _, *rows = done.stdout.strip().splitlines()
+    assert len(rows) > 35
+    for row in rows:
+        assert row.count(" | ") == 2, row
+        assert not row.endswith("| read |"), row
+        assert "Traceback" not in row, row
