@@ -52,11 +52,17 @@ def _cut(path: Path) -> None:
 
 
 def _text(content: str) -> Spoil:
-    return lambda path: path.write_text(content) and None
+    def spoil(path: Path) -> None:
+        path.write_text(content)
+
+    return spoil
 
 
 def _replaced(old: str, new: str) -> Spoil:
-    return lambda path: path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1)) and None
+    def spoil(path: Path) -> None:
+        path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1))
+
+    return spoil
 
 
 def _hdf5(change: Callable[[h5py.File], Any]) -> Spoil:
