@@ -26,6 +26,10 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 
+class UnknownSite(ValueError):
+    """A recording that does not say which site it shows, and shows none that is known."""
+
+
 class CoopDataset(Sequence[Frame]):
     """The frames of an HDF5 file, site frame, noise-free: `dataset[k]` is a `Frame`, a slice is a list of them.
 
@@ -51,7 +55,7 @@ class CoopDataset(Sequence[Frame]):
             self._length = _length(file, [name for _, name, _ in self.channels])
         except ValueError as error:
             self.close()
-            raise ValueError(f"{path}: {error}") from None
+            raise type(error)(f"{path}: {error}") from None
 
     def __len__(self) -> int:
         return self._length
@@ -186,7 +190,7 @@ def _site(file: h5py.File) -> Site:
         try:
             return parse(json.loads(file["coview/site"].asstr()[()]))
         except (json.JSONDecodeError, TypeError) as error:
-            raise ValueError(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
+            raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
     return _recognised(file)
 
 
@@ -206,7 +210,7 @@ def _recognised(file: h5py.File) -> Site:
             inside = ((xy > site.area[:2] - 15) & (xy < site.area[2:] + 15)).all(axis=1)
             if len(xy) and inside.mean() > 0.5:
                 return site
-    raise ValueError(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
+    raise UnknownSite(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
 
 
 def _channels(file: h5py.File, site: Site) -> tuple[Channel, ...]:
