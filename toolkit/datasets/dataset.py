@@ -190,7 +190,7 @@ def _site(file: h5py.File) -> Site:
         try:
             return parse(json.loads(file["coview/site"].asstr()[()]))
         except (json.JSONDecodeError, TypeError) as error:
-            raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
+            raise ValueError(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
     return _recognised(file)
 
 
