@@ -186,7 +186,7 @@ def test_digest_changes_with_all_it_depends_on(change):
 
 def test_digest_is_the_same_in_another_process():
     script = (
-        "from placement_env.candidates.pool import pool; from toolkit.sites.site import load_site;"
+        "from placement_env.candidates.pool import pool; from toolkit.sites.files import load_site;"
         "print(pool(load_site('tjunction')).select(range(99)).digest())"
     )
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
