@@ -35,12 +35,13 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What is drawn, or told by options, for an episode. site: its number; failed: candidates by index or name."""
+    """What is drawn, or told by options, for an episode. site: its number; failed: what options give as candidates,
+    by index or name."""
 
     site: int
     scheme: Scheme
     budget: int
-    failed: Sequence[int | str]
+    failed: Iterable[Any]
 
 
 class Sites:

@@ -6,9 +6,10 @@ a candidate sees is taken at up to `PLACES` places: vehicles of the traffic wher
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class Scenario:
         scheme = [self.objective.scheme.name == name for name in PAPER_SCHEMES]
         return np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
 
-    def failed_row(self, failed: Sequence[int | str]) -> Bool[np.ndarray, " slots"]:
+    def failed_row(self, failed: Iterable[Any]) -> Bool[np.ndarray, " slots"]:
         """Candidates, given by index or name, as a row over the slots."""
         return padded(self.objective.row(failed), self.slots)
 

@@ -1,0 +1,50 @@
+"""The state of episodes: what may join and what it would add, against plain loops; nobody else writes it."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import placement_env
+from placement_env.envs.state import State, coverage_gain, free
+
+FOLDER = Path(placement_env.__file__).parent
+
+
+def test_coverage_gain_counts_bits() -> None:
+    rng = np.random.default_rng(0)
+    bits = rng.random((7, 128)) < 0.3  # slots, places
+    seen = np.ascontiguousarray(np.packbits(bits, axis=1).view(np.uint64).T)
+    chosen = rng.random((20, 7)) < 0.3
+    together, added = coverage_gain(seen, chosen)
+    for row in range(20):
+        covered = bits[chosen[row]].any(axis=0)
+        assert together[row] == covered.sum()
+        assert added[row].tolist() == [(bits[slot] & ~covered).sum() for slot in range(7)]
+
+
+def test_candidates_are_free_on_mounts_without_a_chosen_one() -> None:
+    mount = np.array([0, 0, 1, 2, 2, 3])
+    chosen = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]], np.bool_)
+    assert free(mount, 4, chosen).astype(int).tolist() == [[1, 1, 1, 1, 1, 1], [0, 0, 1, 1, 1, 1], [1, 1, 0, 0, 0, 1]]
+
+
+def test_it_is_ready_when_every_row_has_an_episode() -> None:
+    assert not State(2, 3).ready
+    with pytest.raises(ValueError, match="num_envs must be a whole number of at least 1, got 0"):
+        State(0, 3)
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda path: path.stem)
+def test_state_is_written_by_its_owner_alone(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        for target in targets:
+            while isinstance(target, ast.Subscript):
+                target = target.value
+            owner = target.value if isinstance(target, ast.Attribute) else None
+            name = owner.attr if isinstance(owner, ast.Attribute) else getattr(owner, "id", "")
+            assert name != "state", f"{path.name}:{node.lineno} writes a state"  # type: ignore[attr-defined]
