@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.traffic import traffic as traffic
     from placement_env.fidelity.visibility import Visibility as Visibility, see as see
     from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
+    from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
     from placement_env.rl.training import (
         Learning as Learning,
         load_policy as load_policy,
@@ -79,6 +80,7 @@ else:
             "fidelity.traffic": ("traffic",),
             "fidelity.visibility": ("Visibility", "see"),
             "objective": ("Objective", "Score", "Scores", "Weights"),
+            "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),
             "search.result": ("Certificate", "History", "Result"),
