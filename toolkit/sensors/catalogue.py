@@ -15,13 +15,13 @@ from toolkit.sensors.model import SensorModel
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
 
-MODELS: dict[str, type[SensorModel]] = {}  # by the name of the class in words, such as "depth-camera"
+MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
 TAKEN = ("name", "model", "type", "site_SE3_sensor")  # what files say of a sensor beside the fields of its model
 
-Model = TypeVar("Model", bound=SensorModel)
+Model = TypeVar("Model", bound=type)
 
 
-def register(model: type[Model]) -> type[Model]:
+def register(model: Model) -> Model:
     """Make a model known, so that files with it can be read and `--model` names it; returns the class.
 
     Raises ValueError where the class is no `toolkit.sensors.model.SensorModel` of fields with defaults, or its name is
@@ -53,7 +53,7 @@ def model_named(name: str) -> SensorModel:
     return model_class(name)()
 
 
-def model_class(name: str) -> type[SensorModel]:
+def model_class(name: str) -> type[Any]:
     """The class of that name, as files write it or in words. Raises ValueError that lists what there is."""
     if _in_words(str(name)) not in MODELS:
         raise ValueError(f"no sensor model {str(name)[:60]!r}: there are {', '.join(class_names())}")
