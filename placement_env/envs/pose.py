@@ -189,7 +189,7 @@ class PoseGame:
             here = preparation.at(candidates, seen)
             of = Objective.of(
                 candidates, here.fidelity(self.scenes.fidelity), here.scheme, self.scenes.weights,
-                site=here.site, visibility=seen,
+                site=here.site, visibility=seen, codec=here.codec,
             )  # fmt: skip
             made.append((row, of))
         return made
