@@ -74,9 +74,10 @@ def race(
     >>> race(lambda sets, frames: sets @ ap, np.eye(3, dtype=bool), frames=20).winners
     array([1])
     """
-    if min(len(sets), frames, first, keep, eta - 1) < 1:
+    whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
+    if not whole or min(len(sets), frames, first, keep, eta - 1) < 1:
         raise ValueError(
-            "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, "
+            "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers, "
             f"got {len(sets)} sets, {frames} frames, eta {eta}, first {first} and keep {keep}"
         )
     order = np.random.default_rng(seed).permutation(frames)

@@ -125,7 +125,7 @@ class PoseScenarios:
         here = preparation.at(candidates, seen)
         objective = Objective.of(
             candidates, here.fidelity(self.config.fidelity), here.scheme, self.config.weights,
-            site=here.site, visibility=seen,
+            site=here.site, visibility=seen, codec=here.codec,
         )  # fmt: skip
         return Scenario(objective, self.config.budgets[1])
 

@@ -38,7 +38,7 @@ class Coverage:
         views: int = 1,
         codec: Codec = PAPER,
     ) -> None:
-        if not least > 0 or views < 1:
+        if not 0 < least < np.inf or views < 1 or views != int(views):
             raise ValueError(f"a view needs more than 0 points and a set 1 view or more, got {least} and {views}")
         seen = visibility.points >= least
         self.views = views

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,6 +125,32 @@ def test_what_does_not_fit() -> None:
         Weights(comm=-1.0)
     with pytest.raises((ValueError, TypeError), match="of"):
         objective(scheme="middle")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frames": 1.5}, "frames"),
+        ({"frames": 0}, "frames must be a whole number"),
+        ({"frames": True}, "frames must be a whole number"),
+        ({"iou": 0.0}, r"iou must lie in \(0, 1\]"),
+        ({"iou": 1.5}, r"iou must lie in \(0, 1\]"),
+        ({"iou": float("nan")}, r"iou must lie in \(0, 1\]"),
+        ({"scheme": "middle"}, "scheme"),
+        ({"codec": "paper"}, "codec"),
+        ({"fidelity": "guess"}, "fidelity"),
+    ],
+)
+def test_nonsense_is_refused_before_anything_is_rendered(options: dict[str, Any], message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        Objective("tjunction", **{"frames": 1, **options})
+
+
+def test_its_provenance_says_where_scores_come_from() -> None:
+    origin = Objective("tjunction", 2, "late", "table").provenance
+    assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
+    assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
+    assert objective().provenance["fidelity"] == "counting"
 
 
 @pytest.mark.parametrize(("part", "message"), [("ap", "no vehicle to find"), ("kbit", "kbit must be finite")])

@@ -99,7 +99,8 @@ class PaperCodec:
 
     def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Float64[np.ndarray, "*shape"]:
         """Bits of so many points and boxes, in however many messages."""
-        return np.asarray(points, np.float64) * self.bits_per_point + np.asarray(boxes) * self.bits_per_box
+        bits = np.asarray(points, np.float64) * self.bits_per_point + np.asarray(boxes) * self.bits_per_box
+        return np.asarray(bits)
 
 
 PAPER = PaperCodec()
@@ -107,6 +108,6 @@ PAPER = PaperCodec()
 
 def check_codec(codec: Codec) -> Codec:
     """The codec, or ValueError where it is none."""
-    if not isinstance(codec, Codec):
+    if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
     return codec

@@ -1,4 +1,7 @@
-"""Early fusion: every sensor sends its points, and the points together go through the detector (paper section II-C)."""
+"""Early fusion: every sensor sends its points, and the points together go through the detector (paper section II-C).
+
+It is ready when the slowest sensor has cropped and the detector has run.
+"""
 
 from __future__ import annotations
 

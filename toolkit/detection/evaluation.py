@@ -6,11 +6,7 @@ stands with its centre in the site's area. Under the exact protocol an object ce
 scored, neither a miss nor a false alarm (`counted` of `toolkit.detection.metrics.evaluate`); under the published one it
 is not there.
 
-Milliseconds are the median frame's, from measurements to fused boxes, sensors working side by side as in the paper:
-
-    early    slowest sensor's crop  +  detection in the fused cloud
-    late     slowest sensor's crop and detection  +  fusion of boxes
-    hybrid   the slower of the two: sensors' own detection, detection in the fused far points  +  fusion of boxes
+Milliseconds are the median frame's, from measurements to fused boxes, sensors working side by side as in the paper.
 """
 
 from __future__ import annotations

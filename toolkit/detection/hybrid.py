@@ -1,5 +1,8 @@
 """Hybrid fusion: every sensor sends its boxes, and its points farther off than a radius; the far points together go
-through the detector as well (paper section II-E)."""
+through the detector as well (paper section II-E).
+
+It is ready after the slower of the two, the sensors' own detection and that in the far points, and the fusion of boxes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Late fusion: every sensor detects in its own points and sends boxes (paper section II-D)."""
+"""Late fusion: every sensor detects in its own points and sends boxes (paper section II-D).
+
+It is ready when the slowest sensor has cropped and detected, and the boxes are fused.
+"""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ def scheme_of(scheme: Scheme | str) -> Scheme:
     """A scheme by its name, or itself. Raises ValueError where there is none of that name."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
-    if isinstance(scheme, str) or not isinstance(scheme, Scheme):
+    if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
         raise ValueError(
             f"scheme must be one of {', '.join(SCHEMES)}, or an object with the members of "
             f"toolkit.detection.scheme.Scheme, got {scheme!r}"

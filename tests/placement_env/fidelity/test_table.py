@@ -18,12 +18,14 @@ from placement_env.fidelity.table import (
     make_table,
     save_table,
 )
+from placement_env.objective import Objective
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.array_files import write_arrays
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 PLACES = np.array([-20.0, -10, 0, 10, 20])
@@ -198,3 +200,14 @@ def test_shipped_tables_are_whole_and_small(path):
     assert ((table.ap >= 0) & (table.ap <= table.recall)).all()
     assert (table.ap[0] == 0).all()
     assert path.stat().st_size < 60_000
+
+
+def test_a_table_is_of_the_radius_it_was_made_with(tmp_path):
+    """Its origin says so; the shipped ones, from before, have the paper's."""
+    assert [load_table(name).origin.hybrid_radius for name in ("tjunction", "roundabout")] == [20.0, 12.0]
+    site = load_site("roundabout")
+    with pytest.raises(ValueError, match="not of these candidates or this version of the site"):
+        Objective(replace(site, hybrid_radius=20.0), fidelity="table")
+    far = replace(some_table(3), origin=replace(some_table(3).origin, hybrid_radius=5.0))
+    save_table(far, tmp_path / "t.npz")
+    assert load_table(tmp_path / "t.npz").origin.hybrid_radius == 5.0

@@ -130,6 +130,10 @@ def test_published_protocol_knows_only_what_is_in_the_area():
         ({"schemes": ["middle"]}, "early"),
         ({"sensor_sets": [[9]]}, "no sensor 9"),
         ({"frames": 0}, "a frame to evaluate"),
+        ({"frames": 1.5}, "1.5"),
+        ({"sensor_sets": [[0, "s0"]]}, "'s0' twice"),
+        ({"radius": -1.0}, "hybrid_radius must be finite and at least 0 m"),
+        ({"codec": "paper"}, "codec"),
         ({"sensor_sets": []}, "a sensor set"),
         ({"iou_thresholds": [7.0]}, "7"),
     ],
@@ -150,6 +154,16 @@ def test_table_and_files(tmp_path):
     written = json.loads((tmp_path / "out" / "table.json").read_text())
     assert written["rows"] == json.loads(json.dumps([row.as_dict() for row in rows]))
     assert {"scheme", "sensors", "iou", "ap", "recall", "kbit_per_sensor", "ms_per_frame"} <= written["rows"][0].keys()
+    source = written["provenance"]
+    assert (source["dataset"], source["detector"], source["frames"], source["noise_seed"]) == (
+        "Watched",
+        "Oracle",
+        5,
+        0,
+    )
+    assert (source["site"], source["hybrid_radius"], source["iou"]) == ("somewhere", 20.0, [0.5, 0.7])
+    assert source["schemes"].keys() == {"early", "late"}
+    assert {"dataset_sha256", "detector_digest", "codec", "coview", "protocol", "metric", "label"} <= source.keys()
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pr_0.5.png", "pr_0.7.png", "table.json"}
 
 
@@ -170,3 +184,4 @@ def test_survey_counts_what_stands_in_the_area():
     assert found.kbit_per_sensor.mean() == pytest.approx(rows[0].kbit_per_sensor)
     assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
     json.dumps(found.as_dict([[0]]))
+    assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])["provenance"].keys()

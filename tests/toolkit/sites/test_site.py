@@ -37,6 +37,7 @@ def small_site() -> Site:
         map_SE3_site=pose(104.0, -196.0, yaw=np.pi / 2),
         geo_reference="+proj=utm +zone=30",
         relief=Relief(0.06, 7),
+        hybrid_radius=15.5,
     )
 
 
@@ -55,6 +56,7 @@ def test_a_saved_site_comes_back_equal(tmp_path):
     loaded = load_site(path)
     assert loaded == site
     assert loaded.network == NET
+    assert loaded.hybrid_radius == 15.5
     for before, after in zip(site.sensors, loaded.sensors, strict=True):
         assert np.abs(before.pose - after.pose).max() < 1e-9
         assert before.model.shape == after.model.shape
@@ -64,6 +66,7 @@ def test_a_saved_site_comes_back_equal(tmp_path):
 
 def test_sites_that_differ_are_not_equal():
     site = small_site()
+    assert site != replace(site, hybrid_radius=15.0)
     assert site != Site("small", site.area)
     assert site != "small"
 
@@ -200,6 +203,8 @@ DAMAGE = {
     "height without end": (lambda d: d.update(height=10**400), r"height must be a finite number, got 10{58}"),
     "relief of another kind": (lambda d: d.update(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
     "negative height": (lambda d: d.update(height=-4), r"height must be positive, got -4"),
+    "hybrid radius no number": (lambda d: d.update(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
+    "negative hybrid radius": (lambda d: d.update(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
     "negative relief": (lambda d: d.update(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
     "newer version": (lambda d: d.update(coview_site=99), r"coview_site is version 99"),
     "other GeoJSON": (drop("coview_site"), r"coview_site is missing"),
@@ -217,6 +222,12 @@ def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, wh
         load_site(path)
     assert "\n" not in str(refusal.value)
     assert str(refusal.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(("name", "radius"), [("small", 20.0), ("roundabout", 12.0)])
+def test_files_from_before_hybrid_radii_were_saved(tmp_path, name, radius):
+    path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
+    assert load_site(path).hybrid_radius == radius
 
 
 def test_files_that_are_no_json(tmp_path):
@@ -253,6 +264,8 @@ def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path):
         ("area", [0.0, 0, 0, 4], "area is empty"),
         ("area", [0.0, 0, np.nan, 4], "area must be four finite numbers"),
         ("height", 0.0, "height must be positive"),
+        ("hybrid_radius", -1.0, "hybrid_radius must be finite and at least 0 m, got -1"),
+        ("hybrid_radius", np.inf, "hybrid_radius must be finite and at least 0 m, got inf"),
         ("lanes", (SQUARE, SQUARE[[0, 2, 1, 3]]), r"lanes\[1\]: polygon crosses itself near \(2, 2\)"),
         ("parking", np.array([[1.0, 2, np.nan]]), "parking must be finite rows"),
     ],

@@ -1,0 +1,95 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from toolkit.detection.codec import Message
+from toolkit.detection.view import View, suppress, together
+from toolkit.objects import Detections
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+
+AREA = (-10.0, -10.0, 10.0, 10.0)
+SENSORS = tuple(Sensor(name, DepthCamera(), np.eye(4)) for name in "ab")
+
+
+class Halved:
+    """Every other point arrives, every box."""
+
+    digest = "halved"
+
+    def encode_points(self, points, /):
+        return Message(points[::2], 10 * len(points))
+
+    def decode_points(self, message, /):
+        return message.content
+
+    def encode_boxes(self, detections, /):
+        return Message(detections, 7)
+
+    def decode_boxes(self, message, /):
+        return message.content
+
+    def bits(self, *, points=0, boxes=0, messages=1):
+        return 10 * points + 7 * messages
+
+
+@pytest.fixture
+def watched():
+    """A view of two sensors with 4 and 6 points, what it measured and what it detected in."""
+    calls = SimpleNamespace(measured=[], run=[])
+
+    def measure(sensor):
+        calls.measured.append(sensor)
+        return np.full((4 + 2 * sensor, 3), sensor, np.float32)
+
+    def run(clouds):
+        calls.run.append([(cloud.sensor, cloud.history) for cloud in clouds])
+        return Detections(np.array([[len(together(clouds)), 0, 1, 4, 2, 1.5, 0]]), np.array([0.5]))
+
+    def view(**options):
+        return View(AREA, SENSORS, measure=measure, run=run, **options), calls
+
+    return view
+
+
+def test_each_step_is_done_once(watched):
+    view, calls = watched()
+    for _ in range(2):
+        clouds = [view.part(view.cloud(s), "first", lambda points, _: np.arange(len(points)) == 0) for s in (0, 1)]
+        view.detect([view.send_points(clouds[0]).arrived])
+        view.send_boxes(view.detect([view.cloud(1)]))
+    assert calls.measured == [0, 1]
+    assert calls.run == [[(0, ("first",))], [(1, ())]]
+    assert [len(cloud.points) for cloud in clouds] == [1, 1]
+
+
+def test_a_cloud_that_lost_points_on_the_way_is_another(watched):
+    view, calls = watched(codec=Halved())
+    sent = view.send_points(view.cloud(1))
+    assert (len(sent.arrived.points), sent.bits, sent.arrived.history) == (3, 60, ("halved",))
+    assert view.detect([sent.arrived]) is not view.detect([view.cloud(1)])
+    assert view.send_boxes(view.detect([view.cloud(1)])).bits == 7
+    assert calls.run == [[(1, ("halved",))], [(1, ())]]
+
+
+def test_without_loss_what_arrives_is_the_same_cloud(watched):
+    view, calls = watched()
+    assert view.detect([view.send_points(view.cloud(0)).arrived]) is view.detect([view.cloud(0)])
+    assert len(calls.run) == 1
+
+
+def test_a_step_is_ready_after_the_last_of_its_inputs(watched):
+    view, _ = watched()
+    clouds = [view.cloud(0), view.cloud(1)]
+    last = max(cloud.ms for cloud in clouds)
+    boxes = view.detect(clouds)
+    assert 0 < last < boxes.ms
+    assert view.suppressed([boxes, view.detect([clouds[0]])]).ms > boxes.ms
+    assert view.suppressed([]).ms >= 0
+
+
+def test_of_boxes_that_overlap_the_surest_stays():
+    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
+    kept = suppress(Detections(boxes, np.array([0.4, 0.6, 0.5])))
+    assert kept.boxes[:, 0].tolist() == [0.5, 9]
