@@ -15,6 +15,7 @@ import open3d as o3d
 
 from toolkit.arrays import Float64, Int64
 from toolkit.bodies.body import Body, centred
+from toolkit.bodies.off_meshes import read_off_mesh
 from toolkit.bodies.ply_meshes import read_ply_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -70,9 +71,10 @@ def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
 
 def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
     """Vertices in use and triangles of a file."""
-    if path.suffix.lower() == ".ply":
+    own = {".ply": read_ply_mesh, ".off": read_off_mesh}.get(path.suffix.lower())
+    if own is not None:
         try:
-            points, corners = read_ply_mesh(path)
+            points, corners = own(path)
         except ValueError as error:
             raise ValueError(f"{path}: is damaged, empty or no mesh: {error}; export it again") from None
         mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(corners))
