@@ -116,7 +116,8 @@ def sensor_numbers(cloud: Cloud) -> Int32[np.ndarray, " n"]:
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> Cloud:
     """A cloud of `positions` (n, 3) and other attributes of n rows each; all by one sensor where it is given, else each
     by its own `sensor`, 0 where they have none. Raises ValueError where the lengths differ."""
-    number = attributes.get("sensor", np.zeros(1)).reshape(-1) if sensor_id is None else np.full(1, sensor_id)
+    own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
+    number = own.reshape(-1).astype(np.int32)
     points = attributes["positions"]
     cloud = from_points(points, np.broadcast_to(number, len(points)) if len(number) == 1 else number)
     for name, column in attributes.items():

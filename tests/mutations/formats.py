@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import point_formats as points
 from mutants import BYTES, HDF5, JSON, SAFETENSORS, TEXT, Mutation
 
 
@@ -29,12 +30,21 @@ class Format:
 def formats() -> dict[str, Format]:
     """All formats, by the name of the file that is made of each."""
     clouds = {
-        "binary.ply": _ply, "text.ply": _ply_text, "binary.pcd": _pcd("binary"), "text.pcd": _pcd("ascii"),
-        "compressed.pcd": _pcd("binary_compressed"), "open3d.pcd": _open3d_pcd, "cloud.npz": _open3d_pcd,
-        "cloud.xyz": _xyz, "cloud.csv": _csv, "cloud.npy": _npy, "kitti.bin": _bin, "sweep.feather": _feather,
-    }  # fmt: skip
-    poses = {"poses.json": _poses_json, "poses.txt": _poses_text}
-    meshes = {"mesh.obj": _mesh, "mesh.ply": _mesh, "mesh.stl": _mesh, "mesh.off": _mesh}
+        "binary.ply": points.ply,
+        "text.ply": points.ply_text,
+        "binary.pcd": points.pcd("binary"),
+        "text.pcd": points.pcd("ascii"),
+        "compressed.pcd": points.pcd("binary_compressed"),
+        "open3d.pcd": points.open3d_pcd,
+        "cloud.npz": points.open3d_pcd,
+        "cloud.xyz": points.xyz,
+        "cloud.csv": points.csv,
+        "cloud.npy": points.npy,
+        "kitti.bin": points.bin,
+        "sweep.feather": points.feather,
+    }
+    poses = {"poses.json": points.poses_json, "poses.txt": points.poses_text}
+    meshes = {"mesh.obj": points.mesh, "mesh.ply": points.mesh, "mesh.stl": points.mesh, "mesh.off": points.mesh}
     texts = (".xyz", ".csv", "text.ply", "text.pcd", ".txt", ".obj", ".off")
     return {
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
@@ -44,10 +54,13 @@ def formats() -> dict[str, Format]:
         "published.pth": Format(_published_checkpoint, _read_published_checkpoint, BYTES, 0.5),
         "checkpoint.pt": Format(_checkpoint, _read_checkpoint, BYTES, 1),
         **{
-            name: Format(make, _read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:]))
+            name: Format(make, points.read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:]))
             for name, make in clouds.items()
         },
-        **{name: Format(make, _read_poses, JSON if name.endswith("json") else TEXT) for name, make in poses.items()},
+        **{
+            name: Format(make, points.read_poses, JSON if name.endswith("json") else TEXT)
+            for name, make in poses.items()
+        },
         "site.json": Format(_site, _read_site, JSON, 2),
         "poles.geojson": Format(_poles, _read_poles, JSON, 2),
         "map.osm": Format(_osm, _read_osm, TEXT, 2),
@@ -56,7 +69,7 @@ def formats() -> dict[str, Format]:
         "surrogate.json": Format(_surrogate, _read_surrogate, JSON),
         "answers.sqlite": Format(_cache, _read_cache, BYTES, 1, owns=True),
         **{
-            name: Format(make, _read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
+            name: Format(make, points.read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
             for name, make in meshes.items()
         },
     }
@@ -205,117 +218,6 @@ def _read_checkpoint(path: Path) -> None:
     from models.train import load_checkpoint
 
     load_checkpoint(path)
-
-
-def _points() -> np.ndarray:
-    return np.random.default_rng(0).uniform(-50, 50, (200, 3)).astype(np.float32)
-
-
-def _cloud() -> Any:
-    import open3d as o3d
-
-    from toolkit.clouds import from_points
-
-    cloud = from_points(_points(), np.arange(200) % 3)
-    cloud.point["intensity"] = o3d.core.Tensor.from_numpy(np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy())
-    return cloud
-
-
-def _ply(path: Path) -> None:
-    import open3d as o3d
-
-    o3d.t.io.write_point_cloud(path, _cloud())
-
-
-def _ply_text(path: Path) -> None:
-    import open3d as o3d
-
-    o3d.t.io.write_point_cloud(path, _cloud(), write_ascii=True)
-
-
-def _open3d_pcd(path: Path) -> None:
-    from toolkit.clouds import save
-
-    save(_cloud(), path)
-
-
-def _pcd(kind: str) -> Callable[[Path], None]:
-    """As PCL and ROS write it, with padding between the fields."""
-
-    def make(path: Path) -> None:
-        dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("p", "u1", 4), ("intensity", "<f4"), ("q", "u1", 12)]
-        rows = np.zeros(200, dtype)
-        for axis, column in zip("xyz", _points().T, strict=True):
-            rows[axis] = column
-        header = (
-            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n"
-            f"COUNT 1 1 1 4 1 12\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 200\nDATA {kind}\n"
-        ).encode()
-        if kind == "ascii":
-            body = "\n".join(" ".join(str(v) for v in np.hstack([*row])) for row in rows.tolist()).encode()
-        elif kind == "binary":
-            body = rows.tobytes()
-        else:
-            columns = b"".join(rows[name].tobytes() for name in rows.dtype.names or ())
-            packed = b"".join(
-                bytes([len(columns[k : k + 32]) - 1]) + columns[k : k + 32] for k in range(0, len(columns), 32)
-            )
-            body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed
-        path.write_bytes(header + body)
-
-    return make
-
-
-def _xyz(path: Path) -> None:
-    np.savetxt(path, _points()[:60], header="x y z", fmt="%.4f")
-
-
-def _csv(path: Path) -> None:
-    np.savetxt(path, _points()[:60], header="x,y,z", comments="", delimiter=",", fmt="%.4f")
-
-
-def _npy(path: Path) -> None:
-    np.save(path, _points())
-
-
-def _bin(path: Path) -> None:
-    np.hstack([_points(), np.ones((200, 1), np.float32)]).tofile(path)
-
-
-def _feather(path: Path) -> None:
-    import pyarrow
-    from pyarrow import feather
-
-    columns = dict(zip("xyz", _points().T, strict=True)) | {"laser_number": np.arange(200, dtype=np.uint8)}
-    feather.write_feather(pyarrow.table(columns), path)
-
-
-def _read_cloud(path: Path) -> None:
-    from toolkit.datasets.cloud_files import fuse_files
-
-    fuse_files([path], [np.eye(4)])
-
-
-def _two_poses() -> dict[str, Any]:
-    from toolkit.geometry import pose
-
-    return {"north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(), "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist()}
-
-
-def _poses_json(path: Path) -> None:
-    path.write_text(json.dumps(_two_poses()))
-
-
-def _poses_text(path: Path) -> None:
-    path.write_text("\n".join(f"{name} {' '.join(map(str, np.ravel(p)))}" for name, p in _two_poses().items()))
-
-
-def _read_poses(path: Path) -> None:
-    from toolkit.datasets.cloud_files import match_poses, poses_of, read_poses
-
-    read_poses(path, inverted=True)
-    match_poses(["north.ply", "south.ply"], read_poses(path))
-    poses_of(["north.ply", "south.ply"], [path])
 
 
 def _site(path: Path) -> None:
@@ -486,20 +388,6 @@ def _read_cache(path: Path) -> None:
             raise RuntimeError("the cache answers with a figure that was never put in")
     cache.put({key_of("more"): (np.arange(3),)})
     cache.close()
-
-
-def _mesh(path: Path) -> None:
-    import open3d as o3d
-
-    mesh = o3d.geometry.TriangleMesh.create_box(4.4, 1.8, 1.5)
-    mesh.compute_triangle_normals()
-    o3d.io.write_triangle_mesh(path, mesh)
-
-
-def _read_mesh(path: Path) -> None:
-    from toolkit.bodies.meshes import load_mesh
-
-    load_mesh(path)
 
 
 def one_line(message: str) -> None:

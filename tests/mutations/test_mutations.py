@@ -63,7 +63,7 @@ def test_named_damage_is_one_line_each():
         [sys.executable, HERE / "named_damage.py"], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr
-    _, _, *rows = done.stdout.strip().splitlines()
+    _, _, *rows = (line for line in done.stdout.splitlines() if line.startswith("|"))  # Open3D prints as well
     assert len(rows) > 35
     for row in rows:
         assert row.count(" | ") == 2, row

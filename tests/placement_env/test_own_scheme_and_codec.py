@@ -18,7 +18,7 @@ from placement_env.fidelity.table import TableFidelity, load_table
 from placement_env.fidelity.visibility import see
 from placement_env.objective import Objective
 from placement_env.search import greedy
-from placement_env.search.cmaes import placing
+from placement_env.search.cmaes import pose_scorer
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
@@ -265,14 +265,15 @@ def test_a_site_takes_both_by_its_name():
     objective = Objective("tjunction", 2, Thinned(), "coverage", codec=Centimetres())
     paper = Objective("tjunction", 2, fidelity="coverage")
     assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
-    (moved,) = placing(objective.preparation, "coverage", objective.weights)([objective.candidates.sensors[:1]])
+    assert objective.preparation is not None
+    (moved,) = pose_scorer(objective.preparation, "coverage", objective.weights)([objective.candidates.sensors[:1]])
     assert moved.kbit == objective.score([0]).kbit
     capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
     mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
     narrow = replace(objective.preparation, candidates=replace(objective.candidates, mounts=mounts))
-    assert placing(narrow, "coverage", objective.weights)([objective.candidates.sensors[:1]]) != [None]
-    paper = replace(narrow, codec=PAPER)
-    assert placing(paper, "coverage", objective.weights)([objective.candidates.sensors[:1]]) == [None]
+    assert pose_scorer(narrow, "coverage", objective.weights)([objective.candidates.sensors[:1]]) != [None]
+    costly = replace(narrow, codec=PAPER)
+    assert pose_scorer(costly, "coverage", objective.weights)([objective.candidates.sensors[:1]]) == [None]
     by_detector = Objective(
         "tjunction", 2, Thinned(), "detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
     )

@@ -15,6 +15,8 @@ import open3d as o3d
 
 from toolkit.arrays import Float64, Int64
 from toolkit.bodies.body import Body, centred
+from toolkit.bodies.off_meshes import read_off_mesh
+from toolkit.bodies.ply_meshes import read_ply_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".fbx")
@@ -69,11 +71,23 @@ def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
 
 def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
     """Vertices in use and triangles of a file."""
+    own = {".ply": read_ply_mesh, ".off": read_off_mesh}.get(path.suffix.lower())
+    if own is not None:
+        try:
+            points, corners = own(path)
+        except ValueError as error:
+            raise ValueError(f"{path}: is damaged, empty or no mesh: {error}; export it again") from None
+        mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(corners))
+        return _in_use(mesh, path)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         try:
             mesh = o3d.io.read_triangle_mesh(path)
         except RuntimeError as error:
             raise ValueError(f"{path}: Open3D cannot read it ({error}): export it again") from None
+    return _in_use(mesh, path)
+
+
+def _in_use(mesh: o3d.geometry.TriangleMesh, path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
     if not mesh.has_triangles():
         state = "has points but no triangles" if mesh.has_vertices() else "is damaged, empty or no mesh"
         raise ValueError(f"{path}: {state}: export it again as a triangle mesh")

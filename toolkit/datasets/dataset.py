@@ -184,6 +184,8 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
     if not hdf5.holds(file, name):
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
     rows = hdf5.array(file, name, kinds="fiub")
+    if not rows.ndim:
+        raise ValueError(f"{name} must have {len(published.OBJECT_COLUMNS)} columns, got a single number")
     return rows if rows.size else np.zeros((0, len(published.OBJECT_COLUMNS)))
 
 

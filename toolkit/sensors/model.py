@@ -110,7 +110,7 @@ def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) ->
     return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
 
 
-def clipped(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "m 5"]:
+def clipped(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
     """Rectangles of pixels (row, top, bottom, left, right) cut to an image; those beside it are left out."""
     low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
     some = (low < high).all(axis=1)

@@ -33,7 +33,7 @@ def test_detectors_with_and_without_digest():
         return Detections.empty()
 
     assert detector_origin(nothing) == {"detector": "nothing", "detector_digest": None}
-    nothing.digest = "abc"
+    nothing.digest = "abc"  # type: ignore[attr-defined]
     assert detector_origin(nothing)["detector_digest"] == "abc"
 
 

@@ -1,0 +1,135 @@
+"""Sound files of points, poses and meshes, and what reads them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def points() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-50, 50, (200, 3)).astype(np.float32)
+
+
+def cloud() -> Any:
+    import open3d as o3d
+
+    from toolkit.clouds import from_points
+
+    cloud = from_points(points(), np.arange(200) % 3)
+    cloud.point["intensity"] = o3d.core.Tensor.from_numpy(np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy())
+    return cloud
+
+
+def ply(path: Path) -> None:
+    import open3d as o3d
+
+    o3d.t.io.write_point_cloud(path, cloud())
+
+
+def ply_text(path: Path) -> None:
+    import open3d as o3d
+
+    o3d.t.io.write_point_cloud(path, cloud(), write_ascii=True)
+
+
+def open3d_pcd(path: Path) -> None:
+    from toolkit.clouds import save
+
+    save(cloud(), path)
+
+
+def pcd(kind: str) -> Callable[[Path], None]:
+    """As PCL and ROS write it, with padding between the fields."""
+
+    def make(path: Path) -> None:
+        dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("p", "u1", 4), ("intensity", "<f4"), ("q", "u1", 12)]
+        rows = np.zeros(200, dtype)
+        for axis, column in zip("xyz", points().T, strict=True):
+            rows[axis] = column
+        header = (
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n"
+            f"COUNT 1 1 1 4 1 12\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 200\nDATA {kind}\n"
+        ).encode()
+        if kind == "ascii":
+            body = "\n".join(" ".join(str(v) for v in np.hstack([*row])) for row in rows.tolist()).encode()
+        elif kind == "binary":
+            body = rows.tobytes()
+        else:
+            columns = b"".join(rows[name].tobytes() for name in rows.dtype.names or ())
+            packed = b"".join(
+                bytes([len(columns[k : k + 32]) - 1]) + columns[k : k + 32] for k in range(0, len(columns), 32)
+            )
+            body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed
+        path.write_bytes(header + body)
+
+    return make
+
+
+def xyz(path: Path) -> None:
+    np.savetxt(path, points()[:60], header="x y z", fmt="%.4f")
+
+
+def csv(path: Path) -> None:
+    np.savetxt(path, points()[:60], header="x,y,z", comments="", delimiter=",", fmt="%.4f")
+
+
+def npy(path: Path) -> None:
+    np.save(path, points())
+
+
+def bin(path: Path) -> None:
+    np.hstack([points(), np.ones((200, 1), np.float32)]).tofile(path)
+
+
+def feather(path: Path) -> None:
+    import pyarrow
+    from pyarrow import feather
+
+    columns = dict(zip("xyz", points().T, strict=True)) | {"laser_number": np.arange(200, dtype=np.uint8)}
+    feather.write_feather(pyarrow.table(columns), path)
+
+
+def read_cloud(path: Path) -> None:
+    from toolkit.datasets.cloud_files import fuse_files
+
+    fuse_files([path], [np.eye(4)])
+
+
+def two_poses() -> dict[str, Any]:
+    from toolkit.geometry import pose
+
+    return {"north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(), "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist()}
+
+
+def poses_json(path: Path) -> None:
+    path.write_text(json.dumps(two_poses()))
+
+
+def poses_text(path: Path) -> None:
+    path.write_text("\n".join(f"{name} {' '.join(map(str, np.ravel(p)))}" for name, p in two_poses().items()))
+
+
+def read_poses(path: Path) -> None:
+    from toolkit.datasets.cloud_files import match_poses, poses_of, read_poses
+
+    read_poses(path, inverted=True)
+    match_poses(["north.ply", "south.ply"], read_poses(path))
+    poses_of(["north.ply", "south.ply"], [path])
+
+
+def mesh(path: Path) -> None:
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh.create_box(4.4, 1.8, 1.5)
+    mesh.compute_triangle_normals()
+    o3d.io.write_triangle_mesh(path, mesh)
+
+
+def read_mesh(path: Path) -> None:
+    from toolkit.bodies.meshes import load_mesh
+
+    load_mesh(path)
