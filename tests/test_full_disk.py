@@ -21,7 +21,7 @@ from models.weights import Header, save_weights
 from placement_env.fidelity.hit_model import load_models, save_models, FOLDER
 from placement_env.fidelity.table import load_table, save_table
 from toolkit.clouds import from_points, save
-from toolkit.detection.evaluation import save_evaluation
+from toolkit.detection.evaluation import Evaluation, save_evaluation
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.plots import draw_pr_curves
@@ -44,7 +44,7 @@ models, table = load_models(FOLDER / "general.json"), load_table("tjunction")
 many = {f"loss {k}": 0.5 for k in range(900)}
 writers = {
     "site.json": lambda path: save_site(site, path),
-    "table.json": lambda path: save_evaluation([Figures()], path.parent),
+    "table.json": lambda path: save_evaluation(Evaluation((Figures(),), {"dataset": None}), path.parent),
     "x.packed": lambda path: pack([recording(frames, site.area, empty=empty)], path),
     "weights.safetensors": lambda path: save_weights(path, network, Header()),
     "checkpoint.pt": lambda path: save_atomically(path, network.state_dict()),

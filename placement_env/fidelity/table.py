@@ -212,7 +212,7 @@ def _column(scheme: Scheme | str, iou: float) -> tuple[int, int]:
     scheme = scheme_of(scheme)
     if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name] or iou not in IOUS:
         raise ValueError(
-            f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {IOUS}, got {scheme} and {iou}: "
+            f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {IOUS}, got {scheme.name!r} and {iou}: "
             "take fidelity detector"
         )
     return PAPER_SCHEMES.index(scheme.name), IOUS.index(iou)

@@ -37,8 +37,8 @@ BLOCK = 50  # frames
 def simulate_dataset(
     site: Site | str | Path,
     *,
-    frames: int,
-    seed: int,
+    frames: int | np.integer,
+    seed: int | np.integer,
     out: str | Path,
     workers: int | None = None,
     meshes: str | Path | None = None,
@@ -63,9 +63,11 @@ def simulate_dataset(
     """
     from toolkit.bodies.fleet import catalogue
 
+    if not (isinstance(frames, Integral) and isinstance(seed, Integral)):
+        raise ValueError(f"frames and seed must be whole numbers, got {frames} and {seed}")
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
-    job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), frames, seed)
+    job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), int(frames), int(seed))
     if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
         raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
     out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
@@ -100,8 +102,6 @@ class Job:
     seed: int
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.frames, Integral) and isinstance(self.seed, Integral)):
-            raise ValueError(f"frames and seed must be whole numbers, got {self.frames} and {self.seed}")
         if self.frames < 1 or self.seed < 0:
             raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
         if not self.sensors:

