@@ -11,14 +11,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.folding import scale_and_shift
-from models.voxelnet import HeightFold, columns, folded_columns
-from models.voxels import Voxels
+from models.network.folding import scale_and_shift
+from models.network.voxelnet import HeightFold, columns, folded_columns
+from models.network.voxels import Voxels
 from toolkit.arrays import Float32, Int64
 
 
 class SparseColumns(nn.Module):
-    """A trained `HeightFold` and the convolution `first` (3x3, stride 2, padding 1) that follows, for inference."""
+    """A trained `HeightFold`, the convolution `first` (3x3, stride 2, padding 1) after it, and its ReLU: inference."""
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class SparseColumns(nn.Module):
         self.bias = nn.Parameter(first.bias.detach().clone())
 
     def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K h w"]:
-        """The convolution's map, channels last in memory."""
+        """The map after the ReLU, channels last in memory."""
         column, key = columns(voxels, self.shape)
         start = self.shift.expand(len(key), -1)
         x = torch.relu_(folded_columns(features, voxels.cells[:, 3], column, self.levels, start))

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from models.detector import VoxelNetDetector, moved
-from models.packed import PackedFrames
-from models.voxelnet import VoxelNet
+from models.detector import VoxelNetDetector, relocated
+from models.network.voxelnet import VoxelNet
+from models.training.packed import PackedFrames
 from toolkit.detection.metrics import evaluate
 from toolkit.points import centred_in
 
@@ -32,7 +32,7 @@ def average_precision(
     """
     training = network.training
     detectors = {
-        rig.area: VoxelNetDetector(moved(network, rig.area, "general"), device=device, score_threshold=0.05)
+        rig.area: VoxelNetDetector(relocated(network, rig.area, "general"), device=device, score_threshold=0.05)
         for rig in frames.rigs
     }
     detections, truths, counted = [], [], []
@@ -50,6 +50,6 @@ def average_precision(
 def validation(
     data: Path, *, count: int | None = None, device: str | torch.device = "cpu"
 ) -> Callable[[VoxelNet], dict[str, float]]:
-    """`average_precision` on a packed file, for `models.train.train`."""
+    """`average_precision` on a packed file, for `models.training.loop.train`."""
     frames = PackedFrames(data)
     return lambda network: average_precision(network, frames, count=count, device=device)

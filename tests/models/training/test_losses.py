@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from models.anchors import anchors, encode, faces_back
 from models.config import VoxelNetConfig
-from models.losses import focal_loss, nearly_aligned_iou, published_loss, quality_loss
-from models.targets import IGNORED, NEGATIVE, POSITIVE, assign
-from models.voxelnet import Prediction
+from models.network.anchors import anchors, encode, faces_back
+from models.network.voxelnet import Prediction
+from models.training.losses import focal_loss, nearly_aligned_iou, published_loss, quality_loss
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign
 from toolkit.boxes import iou_3d
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))

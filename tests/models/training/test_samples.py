@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from models.anchors import anchors
 from models.config import VoxelNetConfig
-from models.samples import SampleRecipe, Samples, jitter_objects, stack, turn_scene
-from models.targets import IGNORED, NEGATIVE, POSITIVE
-from models.train import PRESETS
-from models.voxelnet import VoxelNet
+from models.network.anchors import anchors
+from models.network.voxelnet import VoxelNet
+from models.training.presets import PRESETS
+from models.training.samples import SampleRecipe, Samples, jitter_objects, stack, turn_scene
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE
 from toolkit.boxes import count_points, iou_bev, points_in_boxes
 from toolkit.objects import VEHICLE
 

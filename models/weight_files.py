@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.voxelnet import VoxelNet
+from models.network.voxelnet import VoxelNet
 from toolkit.runtime.files import write_bytes
 from toolkit.runtime.json_files import parse_json
 

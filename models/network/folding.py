@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.voxelnet import Head, PointLayer, Prediction, RegionProposal
+from models.network.voxelnet import Head, PointLayer, Prediction, RegionProposal
 from toolkit.arrays import Float32
 
 ONES = 8  # channels that carry the biases; a multiple of what the convolution kernels take at once

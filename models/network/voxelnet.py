@@ -3,7 +3,7 @@
     Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶ Head ─▶ Prediction
 
 B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it is trained;
-`models.sparse` computes the same in less time once it is trained.
+`models.network.sparse` computes the same in less time once it is trained.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import torch
 from torch import Tensor, nn
 
 from models.config import VoxelNetConfig
-from models.voxels import Voxels
+from models.network.voxels import Voxels
 from toolkit.arrays import Float, Float32, Int64
 
 
 class Prediction(NamedTuple):
     """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next.
 
-    class_logits: background and vehicle (published), or one logit per label. residuals: see `models.anchors`.
+    class_logits: background and vehicle (published), or one logit per label. residuals: see `models.network.anchors`.
     direction_logits: above 0 where the box faces away from what the residuals say. quality_logits: the predicted IoU.
     """
 
@@ -36,7 +36,7 @@ class Prediction(NamedTuple):
 class VoxelNet(nn.Module):
     """The network of a configuration.
 
-    >>> from models.voxels import voxelise
+    >>> from models.network.voxels import voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
     >>> VoxelNet(config).eval()(voxelise(torch.zeros(0, 3), config)).residuals.shape
     torch.Size([1, 16, 40, 40])

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.anchors import anchors
 from models.config import VoxelNetConfig
-from models.packed import PackedFrames
-from models.targets import assign, sample
-from models.voxels import Voxels, collate, voxelise
+from models.network.anchors import anchors
+from models.network.voxels import Voxels, collate, voxelise
+from models.training.packed import PackedFrames
+from models.training.targets import assign, sample
 from toolkit.arrays import Float, Float32
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.objects import HEAVY, VEHICLE, Objects
@@ -23,7 +23,8 @@ Augmentation = Literal["none", "object", "scene"]
 
 
 class Batch(NamedTuple):
-    """voxels of B clouds; labels (B, H, W, A) of `models.targets`; boxes (B, H, W, A, 7) that positives should find."""
+    """voxels of B clouds; labels (B, H, W, A) of `models.training.targets`; boxes (B, H, W, A, 7) that positives
+    should find."""
 
     voxels: Voxels
     labels: Tensor

@@ -1,7 +1,8 @@
 """A packed recording in memory: what each sensor sees of the empty site once, and per frame only what differs.
 
 The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO.
-Depth stays noise-free; every reading draws fresh noise. `models.packing` writes the file; its layout, flat arrays:
+Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
+arrays:
 
     rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model); poses (s, 4, 4)
     rigs/{r}/pixels, depth      what the sensors see of the empty site within the crop, one sensor after the other:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from models.anchors import anchors
 from models.config import VoxelNetConfig
-from models.targets import IGNORED, NEGATIVE, POSITIVE, assign, sample
+from models.network.anchors import anchors
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign, sample
 from toolkit.boxes import iou_bev
 
 GRID = anchors(VoxelNetConfig.light((-8, -8, 8, 8), anchor_size=(4.0, 2.0, 1.6))).double().numpy()

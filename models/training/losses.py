@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from models.anchors import decode, encode, faces_back, per_anchor
-from models.targets import IGNORED, POSITIVE
-from models.voxelnet import Prediction
+from models.network.anchors import decode, encode, faces_back, per_anchor
+from models.network.voxelnet import Prediction
+from models.training.targets import IGNORED, POSITIVE
 from toolkit.arrays import Bool, Float, Shaped
 
 
@@ -17,7 +17,7 @@ def published_loss(
 ) -> dict[str, Tensor]:
     """Cross-entropy over the sampled anchors, and smooth L1 (σ = 3) of the positives' seven residuals.
 
-    labels: see `models.targets`; boxes: what each positive anchor should find; anchors: (H, W, A, 7).
+    labels: see `models.training.targets`; boxes: what each positive anchor should find; anchors: (H, W, A, 7).
     """
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)

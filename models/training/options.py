@@ -1,4 +1,4 @@
-"""`TrainingOptions`: the one list of what a training is told, for `coview train` and for `python -m models.train`.
+"""`TrainingOptions`: the one list of a training's arguments, for `coview train` and for `python -m models.train`.
 
 The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
 parser is made here with the standard library, from the same fields and the same texts.
@@ -103,7 +103,7 @@ def descriptions() -> dict[str, str]:
 
 
 def _argument(hint: Any) -> dict[str, Any]:
-    """What argparse must be told of a type."""
+    """What argparse needs to know of a type."""
     if get_origin(hint) in (Union, UnionType):
         hint = next(each for each in get_args(hint) if each is not NoneType)
     if hint is bool:

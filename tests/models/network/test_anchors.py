@@ -7,8 +7,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.anchors import anchors, decode, encode, faces_back, per_anchor
 from models.config import VoxelNetConfig
+from models.network.anchors import anchors, decode, encode, faces_back, per_anchor
 
 ANCHOR = torch.tensor([1.0, 2.0, 0.8, 3.9, 1.6, 1.5, math.pi / 2], dtype=torch.float64)
 sizes, yaws = st.floats(0.2, 20), st.floats(-7, 7)

@@ -1,9 +1,9 @@
 """A trained VoxelNet, computed where the points reach: the same maps in a fraction of the time, on CPU and CUDA.
 
 Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. Voxel features
-exist for occupied voxels only; 3D convolutions run on cells that points reach (`models.sparse_middle`), the light
-network's first convolution on occupied columns (`models.sparse_columns`); BatchNorm is folded, and so are the linear
-layers before the published head (`models.folding`).
+exist for occupied voxels only; 3D convolutions run on cells that points reach (`sparse_middle`), the light network's
+first convolution on occupied columns (`sparse_columns`); BatchNorm is folded, and so are the linear layers before the
+published head (`folding`).
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import copy
 import torch
 from torch import nn
 
-from models.folding import FoldedRegionProposal, folded_points
-from models.sparse_columns import SparseColumns
-from models.sparse_middle import SparseMiddle
-from models.voxelnet import HeightFold, Prediction, VoxelNet
-from models.voxels import Voxels
+from models.network.folding import FoldedRegionProposal, folded_points
+from models.network.sparse_columns import SparseColumns
+from models.network.sparse_middle import SparseMiddle
+from models.network.voxelnet import HeightFold, Prediction, VoxelNet
+from models.network.voxels import Voxels
 
 
 class SparseVoxelNet(nn.Module):

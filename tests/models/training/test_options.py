@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from models.training_options import TrainingOptions, descriptions, parsed
+from models.training.options import TrainingOptions, descriptions, parsed
 
 BARE = """
 import sys
@@ -45,6 +45,6 @@ def test_what_cannot_be_is_refused(wrong, capsys):
 
 
 def test_the_command_runs_where_there_is_little():
-    repository = Path(__file__).parents[2]
+    repository = Path(__file__).parents[3]
     done = subprocess.run([sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True)
     assert "--learning-rate" in done.stdout

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from toolkit.runtime.files import write_text
 
+LOG = "log.csv"
 HEADER = ("step", "epoch", "name", "value")
 
 

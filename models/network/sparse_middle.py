@@ -16,9 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.folding import folded
-from models.voxelnet import MiddleLayers
-from models.voxels import Voxels
+from models.network.folding import folded
+from models.network.voxelnet import MiddleLayers
+from models.network.voxels import Voxels
 from toolkit.arrays import Bool, Float32, Int32, Int64
 
 BORDER = 2  # cells from a border within which an empty grid's response varies, after three convolutions

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.config import VoxelNetConfig
-from models.voxels import collate, voxelise
+from models.network.voxels import collate, voxelise
 
 CONFIG = VoxelNetConfig.light((-4, -2, 4, 2))
 

@@ -1,4 +1,4 @@
-"""Writes packed files (`models.packed`): of each frame only the pixels that differ from the empty site."""
+"""Writes packed files (`models.training.packed`): of each frame only the pixels that differ from the empty site."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Protocol, SupportsFloat, runtime_checkable
 import h5py
 import numpy as np
 
-from models.packed import MARGIN, STEPS_PER_METRE, Rig
+from models.training.packed import MARGIN, STEPS_PER_METRE, Rig
 from toolkit.arrays import Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
