@@ -1,7 +1,8 @@
 """Every search for the same time: what it found, what the detector says of it, and regret where the optimum is known.
 
-    python tests/benchmarks/bench_search.py SITE [--candidates paper|pool] [--fidelity surrogate] [--budget 4]
-        [--seconds 60] [--frames 200] [--verify 50] [--seed 0] [--cache FOLDER] [--workers 2] [--methods ...]
+    python tests/benchmarks/placement_env/bench_search.py SITE [--candidates paper|pool] [--fidelity surrogate]
+        [--budget 4] [--seconds 60] [--frames 200] [--verify 50] [--seed 0] [--cache FOLDER] [--workers 2]
+        [--methods ...]
 
 --verify: frames that the detector scores the found sets on, 0 for none. Regret is of the reward in the fidelity that
 was searched, against the best of all sets (up to 16 candidates).
@@ -17,7 +18,7 @@ from time import perf_counter
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
 
 METHODS = (
     "exhaustive",

@@ -1,6 +1,6 @@
 """Peak memory of `coview simulate` and `coview evaluate`: it must not grow with the number of frames.
 
-python tests/benchmarks/bench_memory.py
+python tests/benchmarks/toolkit/bench_memory.py
 """
 
 import subprocess

@@ -1,7 +1,7 @@
 """Fit the shipped surrogates: to what a detector hits with a site's own sensors and with poses of its pool.
 
-    python tests/benchmarks/fit_surrogate.py tjunction [--detector tjunction] [--frames 100] [--poses 60] [--sets 60]
-        [--seed 1000] [--memo FILE] [--out placement_env/fidelity/surrogates/tjunction.json]
+    python tests/benchmarks/placement_env/fit_surrogate.py tjunction [--detector tjunction] [--frames 100] [--poses 60]
+        [--sets 60] [--seed 1000] [--memo FILE] [--out placement_env/fidelity/surrogates/tjunction.json]
 
 The traffic's seed must be another than that of what the surrogate is judged by. With a memo it goes on where it was
 stopped. Prints each model and its Spearman correlation with the detector's AP on the sets it was fitted to.
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
 
 
 def sets_of(candidates, own: int, poses: int, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Steps per second of the environments, by the processor's time of one process: the best and the median of 20 rounds;
 and how many files one step crosses, with how many calls between them.
 
-python tests/benchmarks/bench_env.py [FRAMES]
+python tests/benchmarks/placement_env/bench_env.py [FRAMES]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from placement_env.objective import FidelityName, Objective
 
 register()
 ROUNDS = 20
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 OURS = tuple(f"{ROOT / package}/" for package in ("toolkit", "models", "placement_env"))
 
 

@@ -1,6 +1,6 @@
 """What an exact table costs: processor seconds per frame of each scheme, detector calls, and hours for 200 frames.
 
-python tests/benchmarks/bench_tables.py RECORDING.hdf5 [FRAMES] [WEIGHTS]
+python tests/benchmarks/placement_env/bench_tables.py RECORDING.hdf5 [FRAMES] [WEIGHTS]
 """
 
 import sys
@@ -50,9 +50,9 @@ def main() -> None:
             for scheme in PAPER_SCHEMES:
                 start, calls, inside = process_time(), detector.calls, detector.seconds
                 Detected(renders, detector, scheme, memo=memo, frames=frames)(subsets)
-                seconds, calls = (process_time() - start) / frames, (detector.calls - calls) / frames
+                seconds, each = (process_time() - start) / frames, (detector.calls - calls) / frames
                 inside = (detector.seconds - inside) / frames
-                print(f"{kept:9} {scheme:7} {seconds:8.3f} s per frame, {calls:5.0f} detector calls: {inside:.3f} s")
+                print(f"{kept:9} {scheme:7} {seconds:8.3f} s per frame, {each:5.0f} detector calls: {inside:.3f} s")
             if kept == "detected":
                 hours = (process_time() - all_start) / frames * 200 / 3600
                 print(f"{len(subsets) - 1} sets, three schemes, 200 frames: {hours:.2f} processor hours")

@@ -1,7 +1,7 @@
 """Our exact tables beside the paper's table of sensor sets: AP at IoU 0.7 of each set it lists, rank correlation with
 its figures, and whether the best sets of each size agree.
 
-python tests/benchmarks/compare_with_paper.py [tjunction roundabout | TABLE.npz ...]
+python tests/benchmarks/placement_env/compare_with_paper.py [tjunction roundabout | TABLE.npz ...]
 """
 
 import sys

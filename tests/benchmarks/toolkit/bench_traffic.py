@@ -1,6 +1,6 @@
 """Traffic alone: frames a second, objects, and how many frames had to be repaired so that no bodies intersect.
 
-python tests/benchmarks/bench_traffic.py
+python tests/benchmarks/toolkit/bench_traffic.py
 """
 
 from time import perf_counter

@@ -1,6 +1,6 @@
 """The published network as published, ours of the same size, and the light one, from a fused cloud to boxes.
 
-    python tests/benchmarks/bench_voxelnet.py [threads]
+    python tests/benchmarks/models/bench_voxelnet.py [threads]
 
 Milliseconds (best and median of some rounds, and of processor time the best) and peak memory, each network in a process
 of its own, on two threads. The weights are random, and let 600 anchors pass the threshold. On a busy machine compare
@@ -65,7 +65,7 @@ def published_as_published() -> None:
     """Padded voxels, every cell of the grid, BatchNorm unfolded: the slow reference of the tests."""
     import torch
 
-    sys.path.insert(0, str(Path(__file__).parents[1] / "models"))
+    sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
     from test_published import padded_voxels, random_network
 
     points = fused_cloud()
@@ -78,14 +78,14 @@ def published_as_published() -> None:
 
 def ours_of_the_same_size() -> None:
     """`SparseVoxelNet` with the same weights and the same outputs, points to maps, and points to boxes."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "models"))
+    sys.path.insert(0, str(Path(__file__).parents[2] / "models"))
     from dataclasses import replace
 
     from test_published import random_network
 
     from models.config import VoxelNetConfig
+    from models.network.voxelnet import VoxelNet
     from models.published import AREA, PublishedDetector, from_published
-    from models.voxelnet import VoxelNet
 
     network = VoxelNet(replace(VoxelNetConfig.published("tjunction"), area=AREA["tjunction"]))
     network.load_state_dict(from_published(random_network().state_dict(), network, "random weights"))
@@ -97,7 +97,7 @@ def ours_of_the_same_size() -> None:
 def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
     from models.detector import candidates, load_detector, suppressed
-    from models.voxels import voxelise
+    from models.network.voxels import voxelise
 
     detector, points = load_detector("tjunction"), fused_cloud()
     config = detector.config
@@ -116,7 +116,7 @@ def light() -> None:
 def voxelisation() -> None:
     """80,000 points, as in the published grid."""
     from models.config import VoxelNetConfig
-    from models.voxels import voxelise
+    from models.network.voxels import voxelise
 
     points = np.concatenate((fused_cloud(0), fused_cloud(1)))[-80_000:]
     config = VoxelNetConfig.published("tjunction")
@@ -128,8 +128,8 @@ def _selective(network):
     import torch
 
     from models.detector import label_scores
-    from models.sparse import SparseVoxelNet
-    from models.voxels import voxelise
+    from models.network.sparse import SparseVoxelNet
+    from models.network.voxels import voxelise
 
     if network.head.quality is not None:
         network.head.quality.bias.data += 9.0
@@ -162,6 +162,6 @@ if __name__ == "__main__":
     else:
         import torch
 
-        sys.path.insert(0, str(Path(__file__).parents[2]))
+        sys.path.insert(0, str(Path(__file__).parents[3]))
         torch.set_num_threads(int(sys.argv[1]))
         CASES[int(sys.argv[2])]()

@@ -1,6 +1,6 @@
 """AP of the general weights on random junctions with random sensors, by the number of points on the vehicle.
 
-    python tests/benchmarks/bench_general.py [--sites 20] [--frames 10] [--seed 9001] [--weights general]
+    python tests/benchmarks/models/bench_general.py [--sites 20] [--frames 10] [--seed 9001] [--weights general]
 
 Early fusion of all sensors, exact protocol. In each line only vehicles with so many points count, the others are
 neither missed nor false alarms.
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
 
 BINS = ((0, 10), (10, 30), (30, 100), (100, 300), (300, 1000), (1000, np.inf), (0, np.inf))
 

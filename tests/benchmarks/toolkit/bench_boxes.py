@@ -1,6 +1,6 @@
 """IoU, points in boxes and AP at the sizes in which they occur.
 
-python tests/benchmarks/bench_boxes.py
+python tests/benchmarks/toolkit/bench_boxes.py
 """
 
 import numpy as np

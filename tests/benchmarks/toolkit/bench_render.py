@@ -1,6 +1,6 @@
 """Rendering the traffic of both built-in sites, beside Open3D casting the same rays into one ready scene of everything.
 
-python tests/benchmarks/bench_render.py
+python tests/benchmarks/toolkit/bench_render.py
 """
 
 from itertools import cycle

@@ -1,7 +1,9 @@
 """Leaderboard of surrogates: Spearman correlation with a detector's AP over many sensor sets, and their speed.
 
-    python tests/benchmarks/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou 0.7] [--model MODELS.json]
-    python tests/benchmarks/bench_surrogate.py --poses SITE [--frames 50] [--sets 100] [--seed 2000] [--memo FILE] ...
+    python tests/benchmarks/placement_env/bench_surrogate.py TABLE RECORDING [--scheme early] [--iou 0.7]
+        [--model MODELS.json]
+    python tests/benchmarks/placement_env/bench_surrogate.py --poses SITE [--frames 50] [--sets 100] [--seed 2000]
+        [--memo FILE] ...
 
 TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECORDING: the HDF5 file it was measured in.
 With --poses: random sets of 1 to 8 poses of the site's pool, scored by its detector on traffic of the seed. Intervals
@@ -12,13 +14,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+if TYPE_CHECKING:
+    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.visibility import Visibility
 
 BOOTSTRAPS = 2000
 
@@ -51,13 +58,15 @@ def ms_each(fidelity: Callable[[np.ndarray], object], sets: np.ndarray) -> float
     return best / len(many) * 1e3
 
 
-def leaderboard(visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model=None) -> None:
+def leaderboard(
+    visibility: Visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: HitModel | None = None
+) -> None:
     """Print a line for each surrogate, best first."""
     from placement_env.fidelity.coverage import Coverage
     from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
     from placement_env.fidelity.surrogate import Surrogate
 
-    entries = {
+    entries: dict[str, Callable[[np.ndarray], Sequence[np.ndarray]]] = {
         "surrogate (ours)": Surrogate(visibility, scheme, model, iou=iou),
         "coverage, 20 points": Coverage(visibility, scheme),
         "coverage, 20 points twice": Coverage(visibility, scheme, views=2),

@@ -1,7 +1,7 @@
 """One policy trained over many random junctions, and tried on junctions it never saw against greedy search.
 
-    python tests/benchmarks/bench_policy.py [--train 40] [--test 12] [--poses 96] [--frames 20] [--budget 4]
-        [--minutes 10] [--out FOLDER]
+    python tests/benchmarks/placement_env/bench_policy.py [--train 40] [--test 12] [--poses 96] [--frames 20]
+        [--budget 4] [--minutes 10] [--out FOLDER]
 
 Every junction has as many random poses of its own pool as candidates, scored by the surrogate on traffic of its own.
 The policy plays one episode, likeliest actions first, and then others until it has had the seconds that greedy took;
@@ -19,7 +19,7 @@ from time import perf_counter
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[3]))
 
 UNSEEN = 9000  # random junctions from this seed on are for the test only
 FRESH = 1000  # episodes at most, within greedy's seconds

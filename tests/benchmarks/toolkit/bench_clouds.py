@@ -1,6 +1,6 @@
 """Depth images of six 200×150 cameras to one cropped cloud: ours beside the plain Open3D script, in one run.
 
-python tests/benchmarks/bench_clouds.py
+python tests/benchmarks/toolkit/bench_clouds.py
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def plain_open3d(frame: Frame) -> o3d.geometry.PointCloud:
     for sensor, depth in zip(frame.sensors, frame.measurements, strict=True):
         image = o3d.geometry.Image(depth)
         cloud = o3d.geometry.PointCloud.create_from_depth_image(image, intrinsic, depth_scale=1.0, depth_trunc=1000.0)
-        fused = fused + cloud.transform(sensor.pose)
+        fused += cloud.transform(sensor.pose)
     return fused.crop(o3d.geometry.AxisAlignedBoundingBox([*AREA[:2], 0.0], [*AREA[2:], 4.0]))
 
 

@@ -1,6 +1,6 @@
 """What every pose of a site's pool sees of its traffic: seconds, CPU seconds and memory.
 
-python tests/benchmarks/bench_visibility.py [FRAMES [POSES [WORKERS [SITE]]]]   (200, all, 2, both)
+python tests/benchmarks/placement_env/bench_visibility.py [FRAMES [POSES [WORKERS [SITE]]]]   (200, all, 2, both)
 """
 
 import resource
