@@ -47,4 +47,4 @@ test-all: lint
 	$(BIN)/python -m pytest $(SHAPES)
 
 bench: .venv/all
-	for script in tests/benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	for script in tests/benchmarks/*/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done

@@ -8,23 +8,23 @@ from toolkit.runtime.lazy import lazily
 if TYPE_CHECKING:
     from models.config import VoxelNetConfig as VoxelNetConfig
     from models.detector import VoxelNetDetector as VoxelNetDetector, load_detector as load_detector
-    from models.packing import pack as pack
+    from models.training.packing import pack as pack
     from models.published import PublishedDetector as PublishedDetector, load_published as load_published
-    from models.sparse import SparseVoxelNet as SparseVoxelNet
-    from models.voxelnet import Prediction as Prediction, VoxelNet as VoxelNet
-    from models.voxels import Voxels as Voxels, collate as collate, voxelise as voxelise
-    from models.weights import Header as Header, load_weights as load_weights, save_weights as save_weights
+    from models.network.sparse import SparseVoxelNet as SparseVoxelNet
+    from models.network.voxelnet import Prediction as Prediction, VoxelNet as VoxelNet
+    from models.network.voxels import Voxels as Voxels, collate as collate, voxelise as voxelise
+    from models.weight_files import Header as Header, load_weights as load_weights, save_weights as save_weights
 else:
     __getattr__, __dir__, __all__ = lazily(
         __name__,
         {
             "config": ("VoxelNetConfig",),
             "detector": ("VoxelNetDetector", "load_detector"),
-            "packing": ("pack",),
+            "network.sparse": ("SparseVoxelNet",),
+            "network.voxelnet": ("Prediction", "VoxelNet"),
+            "network.voxels": ("Voxels", "collate", "voxelise"),
             "published": ("PublishedDetector", "load_published"),
-            "sparse": ("SparseVoxelNet",),
-            "voxelnet": ("Prediction", "VoxelNet"),
-            "voxels": ("Voxels", "collate", "voxelise"),
-            "weights": ("Header", "load_weights", "save_weights"),
+            "training.packing": ("pack",),
+            "weight_files": ("Header", "load_weights", "save_weights"),
         },
     )

@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.anchors import anchors, decode, per_anchor
 from models.config import VoxelNetConfig
-from models.sparse import SparseVoxelNet
-from models.voxelnet import Prediction, VoxelNet
-from models.voxels import collate, voxelise
-from models.weights import digest_of, digest_with, load_weights
+from models.network.anchors import anchors, decode, per_anchor
+from models.network.sparse import SparseVoxelNet
+from models.network.voxelnet import Prediction, VoxelNet
+from models.network.voxels import collate, voxelise
+from models.weight_files import digest_of, digest_with, load_weights
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import iou_bev, nms
 from toolkit.objects import Detections, label_index
@@ -163,7 +163,7 @@ def load_detector(
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: load {site!r} or 'general'")
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
-        network = moved(network, (xmin, ymin, xmax, ymax), trained_for)
+        network = relocated(network, (xmin, ymin, xmax, ymax), trained_for)
     return VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
 
 
@@ -174,7 +174,7 @@ def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDete
     return load_detector(site if own else "general", area=area)
 
 
-def moved(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
+def relocated(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
     """The same weights on another area. Raises ValueError where they know one area only."""
     config = network.config
     if area == config.area:

@@ -15,14 +15,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.anchors import anchors
 from models.config import VoxelNetConfig
 from models.detector import MOST_CANDIDATES, candidates, suppressed
-from models.sparse import SparseVoxelNet
+from models.network.anchors import anchors
+from models.network.sparse import SparseVoxelNet
+from models.network.voxelnet import Prediction, VoxelNet
+from models.network.voxels import voxelise
 from models.tensor_files import load_tensors
-from models.voxelnet import Prediction, VoxelNet
-from models.voxels import voxelise
-from models.weights import check_tensors, digest_of, digest_with
+from models.weight_files import check_tensors, digest_of, digest_with
 from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import nms
 from toolkit.objects import Detections

@@ -13,11 +13,11 @@ import json, resource, signal, sys
 from pathlib import Path
 import numpy as np
 from models.config import VoxelNetConfig
-from models.packing import pack, recording
-from models.train import save_atomically
-from models.training_log import add
-from models.voxelnet import VoxelNet
-from models.weights import Header, save_weights
+from models.training.packing import pack, recording
+from models.training.checkpoint import save_atomically
+from models.training.log import add
+from models.network.voxelnet import VoxelNet
+from models.weight_files import Header, save_weights
 from placement_env.fidelity.hit_model import load_models, save_models, FOLDER
 from placement_env.fidelity.table import load_table, save_table
 from toolkit.clouds import from_points, save

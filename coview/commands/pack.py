@@ -45,8 +45,8 @@ def pack(
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
-    from models.packing import drawn_recording, recording_of
-    from models.packing import pack as write
+    from models.training.packing import drawn_recording, recording_of
+    from models.training.packing import pack as write
 
     check_frames(frames)
     check_least("--workers", workers, 1, "leave it out for one per core")

@@ -7,7 +7,7 @@ from tyro.conf import Positional
 from coview.exits import OK
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
-from models.training_options import TrainingOptions
+from models.training.options import TrainingOptions
 
 
 def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, json: bool = False) -> int:
@@ -23,8 +23,8 @@ def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, j
         options: How.
         json: Print the summary as JSON.
     """
-    from models.train import LOG, run
-    from models.training_log import curves
+    from models.train import run
+    from models.training.log import LOG, curves
     from toolkit.plots import draw_training
 
     with progress_bar("step", hidden=json) as bar:

@@ -1,8 +1,8 @@
 """`Renders`: the cloud of each candidate in each frame, rendered when first asked for and kept packed.
 
-A candidate's measurements are kept as in `models.packed`: what it sees of the empty site once, and of each frame the
-pixels that differ. Noise is drawn from a seed, the frame's number and the sensor's pose and model alone, so that a set
-of sensors measures the same in any order, pool or process.
+A candidate's measurements are kept as in `models.training.packed`: what it sees of the empty site once, and of each
+frame the pixels that differ. Noise is drawn from a seed, the frame's number and the sensor's pose and model alone, so
+that a set of sensors measures the same in any order, pool or process.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.packed import STEPS_PER_METRE, Rig
-from models.packing import change
+from models.training.packed import STEPS_PER_METRE, Rig
+from models.training.packing import change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.datasets.dataset import CoopDataset, noisy

@@ -120,7 +120,7 @@ def train_policy(
     Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
     libraries.
     """
-    from models.train import save_atomically
+    from models.training.checkpoint import save_atomically
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
@@ -293,7 +293,7 @@ def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
 
 
 def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
-    from models.train import read_checkpoint
+    from models.training.checkpoint import read_checkpoint
 
     state = read_checkpoint(path)
     different = [key for key, value in identity.items() if state.get(key) != value]

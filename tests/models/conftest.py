@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
-from models.packed import PackedFrames
-from models.packing import pack, recording
+from models.training.packed import PackedFrames
+from models.training.packing import pack, recording
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Objects
@@ -67,3 +68,14 @@ def packed_file(frames, tmp_path_factory):
 @pytest.fixture(scope="session")
 def packed(packed_file):
     return PackedFrames(packed_file)
+
+
+@pytest.fixture(scope="session")
+def same_weights():
+    """Whether two networks hold the same weights."""
+
+    def same(a, b):
+        a, b = a.state_dict(), b.state_dict()
+        return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+    return same

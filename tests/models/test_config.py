@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.config import VoxelNetConfig
-from models.voxelnet import VoxelNet
+from models.network.voxelnet import VoxelNet
 
 
 @pytest.mark.parametrize(

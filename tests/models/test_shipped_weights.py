@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from models.detector import SHIPPED, load_detector
-from models.weights import load_weights
+from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.evaluation import evaluate_dataset

@@ -146,7 +146,7 @@ def _read_recording(path: Path) -> None:
 
 
 def _packed(path: Path) -> None:
-    from models.packing import pack, recording
+    from models.training.packing import pack, recording
 
     site, frames = _frames(shared=False)
     empty = [np.zeros(sensor.model.shape, np.float32) + 17 for sensor in frames[0].sensors]
@@ -154,7 +154,7 @@ def _packed(path: Path) -> None:
 
 
 def _read_packed(path: Path) -> None:
-    from models.packed import PackedFrames
+    from models.training.packed import PackedFrames
 
     packed = PackedFrames(path)
     for k in range(len(packed)):
@@ -166,7 +166,7 @@ def _network() -> Any:
     import torch
 
     from models.config import VoxelNetConfig
-    from models.voxelnet import VoxelNet
+    from models.network.voxelnet import VoxelNet
 
     torch.manual_seed(0)
     return VoxelNet(
@@ -178,13 +178,13 @@ def _network() -> Any:
 
 
 def _weights(path: Path) -> None:
-    from models.weights import Header, save_weights
+    from models.weight_files import Header, save_weights
 
     save_weights(path, _network(), Header("yard", 3, "abc", {"0.7": 0.5}))
 
 
 def _read_weights(path: Path) -> None:
-    from models.weights import load_weights
+    from models.weight_files import load_weights
 
     load_weights(path)
 
@@ -204,7 +204,7 @@ def _read_published_checkpoint(path: Path) -> None:
 def _checkpoint(path: Path) -> None:
     import torch
 
-    from models.train import PRESETS
+    from models.training.presets import PRESETS
 
     network = _network()
     state = {
@@ -215,7 +215,7 @@ def _checkpoint(path: Path) -> None:
 
 
 def _read_checkpoint(path: Path) -> None:
-    from models.train import load_checkpoint
+    from models.training.checkpoint import load_checkpoint
 
     load_checkpoint(path)
 

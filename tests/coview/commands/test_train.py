@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from models.weights import digest_of, load_weights
+from models.weight_files import digest_of, load_weights
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ NAMES = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 
 def test_a_step_crosses_few_files() -> None:
     spec = importlib.util.spec_from_file_location(
-        "bench_env", Path(__file__).parents[2] / "benchmarks" / "bench_env.py"
+        "bench_env", Path(__file__).parents[2] / "benchmarks" / "placement_env" / "bench_env.py"
     )
     assert spec is not None
     assert spec.loader is not None

@@ -45,7 +45,7 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     ("job", "module"),
     [
         ("rendering", "toolkit.rendering.static_scene"),
-        ("rendering", "models.packing"),
+        ("rendering", "models.training.packing"),
         ("rendering", "toolkit.sites.site"),
         ("visibility", "toolkit.rendering.silhouettes"),
         ("visibility", "placement_env.fidelity.traffic"),
@@ -53,8 +53,8 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
         ("detection", "toolkit.detection.view"),
         ("detection", "toolkit.detection.metrics"),
         ("detection", "placement_env.fidelity.traffic"),
-        ("networks", "models.voxelnet"),
-        ("networks", "models.sparse"),
+        ("networks", "models.network.voxelnet"),
+        ("networks", "models.network.sparse"),
     ],
 )
 def test_a_job_runs_what_its_figures_depend_on(job, module):

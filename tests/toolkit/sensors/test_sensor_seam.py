@@ -9,8 +9,8 @@ import open3d as o3d
 import pytest
 
 import placement_env.envs.registration
-from models.packed import PackedFrames
-from models.packing import pack, recording
+from models.training.packed import PackedFrames
+from models.training.packing import pack, recording
 from placement_env.candidates.aim import aimed, aims
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.envs.scenario import poses

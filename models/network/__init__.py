@@ -1,0 +1,1 @@
+"""The network: voxels, VoxelNet, its anchors, and the same computed where the points reach."""

@@ -1,0 +1,269 @@
+"""VoxelNet (Zhou and Tuzel 2018; paper, section III-D): voxel features, middle layers, region proposal network, head.
+
+    Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶ Head ─▶ Prediction
+
+B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it is trained;
+`models.network.sparse` computes the same in less time once it is trained.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from models.config import VoxelNetConfig
+from models.network.voxels import Voxels
+from toolkit.arrays import Float, Float32, Int64
+
+
+class Prediction(NamedTuple):
+    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next.
+
+    class_logits: background and vehicle (published), or one logit per label. residuals: see `models.network.anchors`.
+    direction_logits: above 0 where the box faces away from what the residuals say. quality_logits: the predicted IoU.
+    """
+
+    class_logits: Float[Tensor, "B AC H W"]
+    residuals: Float[Tensor, "B AR H W"]
+    direction_logits: Float[Tensor, "B A H W"] | None = None
+    quality_logits: Float[Tensor, "B A H W"] | None = None
+
+
+class VoxelNet(nn.Module):
+    """The network of a configuration.
+
+    >>> from models.network.voxels import voxelise
+    >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
+    >>> VoxelNet(config).eval()(voxelise(torch.zeros(0, 3), config)).residuals.shape
+    torch.Size([1, 16, 40, 40])
+    """
+
+    def __init__(self, config: VoxelNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.features = VoxelFeatures(config)
+        self.middle = MiddleLayers(config) if config.middle_widths else HeightFold(config)
+        self.rpn = RegionProposal(config, self.middle.width)
+        self.head = Head(config, self.rpn.width)
+
+    def forward(self, voxels: Voxels) -> Prediction:
+        """Raw maps of a batch of clouds."""
+        return self.head(self.rpn(self.middle(self.features(voxels), voxels)))
+
+
+def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
+    """What the network sees of a point: its coordinates and its offset from the mean of its voxel's points, m."""
+    points, voxel = voxels.points, voxels.voxel
+    total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
+    mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
+    offset = points - mean[voxel]
+    if config.point_features == "published":
+        return torch.cat((points, offset), 1)
+    size = points.new_tensor([*config.voxel_size[:2], 0.0])
+    origin = points.new_tensor([*config.area[:2], config.height[0]])
+    centre = origin + (voxels.cells[:, 1:] + 0.5) * size
+    return torch.cat((points - centre[voxel], offset), 1)
+
+
+class VoxelFeatures(nn.Module):
+    """Voxel feature encoding: linear maps per point, the voxel's maximum appended to each; of the last, the maximum."""
+
+    def __init__(self, config: VoxelNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        widths = (6, *(2 * width for width in config.vfe_widths))
+        outputs = (*config.vfe_widths, config.voxel_width)
+        self.layers = nn.ModuleList(PointLayer(*pair) for pair in zip(widths, outputs, strict=True))
+
+    def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
+        """Features of the occupied voxels."""
+        x, voxel = point_features(voxels, self.config), voxels.voxel
+        if self.config.point_features == "published":
+            x, voxel = self._with_padding(x, voxel, len(voxels.cells))
+        *encoders, last = self.layers
+        for layer in encoders:
+            x = layer(x)
+            greatest = maximum(x, voxel, len(voxels.cells))
+            x = torch.cat((x, greatest.index_select(0, voxel)), 1)  # indexing would add gradients in any order
+        return maximum(last(x), voxel, len(voxels.cells))
+
+    def _with_padding(self, x: Tensor, voxel: Tensor, rows: int) -> tuple[Tensor, Tensor]:
+        """One zero point stands for all those that fill a voxel up to T: a maximum does not count."""
+        short = torch.nonzero(torch.bincount(voxel, minlength=rows) < self.config.max_points)[:, 0]
+        return torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
+
+
+def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
+    """The maximum over the entries of each row, of what is nowhere negative."""
+    return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
+
+
+class PointLayer(nn.Module):
+    """Linear, BatchNorm, ReLU on rows."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.linear = nn.Linear(inputs, outputs)
+        self.norm = nn.BatchNorm1d(outputs)
+
+    def forward(self, x: Float[Tensor, "n C"]) -> Float[Tensor, "n K"]:
+        """Rows in, rows out."""
+        return torch.relu(self.norm(self.linear(x)))
+
+
+class MiddleLayers(nn.Module):
+    """Three 3D convolutions over the dense grid; what is left of the height becomes channels."""
+
+    def __init__(self, config: VoxelNetConfig) -> None:
+        super().__init__()
+        self.shape = config.grid_shape
+        widths = (config.voxel_width, *config.middle_widths)
+        strides, paddings = ((2, 1, 1), (1, 1, 1), (2, 1, 1)), ((1, 1, 1), (0, 1, 1), (1, 1, 1))
+        self.layers = nn.ModuleList(
+            conv_norm_relu(nn.Conv3d(*pair, 3, stride, padding))
+            for pair, stride, padding in zip(pairwise(widths), strides, paddings, strict=True)
+        )
+        depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
+        if depth < 1:
+            raise ValueError(
+                f"the middle layers need at least 5 voxels of height, got {self.shape[2]}: lower voxel_size[2]"
+            )
+        self.width = depth * widths[-1]
+
+    def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
+        """The map seen from above."""
+        x = dense_grid(features, voxels, self.shape)
+        for layer in self.layers:
+            x = layer(x)
+        return x.flatten(1, 2)
+
+
+def dense_grid(features: Tensor, voxels: Voxels, shape: tuple[int, int, int]) -> Float[Tensor, "B C D H W"]:
+    """Voxel features in their places, zeros elsewhere."""
+    nx, ny, nz = shape
+    grid = features.new_zeros(voxels.items, nz, nx, ny, features.shape[1])
+    item, ix, iy, iz = voxels.cells.unbind(1)
+    return grid.index_put((item, iz, ix, iy), features).permute(0, 4, 1, 2, 3)
+
+
+class HeightFold(nn.Module):
+    """The light middle: a column's feature is the sum over its voxels of a linear map that depends on the height.
+
+    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels.
+    """
+
+    def __init__(self, config: VoxelNetConfig) -> None:
+        super().__init__()
+        self.shape = config.grid_shape
+        self.width = config.column_width
+        self.weight = nn.Parameter(torch.empty(self.shape[2], config.voxel_width, self.width))
+        nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
+        self.norm = nn.BatchNorm1d(self.width)
+
+    def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
+        """The map seen from above."""
+        column, key = columns(voxels, self.shape)
+        folded = folded_columns(
+            features, voxels.cells[:, 3], column, self.weight, features.new_zeros(len(key), self.width)
+        )
+        return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
+
+
+def folded_columns(
+    features: Float[Tensor, "v C"],
+    level: Int64[Tensor, " v"],
+    column: Int64[Tensor, " v"],
+    weight: Float[Tensor, "D C K"],
+    start: Float[Tensor, "n K"],
+) -> Float[Tensor, "n K"]:
+    """`start` of each column and, added to it, the products of its voxels with the weights of their levels."""
+    by_level = torch.argsort(level, stable=True)
+    groups = torch.split(features[by_level], torch.bincount(level, minlength=len(weight)).tolist())
+    products = torch.cat([rows @ weights for rows, weights in zip(groups, weight, strict=True)])
+    return start.index_add(0, column[by_level], products)
+
+
+def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
+    """The occupied columns of a batch: each voxel's column (v,), and each column's place in the flat (B, H, W) map."""
+    nx, ny, _ = shape
+    item, ix, iy, _ = voxels.cells.unbind(1)
+    key = (item * nx + ix) * ny + iy
+    occupied = torch.bincount(key, minlength=voxels.items * nx * ny) > 0
+    return (torch.cumsum(occupied, 0) - 1)[key], torch.nonzero(occupied)[:, 0]
+
+
+def dense_map(features: Tensor, key: Tensor, items: int, shape: tuple[int, int, int]) -> Float[Tensor, "B C H W"]:
+    """Column features in their places, zeros elsewhere; channels last in memory."""
+    nx, ny, _ = shape
+    flat = features.new_zeros(items * nx * ny, features.shape[1]).index_put((key,), features)
+    return flat.view(items, nx, ny, -1).permute(0, 3, 1, 2)
+
+
+class RegionProposal(nn.Module):
+    """Three blocks, each at half the resolution of the one before; they meet at the resolution of the first."""
+
+    def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
+        super().__init__()
+        self.order = config.rpn_layers
+        widths, out = config.rpn_widths, config.upsample_width
+        self.blocks = nn.ModuleList(
+            nn.ModuleList(
+                conv_norm_relu(nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1))
+                for i in range(max(order) + 1)
+            )
+            for before, width, order in zip((inputs, *widths), widths, self.order, strict=False)
+        )
+        self.add = config.upsample == "add"
+        lateral = (1, 1, 0) if self.add else (3, 1, 1)  # kernel, stride, padding of the first block's output
+        self.upsample = nn.ModuleList(
+            nn.ConvTranspose2d(width, out, *kernel, bias=not self.add)
+            for width, kernel in zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
+        )
+        if self.add:
+            self.norm = nn.BatchNorm2d(out)
+        self.width = out if self.add else 3 * out
+
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K h w"]:
+        """The feature map of the anchors."""
+        maps = []
+        for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
+            for layer in order:
+                x = block[layer](x)  # type: ignore[index]
+            maps.append(upsample(x))
+        if self.add:
+            return torch.relu(self.norm(maps[0] + maps[1] + maps[2]))
+        return torch.cat(maps[::-1], 1)  # published order: the coarsest first
+
+
+class Head(nn.Module):
+    """What each anchor of a cell holds, as 1x1 convolutions (after a 3x3 one where the configuration has it)."""
+
+    def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
+        super().__init__()
+        anchors = len(config.anchor_yaws)
+        self.conv3x3 = nn.Conv2d(inputs, config.head3x3, 3, padding=1) if config.head3x3 else None
+        inputs = config.head3x3 or inputs
+        self.classes = nn.Conv2d(inputs, anchors * config.classes, 1)
+        self.residuals = nn.Conv2d(inputs, anchors * config.residuals, 1)
+        self.direction = self.quality = None
+        if config.head == "quality":
+            self.direction = nn.Conv2d(inputs, anchors, 1)
+            self.quality = nn.Conv2d(inputs, anchors, 1)
+            nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]  # at first, vehicles are rare
+
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
+        """Raw maps."""
+        if self.conv3x3 is not None:
+            x = torch.relu(self.conv3x3(x))
+        extra = (None if layer is None else layer(x) for layer in (self.direction, self.quality))
+        return Prediction(self.classes(x), self.residuals(x), *extra)
+
+
+def conv_norm_relu(conv: nn.Conv2d | nn.Conv3d) -> nn.Sequential:
+    """A convolution, BatchNorm and ReLU."""
+    norm = nn.BatchNorm3d if isinstance(conv, nn.Conv3d) else nn.BatchNorm2d
+    return nn.Sequential(conv, norm(conv.out_channels), nn.ReLU(inplace=True))

@@ -1,0 +1,93 @@
+"""Training losses: the published one, and one that also learns direction and how good each box is."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from models.network.anchors import decode, encode, faces_back, per_anchor
+from models.network.voxelnet import Prediction
+from models.training.targets import IGNORED, POSITIVE
+from toolkit.arrays import Bool, Float, Shaped
+
+
+def published_loss(
+    prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
+) -> dict[str, Tensor]:
+    """Cross-entropy over the sampled anchors, and smooth L1 (σ = 3) of the positives' seven residuals.
+
+    labels: see `models.training.targets`; boxes: what each positive anchor should find; anchors: (H, W, A, 7).
+    """
+    count = anchors.shape[2]
+    logits = per_anchor(prediction.class_logits, count)
+    counted = torch.nonzero(labels != IGNORED, as_tuple=True)
+    classes = F.cross_entropy(logits[counted], (labels[counted] == POSITIVE).long(), reduction="sum")
+    positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
+    residuals = per_anchor(prediction.residuals, count)[positive]
+    target = encode(boxes[positive], anchors[positive[1:]], doubled=False)
+    box = F.smooth_l1_loss(residuals, target, beta=1 / 9, reduction="sum")
+    return {"class": classes / max(len(counted[0]), 1), "box": box / max(len(positive[0]), 1)}
+
+
+def quality_loss(
+    prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
+) -> dict[str, Tensor]:
+    """Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box; direction; predicted
+    IoU. All per positive anchor; arguments as in `published_loss`."""
+    if prediction.direction_logits is None or prediction.quality_logits is None:
+        raise ValueError('the quality loss needs a network with head="quality"')
+    count = anchors.shape[2]
+    positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
+    number = max(len(positive[0]), 1)
+    classes = focal_loss(per_anchor(prediction.class_logits, count)[..., 0], labels == POSITIVE, labels != IGNORED)
+    anchor, wanted = anchors[positive[1:]], boxes[positive]
+    residuals = per_anchor(prediction.residuals, count)[positive]
+    direction = per_anchor(prediction.direction_logits, count)[..., 0][positive]
+    quality = per_anchor(prediction.quality_logits, count)[..., 0][positive]
+
+    backwards = faces_back(wanted, anchor)
+    overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)
+    box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="sum")
+    sums = {
+        "class": classes,
+        "box": 2 * box,
+        "iou": (1 - overlap).sum(),
+        "direction": 0.2 * _cross_entropy(direction, backwards.float()),
+        "quality": 0.5 * _cross_entropy(quality, overlap.detach().clamp(0, 1)),
+    }
+    return {name: value / number for name, value in sums.items()}
+
+
+def focal_loss(
+    logits: Float[Tensor, "*n"],
+    positive: Bool[Tensor, "*n"],
+    counted: Bool[Tensor, "*n"],
+    *,
+    alpha: float = 0.25,
+    gamma: float = 2.0,
+) -> Tensor:
+    """Sum over the counted anchors of α (1 - p)^γ · cross-entropy, where p is the probability of what is true."""
+    signed = torch.where(positive, logits, -logits)
+    weight = torch.where(positive, alpha, 1 - alpha) * counted
+    return -(weight * torch.sigmoid(-signed) ** gamma * F.logsigmoid(signed)).sum()
+
+
+def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]) -> Float[Tensor, " n"]:
+    """3D IoU of each box with the one beside it, exact where their yaws agree, differentiable everywhere they overlap.
+
+    A yaw difference δ takes a quarter of the other side times sin δ off each shared side, the first-order loss of two
+    rectangles turned against each other about a common centre.
+    """
+    cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
+    dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
+    gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()
+    size, target = boxes[:, 3:6], wanted[:, 3:6]
+    turned = torch.sin(boxes[:, 6] - wanted[:, 6]).abs()[:, None] * target[:, [1, 0]] / 4
+    lost = torch.cat((turned, torch.zeros_like(turned[:, :1])), 1)
+    shared = (torch.minimum(torch.minimum(size, target), (size + target) / 2 - gap) - lost).clamp(min=0).prod(1)
+    return shared / (size.prod(1) + target.prod(1) - shared)
+
+
+def _cross_entropy(logits: Tensor, target: Tensor) -> Tensor:
+    return F.binary_cross_entropy_with_logits(logits, target, reduction="sum")

@@ -1,0 +1,202 @@
+"""Writes packed files (`models.training.packed`): of each frame only the pixels that differ from the empty site."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol, SupportsFloat, runtime_checkable
+
+import h5py
+import numpy as np
+
+from models.training.packed import MARGIN, STEPS_PER_METRE, Rig
+from toolkit.arrays import Shaped
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.frame import Frame, empty_scene
+from toolkit.objects import Objects
+from toolkit.runtime.files import writing
+from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.sites.site import Site
+
+FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
+_CHUNK = 1 << 18
+
+
+@dataclass(frozen=True)
+class Change:
+    """One frame: what differs from the empty site, per sensor, as in the file."""
+
+    pixels: tuple[Shaped[np.ndarray, " _"], ...]
+    steps: tuple[Shaped[np.ndarray, " _"], ...]
+    objects: Objects
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Frames of one rig, ready to be written."""
+
+    rig: Rig
+    changes: Iterable[Change]
+
+
+@runtime_checkable
+class Drawn(Protocol):
+    """Frames of a drawn site, and what each sensor measures when nothing moves there."""
+
+    @property
+    def site(self) -> Site:
+        """Where."""
+        ...
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """What was recorded."""
+        ...
+
+    @property
+    def empty(self) -> tuple[np.ndarray, ...]:
+        """Measurements of each sensor, (rows, columns) m."""
+        ...
+
+
+def recording(
+    frames: Sequence[Frame],
+    area: Iterable[SupportsFloat],
+    height: float = 4.0,
+    *,
+    empty: Sequence[np.ndarray] | None = None,
+    count: int | None = None,
+) -> Recording:
+    """Frames of sensors that do not move; each is read when it is written.
+
+    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: what each sensor measures of the empty site, taken
+    from the frames themselves when None; count: only the first so many frames.
+    """
+    empty = empty_scene(frames).measurements if empty is None else empty
+    rig = Rig.seeing(frames[0].sensors, area, height, empty)
+    return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
+
+
+def recording_of(dataset: CoopDataset, count: int | None = None) -> Recording:
+    """A recorded dataset; count: only the first so many frames."""
+    return recording(dataset, dataset.site.area, dataset.site.height, count=count)
+
+
+def drawn_recording(drawn: Drawn) -> Recording:
+    """A recording of a junction that was drawn, `toolkit.datasets.random_recordings.RandomRecording`."""
+    return recording(drawn.frames, drawn.site.area, drawn.site.height, empty=drawn.empty)
+
+
+def change(rig: Rig, frame: Frame) -> Change:
+    """What of a frame differs from the empty site: pixels that show something in the crop, or nothing any more."""
+    found = [_changed(rig, s, measurement) for s, measurement in enumerate(frame.measurements)]
+    return Change(tuple(pixels for pixels, _ in found), tuple(steps for _, steps in found), frame.objects)
+
+
+def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
+    """Write the packed file of one or many recordings; it appears whole under its name, or not at all.
+
+    Returns the number of frames. Raises ValueError where there is none, OSError where the disk is full.
+    """
+    with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
+        return _write(file, recordings, check, progress)
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """The changes of frames, made when asked for; whole where a process boundary is crossed."""
+
+    rig: Rig
+    frames: Sequence[Frame]
+    count: int
+
+    def __iter__(self) -> Iterator[Change]:
+        return (change(self.rig, self.frames[k]) for k in range(self.count))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (list(self),)
+
+
+def _write(
+    file: h5py.File,
+    recordings: Iterable[Recording],
+    check: Callable[[], None],
+    progress: Callable[[int], None] | None,
+) -> int:
+    pixels, steps = _Column(file, "pixels", np.uint32), _Column(file, "steps", np.uint16)
+    rig_of_frame: list[int] = []
+    ends: list[np.ndarray] = []
+    objects: list[Objects] = []
+    file.create_group("rigs")
+    for r, each in enumerate(recordings):
+        _write_rig(file.create_group(f"rigs/{r}"), each.rig)
+        for found in each.changes:
+            ends.append(np.cumsum([pixels.length, *map(len, found.pixels)]))
+            for pixel, step in zip(found.pixels, found.steps, strict=True):
+                pixels.append(pixel)
+                steps.append(step)
+            rig_of_frame.append(r)
+            objects.append(found.objects)
+            check()
+            if progress:
+                progress(len(objects))
+    if not objects:
+        raise ValueError("nothing to pack: the recordings hold no frames")
+    pixels.flush()
+    steps.flush()
+    most = max(len(end) for end in ends)
+    file["frames/rig"] = np.array(rig_of_frame, np.int32)
+    file["frames/ends"] = np.stack([np.pad(end, (0, most - len(end)), mode="edge") for end in ends])
+    file["boxes"] = np.concatenate([each.boxes for each in objects])
+    file["labels"] = np.concatenate([each.labels for each in objects]).astype(np.int8)
+    file["box_ends"] = np.cumsum([0, *map(len, objects)])
+    return len(objects)
+
+
+def _write_rig(group: h5py.Group, rig: Rig) -> None:
+    group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
+    group.attrs["sensors"] = json.dumps(
+        [{"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)} for s in rig.sensors]
+    )
+    group["poses"] = np.stack([sensor.pose for sensor in rig.sensors])
+    group["ends"] = np.cumsum([len(pixels) for pixels in rig.pixels])
+    for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
+        values = np.concatenate(columns)
+        group.create_dataset(name, data=values, compression="gzip" if len(values) else None, shuffle=len(values) > 0)
+
+
+def _changed(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    still = np.zeros(measurement.size, np.float32)
+    still[rig.pixels[s]] = rig.depth[s]
+    flat = measurement.ravel()
+    pixels = np.flatnonzero(flat != still).astype(np.uint32)
+    depth = np.where(flat[pixels] < FARTHEST, flat[pixels], np.float32(0))
+    seen = (depth > 0) & rig.in_crop(rig.world(s, pixels, depth), MARGIN)
+    steps = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
+    counts = seen | (still[pixels] > 0)  # or hides what would make a point
+    return pixels[counts], steps[counts]
+
+
+class _Column:
+    """A growing array of a file, written a few chunks at a time."""
+
+    def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
+        options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+        self._dataset = file.create_dataset(name, (0,), dtype, maxshape=(None,), **options)
+        self._pending: list[np.ndarray] = []
+        self._written = self.length = 0
+
+    def append(self, values: np.ndarray) -> None:
+        self._pending.append(values)
+        self.length += len(values)
+        if self.length - self._written >= 8 * _CHUNK:
+            self.flush()
+
+    def flush(self) -> None:
+        self._dataset.resize(self.length, axis=0)
+        if self.length > self._written:
+            self._dataset[self._written :] = np.concatenate(self._pending)
+        self._written = self.length
+        self._pending.clear()

@@ -1,0 +1,94 @@
+"""Steps per second of the environments, by the processor's time of one process: the best and the median of 20 rounds;
+and how many files one step crosses, with how many calls between them.
+
+python tests/benchmarks/placement_env/bench_env.py [FRAMES]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from placement_env.envs.registration import register
+from placement_env.objective import FidelityName, Objective
+
+register()
+ROUNDS = 20
+ROOT = Path(__file__).parents[3]
+OURS = tuple(f"{ROOT / package}/" for package in ("toolkit", "models", "placement_env"))
+
+
+def pace(env: gym.vector.VectorEnv, steps: int) -> np.ndarray:
+    """Environment steps per second of each of `ROUNDS` rounds, playing legal actions at random."""
+    rng, paces = np.random.default_rng(0), []
+    for _ in range(ROUNDS):
+        _, info = env.reset(seed=0)
+        start = time.process_time()
+        for _ in range(steps):
+            mask = info["action_mask"]
+            actions = (rng.random(mask.shape) * mask).argmax(axis=1)
+            _, _, _, _, info = env.step(actions)
+        paces.append(steps * env.num_envs / (time.process_time() - start))
+    return np.array(paces)
+
+
+def crossings(objective: Objective, action: int = 1) -> list[tuple[str, str]]:
+    """Calls from one file of ours to another in a step of SensorSelect whose set was not scored before: caller's file,
+    and file and name of what it calls. The first is `step` itself."""
+    env = gym.make("coview/SensorSelect-v0", objective=objective, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    env.step(action)  # what is made once is made
+    env.reset()
+    objective.forget()
+    calls: list[tuple[str, str]] = []
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if event != "call" or not file.startswith(OURS):
+            return
+        caller = frame.f_back
+        while caller is not None and not caller.f_code.co_filename.startswith(OURS):
+            caller = caller.f_back
+        source = "" if caller is None else caller.f_code.co_filename
+        if source != file:
+            calls.append((source, f"{file}:{frame.f_code.co_name}"))
+
+    sys.setprofile(watch)
+    try:
+        env.step(action)
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+def files_of(calls: list[tuple[str, str]]) -> list[str]:
+    """The different files that are called, in the order of their first call."""
+    return list(dict.fromkeys(called.rpartition(":")[0] for _, called in calls))
+
+
+def main(frames: int) -> None:
+    """Print a line for each fidelity and number of episodes side by side."""
+    calls = crossings(Objective("tjunction", fidelity="table"))
+    names = [str(Path(file).relative_to(ROOT)) for file in files_of(calls)]
+    print(f"table: a step crosses {len(names)} files with {len(calls)} calls between them: {', '.join(names)}")
+    fidelities: list[FidelityName] = ["surrogate", "coverage"]
+    for name in fidelities:
+        objective = Objective("tjunction", frames, fidelity=name)
+        for count in (1, 16, 64):
+            objective.forget()
+            env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, objective=objective)
+            paces = pace(env, 800 // count + 20)
+            print(
+                f"{name:10} {frames} frames, {count:3} at once: "
+                f"{paces.max():8.0f} steps/s at best, median {np.median(paces):8.0f}"
+            )
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)

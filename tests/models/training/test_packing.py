@@ -1,0 +1,64 @@
+"""What is packed: of each frame what differs from the empty site, whole under its name or not there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.training.packed import PackedFrames
+from models.training.packing import pack, recording
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+
+
+def ordered(points):
+    return points[np.lexsort(points.round(2).T)]
+
+
+def test_an_empty_scene_learnt_from_the_frames_gives_the_same_points(frames, packed, tmp_path):
+    pack([recording(frames, AREA)], tmp_path / "learnt.packed")
+    learnt = PackedFrames(tmp_path / "learnt.packed")
+    for k in range(len(frames)):
+        for ours, theirs in zip(learnt.points(k, None), packed.points(k, None), strict=True):
+            assert len(ours) == len(theirs)
+            np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
+
+
+def test_recordings_of_different_sensors_share_a_file(frames, packed, tmp_path):
+    fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
+    path = tmp_path / "two.packed"
+    assert pack([recording(fewer, (-5, -5, 5, 5), 3.0), recording(frames, AREA, count=3)], path) == 5
+    two = PackedFrames(path)
+    assert [len(two.rig(k).sensors) for k in range(5)] == [1, 1, 3, 3, 3]
+    assert two.rig(0).area == (-5, -5, 5, 5)
+    small = two.points(0, None)[0]
+    assert len(small)
+    assert (np.abs(small[:, :2]) <= 5).all()
+    assert (small[:, 2] < 3).all()
+    np.testing.assert_array_equal(two.objects(4).boxes, frames[2].objects.boxes)
+    assert [len(p) for p in two.points(3, None)] == [len(p) for p in packed.points(1, None)]
+
+
+def test_same_recording_same_bytes(frames, tmp_path):
+    for name in ("a", "b"):
+        pack([recording(frames, AREA)], tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_what_fails_leaves_no_file(tmp_path):
+    with pytest.raises(ValueError, match="no frames"):
+        pack([], tmp_path / "none.packed")
+    assert not (tmp_path / "none.packed").exists()
+
+
+def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
+    out = tmp_path / "x.packed"
+
+    def recordings():
+        yield recording(frames, AREA, count=1)
+        assert pack([recording(frames, AREA, count=2)], out) == 2
+        assert len(PackedFrames(out)) == 2
+
+    assert pack(recordings(), out) == 1
+    assert len(PackedFrames(out)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]

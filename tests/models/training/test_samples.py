@@ -1,0 +1,167 @@
+"""Examples: points and boxes move together, and (epoch, frame) alone decides what an example is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from models.config import VoxelNetConfig
+from models.network.anchors import anchors
+from models.network.voxelnet import VoxelNet
+from models.training.presets import PRESETS
+from models.training.samples import SampleRecipe, Samples, jitter_objects, stack, turn_scene
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE
+from toolkit.boxes import count_points, iou_bev, points_in_boxes
+from toolkit.objects import VEHICLE
+
+CONFIG = VoxelNetConfig.light((-12.8, -12.8, 12.8, 12.8))
+RECIPES = [PRESETS[name].examples for name in ("fast", "paper", "general")]
+
+
+def shrunk(boxes):
+    """A little smaller, so that no point lies on a face; rounding must not decide."""
+    return boxes - np.array([0, 0, 0, 1e-3, 1e-3, 1e-3, 0])
+
+
+def cloud(rng, boxes):
+    """Points all over, and some within each box."""
+    inside = rng.uniform(-0.49, 0.49, (len(boxes), 50, 3)) * boxes[:, None, 3:6]
+    cos, sin = np.cos(boxes[:, 6:7]), np.sin(boxes[:, 6:7])
+    x, y, z = np.moveaxis(inside, -1, 0)
+    placed = np.stack([x * cos - y * sin, x * sin + y * cos, z], axis=-1) + boxes[:, None, :3]
+    return np.concatenate([rng.uniform(-12, 12, (500, 3)), placed.reshape(-1, 3)]).astype(np.float32)
+
+
+def boxes_of(rng, count=5):
+    angle = np.arange(count) * 2 * np.pi / count
+    yaw = rng.uniform(-np.pi, np.pi, count)
+    sizes = np.tile([4.0, 1.8, 1.5], (count, 1))
+    return np.column_stack([8 * np.cos(angle), 8 * np.sin(angle), np.full(count, 0.75), sizes, yaw])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_turned_scene_keeps_the_points_of_each_box(seed):
+    rng = np.random.default_rng(seed)
+    boxes = boxes_of(rng)
+    points = cloud(rng, boxes)
+    turned_points, turned = turn_scene(points, boxes, np.array([1.0, -2.0]), rng)
+    np.testing.assert_array_equal(
+        points_in_boxes(points, shrunk(boxes)), points_in_boxes(turned_points, shrunk(turned))
+    )
+    np.testing.assert_allclose(turned[:, 2:6], boxes[:, 2:6])
+    distances = [np.linalg.norm(b[:, None, :2] - b[None, :, :2], axis=2) for b in (boxes, turned)]
+    np.testing.assert_allclose(*distances)
+
+
+def test_half_the_scenes_are_mirrored():
+    boxes = boxes_of(np.random.default_rng(0))
+    mirrored = []
+    for seed in range(40):
+        _, turned = turn_scene(np.zeros((0, 3), np.float32), boxes, np.zeros(2), np.random.default_rng(seed))
+        before, after = (np.linalg.det([b[1, :2] - b[0, :2], b[2, :2] - b[1, :2]]) for b in (boxes, turned))
+        mirrored.append(before * after < 0)
+    assert 10 < sum(mirrored) < 30
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_jittered_object_takes_its_points_along(seed):
+    rng = np.random.default_rng(seed)
+    boxes = boxes_of(rng)
+    points = cloud(rng, boxes)
+    owned = points_in_boxes(points, boxes)
+    moved_points, moved = jitter_objects(points, boxes, rng)
+    assert np.abs(moved[:, :2] - boxes[:, :2]).max() > 0.1
+    turn = moved[:, 6] - boxes[:, 6]
+    assert np.abs(turn).max() <= np.deg2rad(18) + 1e-9
+    for index in range(len(boxes)):
+        widened = moved[index : index + 1] + np.array([0, 0, 0, 0.01, 0.01, 0.01, 0])
+        assert points_in_boxes(moved_points[owned[:, index]], widened).all()
+    np.testing.assert_array_equal(moved_points[~owned.any(axis=1)], points[~owned.any(axis=1)])
+    np.testing.assert_allclose(np.triu(iou_bev(moved, moved), 1), 0)
+    np.testing.assert_array_equal(moved[:, 2:6], boxes[:, 2:6])
+
+
+def test_objects_that_would_meet_stay():
+    boxes = boxes_of(np.random.default_rng(0), 2)
+    boxes[:, :2] = [[0, 0], [0, 2.1]]
+    boxes[:, 6] = 0
+    _, moved = jitter_objects(np.zeros((0, 3), np.float32), boxes, np.random.default_rng(1))
+    np.testing.assert_array_equal(moved, boxes)
+
+
+def same(a, b):
+    tensors = zip((*a.voxels[:3], a.labels, a.boxes), (*b.voxels[:3], b.labels, b.boxes), strict=True)
+    return all(x.shape == y.shape and torch.equal(x, y) for x, y in tensors)
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_an_example_depends_on_epoch_and_frame_alone(packed, recipe):
+    samples = Samples(packed, CONFIG, recipe, seed=3)
+    first = samples[1, 4]
+    samples[0, 2], samples[7, 1]
+    assert same(first, samples[1, 4])
+    assert same(first, Samples(packed, CONFIG, recipe, seed=3)[1, 4])
+    assert not same(first, samples[2, 4])
+    assert not same(first, Samples(packed, CONFIG, recipe, seed=4)[1, 4])
+
+
+def test_worker_processes_change_nothing(packed):
+    samples = Samples(packed, CONFIG, RECIPES[0], seed=0)
+    steps = [[(0, 0), (0, 3)], [(1, 2), (1, 5)]]
+    alone, helped = (
+        list(torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=workers))
+        for workers in (0, 2)
+    )
+    assert all(same(a, b) for a, b in zip(alone, helped, strict=True))
+
+
+def test_a_batch_equals_its_single_items(packed):
+    samples = Samples(packed, CONFIG, RECIPES[0], seed=0)
+    items = [samples[0, k] for k in range(3)]
+    batch = stack(items)
+    torch.manual_seed(0)
+    network = VoxelNet(CONFIG).eval()
+    with torch.no_grad():
+        together, alone = network(batch.voxels), [network(item.voxels) for item in items]
+    for k, item in enumerate(items):
+        assert torch.equal(batch.labels[k], item.labels[0])
+        assert torch.equal(batch.boxes[k], item.boxes[0])
+        for whole, single in zip(together, alone[k], strict=True):
+            torch.testing.assert_close(whole[k], single[0], atol=1e-4, rtol=1e-4)
+
+
+def test_asked_for_is_what_can_be_seen_in_the_area(packed):
+    """The vehicle outside the area and the heavy one are neither asked for nor counted as background."""
+    recipe = replace(RECIPES[0], subsets=0.0, augmentation="none")
+    grid = anchors(CONFIG).double().numpy()
+    for k in range(len(packed)):
+        example, objects = Samples(packed, CONFIG, recipe, seed=0)[0, k], packed.objects(k)
+        points = np.concatenate(packed.points(k, None))
+        inside = np.abs(objects.boxes[:, :2]).max(axis=1) <= 12.8
+        asked = (objects.labels == VEHICLE) & inside & (count_points(points, objects.boxes) >= 10)
+        labels, wanted = example.labels[0], example.boxes[0]
+        found = np.unique(wanted[labels == POSITIVE].double().numpy().round(4), axis=0)
+        for box in objects.boxes[asked]:
+            assert np.abs(found - box).max(axis=1).min() < 1e-3
+        assert len(found) <= (objects.labels == VEHICLE).sum() - 1
+        lorry = objects.boxes[-1]
+        on_lorry = np.hypot(*(grid[..., :2] - lorry[:2]).transpose(3, 0, 1, 2)) < 0.5
+        assert (labels[torch.from_numpy(on_lorry)] == IGNORED).all()
+        assert (labels == NEGATIVE).sum() > 0.9 * labels.numel()
+
+
+def test_the_paper_samples_256_anchors(packed):
+    labels = Samples(packed, CONFIG, RECIPES[1], seed=0)[0, 0].labels
+    assert (labels != IGNORED).sum() == 256
+    assert 1 <= (labels == POSITIVE).sum() <= 128
+
+
+def test_a_scene_larger_than_the_window_is_cut(packed):
+    small = VoxelNetConfig.light((-6.4, -6.4, 6.4, 6.4))
+    for epoch in range(5):
+        example = Samples(packed, small, SampleRecipe(augmentation="scene", subsets=0.0), seed=0)[epoch, 1]
+        assert len(example.voxels.points)
+        assert example.voxels.points[:, :2].abs().max() < 6.4
+        positive = example.boxes[example.labels == POSITIVE]
+        assert not len(positive) or positive[:, :2].abs().max() < 6.4

@@ -1,0 +1,55 @@
+"""Average precision of a network in training: it counts what lies in the area, and disturbs nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.network.voxelnet import VoxelNet
+from models.training.log import LOG, curves
+from models.training.loop import train
+from models.training.presets import PRESETS, config_for
+from models.training.validation import average_precision, validation
+from toolkit.objects import VEHICLE, Detections
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+FAST = replace(PRESETS["fast"], epochs=3.0)
+
+
+def test_validation_leaves_training_undisturbed(packed_file, tmp_path, same_weights):
+    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=2.0)
+    plain = train(packed_file, config, settings, tmp_path / "plain")
+    measured = train(packed_file, config, settings, tmp_path / "ap", validate=validation(packed_file, count=2))
+    assert same_weights(plain, measured)
+    assert plain.training
+    epochs, values = curves(tmp_path / "ap" / LOG)["AP@0.7"]
+    assert epochs == [1.0, 2.0]
+    assert all(0 <= value <= 1 for value in values)
+
+
+@pytest.fixture
+def detecting(monkeypatch, packed):
+    """Stands for the network: makes it detect these objects, frame after frame."""
+
+    def as_detected(objects):
+        frames = iter(range(len(packed)))
+
+        class Detector:
+            def __init__(self, network, **settings):
+                pass
+
+            def __call__(self, points):
+                assert len(points)
+                found = objects(next(frames))
+                return Detections(found.boxes, np.full(len(found.boxes), 0.9), found.labels)
+
+        monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
+        return average_precision(VoxelNet(config_for(AREA, "fast")), packed)
+
+    return as_detected
+
+
+def test_who_detects_what_is_there_has_all_of_it_and_who_detects_half_has_less(detecting, packed):
+    vehicles = [packed.objects(k)[packed.objects(k).labels == VEHICLE] for k in range(len(packed))]
+    assert detecting(lambda k: vehicles[k]) == {"AP@0.7": 1.0, "AP@0.8": 1.0, "AP@0.9": 1.0}
+    assert 0.3 < detecting(lambda k: vehicles[k][::2])["AP@0.7"] < 0.7
