@@ -18,7 +18,7 @@ from toolkit.sites.osm import Extract, Tags, Way, metres
 from toolkit.sites.site import Solid
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
-FARTHEST = 60.0  # m beyond the window where a long building ends
+FARTHEST_END = 60.0  # m beyond the window where a long building ends
 _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
 _BARRIERS = {
     "wall": (f.wall, 1.8),
@@ -41,7 +41,7 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
     covered = shapely.union_all([p for p, _ in parts])
     whole = [(p, tags) for p, tags in extract.areas if tags.get("building", "") not in _NO_BUILDING]
     whole = [(p.difference(covered), tags) for p, tags in whole if p.intersects(window) and not _underground(tags)]
-    solids, cut, reach = [], 0, window.buffer(FARTHEST)
+    solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
     for shape, tags in [*parts, *whole]:
         base, top = _levels(tags)
         rest = shape.difference(road)

@@ -131,7 +131,7 @@ def test_published_protocol_knows_only_what_is_in_the_area():
         ({"sensor_sets": [[9]]}, "no sensor 9"),
         ({"frames": 0}, "a frame to evaluate"),
         ({"frames": 1.5}, "1.5"),
-        ({"sensor_sets": [[0, "s0"]]}, "'s0' twice"),
+        ({"sensor_sets": [[0, "s0"]]}, r"chosen once only, got \[0, 's0'\]"),
         ({"radius": -1.0}, "hybrid_radius must be finite and at least 0 m"),
         ({"codec": "paper"}, "codec"),
         ({"sensor_sets": []}, "a sensor set"),

@@ -118,7 +118,7 @@ def test_large_values_are_compressed():
 
 
 def test_values_too_large_for_the_file_are_left_out(monkeypatch):
-    monkeypatch.setattr("toolkit.runtime.cache.LARGEST", 200)
+    monkeypatch.setattr("toolkit.runtime.cache.LARGEST_VALUE", 200)
     cache = Cache()
     with pytest.warns(UserWarning, match="1 values are too large"):
         cache.put({KEYS[0]: (np.arange(9),), KEYS[1]: (np.arange(900),)})
