@@ -148,7 +148,7 @@ def road_polygons(
     corners = shapely.union_all(footways)
     junctions = [_outline(j) for j in root.iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
-    return clipped(lanes, window), clipped(footways, window)
+    return within_window(lanes, window), within_window(footways, window)
 
 
 def _users(lane: ElementTree.Element) -> set[str]:
@@ -180,7 +180,7 @@ def _coordinates(element: ElementTree.Element) -> np.ndarray:
     return np.array(points, np.float64).reshape(-1, 2)
 
 
-def clipped(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
+def within_window(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
     parts = (part for shape in cut for part in shapely.get_parts(shape) if part.geom_type == "Polygon")

@@ -13,7 +13,7 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.sites import furniture as f
-from toolkit.sites.network import clipped
+from toolkit.sites.network import within_window
 from toolkit.sites.osm import Extract, Tags, Way, metres
 from toolkit.sites.site import Solid
 
@@ -46,7 +46,7 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
         base, top = _levels(tags)
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        solids += [Solid(ring, base, top, "building") for ring in clipped([rest], reach) if _area(ring) > 1.0]
+        solids += [Solid(ring, base, top, "building") for ring in within_window([rest], reach) if _area(ring) > 1.0]
     notes = [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
     return solids, notes
 
