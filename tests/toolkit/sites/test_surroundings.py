@@ -25,13 +25,8 @@ def test_a_road_knows_its_surface_and_the_ground_it_encloses():
     assert ROAD.carriageway.area == pytest.approx(160 * 7, rel=0.01)
     assert ROAD.surface.area == pytest.approx(160 * 11, rel=0.01)
     assert ROAD.islands == []
-    square = [
-        rectangle(-10, -10, 10, -6),
-        rectangle(-10, 6, 10, 10),
-        rectangle(-10, -10, -6, 10),
-        rectangle(6, -10, 10, 10),
-    ]
-    (island,) = Road([], [], square, []).islands
+    sides = [(-10.0, -10.0, 10.0, -6.0), (-10.0, 6.0, 10.0, 10.0), (-10.0, -10.0, -6.0, 10.0), (6.0, -10.0, 10.0, 10.0)]
+    (island,) = Road([], [], [rectangle(*side) for side in sides], []).islands
     assert island.centroid.distance(shapely.Point(0, 0)) < 1e-6
 
 
@@ -49,7 +44,7 @@ def test_ground_is_taken_once_and_never_on_a_lane():
 
 def test_solids_are_placed_together_or_not_at_all():
     plot = Plot(ROAD, shapely.box(*AREA), [])
-    free, in_the_way = (Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0, 9), (4, 2)))
+    free, in_the_way = (Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0.0, 9.0), (4.0, 2.0)))
     assert not plot.place([free, in_the_way])
     assert plot.solids == []
     assert plot.place([free])
