@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from toolkit.detection.early import Early
+from toolkit.detection.scheme import Scheme
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections
@@ -43,4 +44,5 @@ def test_points_in_the_crop_are_sent_and_no_boxes():
     counts = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
     assert Early().sent_points(counts) is counts.sent
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
-    assert Early().pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
+    scheme: Scheme = Early()
+    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None

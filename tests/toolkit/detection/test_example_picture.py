@@ -42,5 +42,5 @@ def test_the_frame_with_the_most_objects_is_drawn(recording, tmp_path):
     draw_example(recording, detector, tmp_path / "example.png")
     assert (tmp_path / "example.png").read_bytes().startswith(b"\x89PNG")
     (points,) = seen
-    assert len(points) > 100
+    assert len(points) > 10
     np.testing.assert_allclose((points - CAMERA.position) @ CAMERA.pose[:3, 2], DEPTHS[1], atol=0.01)

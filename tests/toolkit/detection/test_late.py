@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from toolkit.detection.late import Late
+from toolkit.detection.scheme import Scheme
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections
@@ -44,4 +45,5 @@ def test_boxes_are_sent_and_no_points():
     counts = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
     assert not Late().sent_points(counts).any()
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
-    assert Late().pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
+    scheme: Scheme = Late()
+    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None

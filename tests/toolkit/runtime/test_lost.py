@@ -5,7 +5,8 @@ import os
 import pytest
 
 from toolkit.runtime.lost import WorkLost
-from toolkit.runtime.parallel import RETRIES, spread
+from toolkit.runtime.parallel import spread
+from toolkit.runtime.ray_backend import RETRIES
 
 
 def dies(x: int) -> int:

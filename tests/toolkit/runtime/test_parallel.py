@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,6 +120,7 @@ def ends(process: int) -> bool:
 def test_nobody_is_left_when_the_rest_is_not_wanted(tmp_path):
     results = spread(time.sleep, [0.0, 36000.0, 36000.0], workers=2)
     next(results)
+    assert isinstance(results, Generator)
     results.close()  # which returns at once, or never
 
 

@@ -63,7 +63,7 @@ def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows(grid):
             covered[top:bottom, left:right] = True
         assert covered[meets].all()
         met += meets.sum()
-    assert met > 100
+    assert met > 50
 
 
 def test_what_is_out_of_range_has_no_window():

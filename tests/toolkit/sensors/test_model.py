@@ -32,7 +32,7 @@ from toolkit.points import beyond, frame_points, inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import scenery
-from toolkit.sensors.catalogue import MODELS, make_model, model_named, register
+from toolkit.sensors.catalogue import MODELS, make_model, model_named, register_sensor_model
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.model import (
     NEAR,
@@ -56,7 +56,7 @@ from toolkit.traffic.snapshots import Snapshot
 placement_env.envs.registration.register()
 
 
-@register
+@register_sensor_model
 @dataclass(frozen=True)
 class FisheyeCamera:
     """An equidistant fisheye, a square of pixels; frame: x right, y down, z forward; measures range along each ray."""
@@ -343,7 +343,7 @@ def test_objectives_and_environments_take_it(model):
 def test_a_model_of_ones_own_is_known_by_name():
     assert model_named("fisheye-camera") == FisheyeCamera() == model_named("FisheyeCamera")
     assert make_model("FisheyeCamera", {"offset": [1.0, 2.0]}) == FisheyeCamera(offset=(1.0, 2.0))
-    assert register(FisheyeCamera) is FisheyeCamera
+    assert register_sensor_model(FisheyeCamera) is FisheyeCamera
     assert list(MODELS.values()).count(FisheyeCamera) == 1
 
 

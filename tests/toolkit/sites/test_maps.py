@@ -36,6 +36,7 @@ def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
     assert walk.contains(shapely.Point(30, 13.6 + 4.4 + 3.5))
     assert not walk.contains(shapely.Point(30, 13.6 + 4.4 + 4.5))
     np.testing.assert_allclose(transform(site.map_SE3_site, np.array([[0.0, 13.6, 0.0]]))[0], [90.4, -196, 0], atol=0.1)
+    assert site.geo_reference is not None
     assert "+proj=tmerc" in site.geo_reference
     assert len(site.network) < 100_000
 

@@ -42,7 +42,8 @@ def test_nothing_stands_on_the_road_and_only_posts_on_footways(site, union):
 def test_no_solid_is_in_the_way_of_what_drives(site):
     edges = [e for e in ElementTree.fromstring(site.network).iter("edge") if e.get("function") in (None, "internal")]
     lanes = [lane for e in edges for lane in e.iter("lane") if "passenger" in lane.get("allow", "")]
-    paths = [shapely.LineString(np.array([p.split(",") for p in lane.get("shape").split()], float)) for lane in lanes]
+    corners = [[spot.split(",") for spot in lane.attrib["shape"].split()] for lane in lanes]
+    paths = [shapely.LineString(np.array(line, np.float64)) for line in corners]
     swept = shapely.union_all(paths).buffer(1.0)
     blocking = [s.kind for s in site.solids if s.base < 4 and shapely.Polygon(s.footprint).intersects(swept)]
     assert not blocking
