@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from toolkit.bodies.meshes import load_meshes as load_meshes
     from toolkit.clouds import (
         crop as crop,
+        down_sample as down_sample,
         from_depth as from_depth,
         fuse as fuse,
         points_per_box as points_per_box,
@@ -21,17 +22,21 @@ if TYPE_CHECKING:
     from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
+    from toolkit.detection.codec import Codec as Codec, PaperCodec as PaperCodec
     from toolkit.detection.evaluation import (
         evaluate_dataset as evaluate_dataset,
         format_table as format_table,
         save_evaluation as save_evaluation,
     )
     from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
+    from toolkit.detection.hybrid import Hybrid as Hybrid
     from toolkit.detection.metrics import (
         average_precision as average_precision,
         evaluate as evaluate,
         precision_recall as precision_recall,
     )
+    from toolkit.detection.scheme import Scheme as Scheme
+    from toolkit.detection.schemes import scheme_of as scheme_of
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -39,8 +44,11 @@ if TYPE_CHECKING:
     from toolkit.plots import draw_density_cdf as draw_density_cdf, draw_frame as draw_frame, draw_site as draw_site
     from toolkit.points import frame_points as frame_points, select_sensors as select_sensors
     from toolkit.rendering.renderer import Renderer as Renderer
+    from toolkit.sensors.catalogue import model_named as model_named, register_sensor_model as register_sensor_model
     from toolkit.sensors.depth_camera import DepthCamera as DepthCamera
+    from toolkit.sensors.model import SensorModel as SensorModel
     from toolkit.sensors.sensor import Sensor as Sensor
+    from toolkit.sensors.solid_state_lidar import SolidStateLidar as SolidStateLidar
     from toolkit.sensors.spinning_lidar import SpinningLidar as SpinningLidar
     from toolkit.sites.files import load_site as load_site, save_site as save_site
     from toolkit.sites.maps import import_opendrive as import_opendrive, import_osm as import_osm
@@ -55,15 +63,19 @@ else:
             "bodies.body": ("Body",),
             "bodies.fleet": ("catalogue",),
             "bodies.meshes": ("load_meshes",),
-            "clouds": ("crop", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
+            "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
             "datasets.doctor.diagnosis": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
             "detection.cluster": ("ClusterDetector",),
+            "detection.codec": ("Codec", "PaperCodec"),
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
             "detection.fusion": ("early", "hybrid", "late"),
+            "detection.hybrid": ("Hybrid",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
+            "detection.scheme": ("Scheme",),
+            "detection.schemes": ("scheme_of",),
             "detection.survey": ("survey",),
             "frame": ("Frame", "empty_scene"),
             "geometry": ("look", "pose"),
@@ -71,8 +83,11 @@ else:
             "plots": ("draw_density_cdf", "draw_frame", "draw_site"),
             "points": ("frame_points", "select_sensors"),
             "rendering.renderer": ("Renderer",),
+            "sensors.catalogue": ("model_named", "register_sensor_model"),
             "sensors.depth_camera": ("DepthCamera",),
+            "sensors.model": ("SensorModel",),
             "sensors.sensor": ("Sensor",),
+            "sensors.solid_state_lidar": ("SolidStateLidar",),
             "sensors.spinning_lidar": ("SpinningLidar",),
             "sites.files": ("load_site", "save_site"),
             "sites.maps": ("import_opendrive", "import_osm"),

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float64, Int64
 
-Metric = Literal["bev", "3d"]
+Overlap = Literal["bev", "3d"]
 
 FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 _PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
@@ -119,7 +119,7 @@ def nms(
     boxes: ArrayLike,
     scores: ArrayLike,
     iou_threshold: float,
-    metric: Metric = "bev",
+    metric: Overlap = "bev",
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
@@ -187,7 +187,7 @@ def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, n
     return front * cos - left * sin, front * sin + left * cos
 
 
-def _iou_matrix(a: ArrayLike, b: ArrayLike, metric: Metric) -> np.ndarray:
+def _iou_matrix(a: ArrayLike, b: ArrayLike, metric: Overlap) -> np.ndarray:
     a, b = check_boxes(a, "a"), check_boxes(b, "b")
     iou = np.zeros((len(a), len(b)))
     i, j = _near(a, b)
@@ -195,7 +195,7 @@ def _iou_matrix(a: ArrayLike, b: ArrayLike, metric: Metric) -> np.ndarray:
     return iou
 
 
-def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Metric) -> np.ndarray:
+def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
     """IoU of row k of `a` with row k of `b`."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')

@@ -23,7 +23,7 @@ from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
 from toolkit.pcd import read_pcd
-from toolkit.points import Area, Metric, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
+from toolkit.points import Area, Distance, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
 from toolkit.runtime.files import reserve, writing
 from toolkit.runtime.numpy_files import load_arrays
 from toolkit.sensors.sensor import Sensor
@@ -49,7 +49,7 @@ __all__ = [
     "sensor_numbers",
 ]
 
-Cloud = o3d.t.geometry.PointCloud
+PointCloud = o3d.t.geometry.PointCloud
 
 
 def from_depth(
@@ -58,7 +58,7 @@ def from_depth(
     *,
     rng: np.random.Generator | None = None,
     sensor_id: int = 0,
-) -> Cloud:
+) -> PointCloud:
     """The cloud, world frame, of one depth image or lidar range image (paper equations 1 and 2).
 
     Pixels that are NaN, infinite, zero, negative or beyond the sensor's range make no point. rng draws its noise first.
@@ -76,7 +76,7 @@ def frame_cloud(
     area: Area,
     height: float | None = None,
     rng: np.random.Generator | None = None,
-) -> Cloud:
+) -> PointCloud:
     """All a frame's sensors measured inside the area, fused: `from_depth`, `crop` and `fuse` in one, and faster.
 
     Arguments as of `toolkit.points.frame_points`; each point carries its sensor's position in `frame.sensors`.
@@ -87,33 +87,33 @@ def frame_cloud(
     return from_points(points, np.repeat(np.array(chosen, np.int32), [len(cloud) for cloud in clouds]))
 
 
-def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> Cloud:
+def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
     """A cloud of points, all by one sensor or each by its own; float32 and float64 positions stay what they are."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
     numbers = np.empty((len(points), 1), np.int32)
     numbers[:, 0] = sensor_id
-    cloud = Cloud(o3d.core.Tensor.from_numpy(np.ascontiguousarray(points)))
+    cloud = PointCloud(o3d.core.Tensor.from_numpy(np.ascontiguousarray(points)))
     cloud.point["sensor"] = o3d.core.Tensor.from_numpy(numbers)
     return cloud
 
 
-def positions(cloud: Cloud) -> Float[np.ndarray, "n 3"]:
+def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
     """The points of a cloud as an array that shares its memory; (0, 3) where there are none."""
     if "positions" not in cloud.point:
         return np.zeros((0, 3), np.float32)
     return cloud.point.positions.cpu().numpy()
 
 
-def sensor_numbers(cloud: Cloud) -> Int32[np.ndarray, " n"]:
+def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
     """The number of the sensor of each point; 0 where the cloud does not say."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
-def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> Cloud:
+def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
     """A cloud of `positions` (n, 3) and other attributes of n rows each; all by one sensor where it is given, else each
     by its own `sensor`, 0 where they have none. Raises ValueError where the lengths differ."""
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
@@ -130,12 +130,12 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
     return cloud
 
 
-def attributes(cloud: Cloud) -> dict[str, np.ndarray]:
+def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
     """The attributes of a cloud, positions among them, as arrays that share its memory."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
-def fuse(clouds: Iterable[Cloud]) -> Cloud:
+def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
     """All points of all clouds, in order, each with the number of its sensor. No clouds make an empty one.
 
     Attributes that all clouds have stay, in the type that holds them all; a warning names those that only some have, or
@@ -156,7 +156,7 @@ def fuse(clouds: Iterable[Cloud]) -> Cloud:
     return from_attributes({**fused, "sensor": np.concatenate(numbers)})
 
 
-def down_sample(cloud: Cloud, voxel_m: float) -> Cloud:
+def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
     """One point of each sensor in each cube of edge `voxel_m` (m): that nearest to the middle of the sensor's points
     there, the first of equals, with all its attributes, so that sensor numbers, times and rings stay those of a
     measured point. Points keep their order. Sensors are thinned apart: what the sets of sensors see stays comparable.
@@ -183,7 +183,7 @@ def down_sample(cloud: Cloud, voxel_m: float) -> Cloud:
     return _select(cloud, keep)
 
 
-def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> Cloud:
+def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
     """The points inside a site's detection area, or xmin, ymin, xmax, ymax (m), with floor < z < height.
 
     height: the site's own where one is given, else 4 m (paper section II-B).
@@ -194,8 +194,8 @@ def crop(cloud: Cloud, area: Area, height: float | None = None, *, floor: float 
 
 
 def outside_radius(
-    cloud: Cloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Metric = "horizontal"
-) -> Cloud:
+    cloud: PointCloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Distance = "horizontal"
+) -> PointCloud:
     """The points that hybrid fusion sends: those farther than `radius` (m) from the sensor (paper section II-E).
 
     metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.beyond`.
@@ -203,7 +203,9 @@ def outside_radius(
     return _select(cloud, beyond(positions(cloud), sensor, radius, metric))
 
 
-def points_per_box(cloud: Cloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
+def points_per_box(
+    cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
+) -> Int64[np.ndarray, " m"]:
     """The point density of each box: how many points lie in it (paper section IV-E)."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
@@ -228,7 +230,7 @@ class DensityMap(NamedTuple):
     sensors: Int64[np.ndarray, "rows columns"]
 
 
-def density_map(cloud: Cloud, area: Area, cell: float = 1.0) -> DensityMap:
+def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
     """Points per m² and distinct sensors per cell of `cell` m; the last row and column may reach past the area."""
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
@@ -244,7 +246,7 @@ def density_map(cloud: Cloud, area: Area, cell: float = 1.0) -> DensityMap:
     return DensityMap(points / cell**2, sensors)
 
 
-def save(cloud: Cloud, path: str | Path) -> None:
+def save(cloud: PointCloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError where that is impossible, and ValueError
     for another kind of file and for a cloud without points, which these formats cannot hold."""
     path = Path(path)
@@ -261,7 +263,7 @@ def save(cloud: Cloud, path: str | Path) -> None:
             raise refused
 
 
-def _writable(cloud: Cloud, path: Path) -> Cloud:
+def _writable(cloud: PointCloud, path: Path) -> PointCloud:
     """The cloud as Open3D can write it: normals of the positions' type, which its PCD writer takes them to have, and in
     ply and pcd no attribute of several columns that these do not know; a warning names what is left out."""
     columns = attributes(cloud)
@@ -275,7 +277,7 @@ def _writable(cloud: Cloud, path: Path) -> Cloud:
     return from_attributes({name: column for name, column in columns.items() if name not in wide})
 
 
-def load(path: str | Path) -> Cloud:
+def load(path: str | Path) -> PointCloud:
     """Read a ply, pcd or npz with all the attributes it has; without a `sensor` every point gets sensor 0.
 
     Raises FileNotFoundError, and ValueError for a file that holds no cloud.
@@ -341,9 +343,9 @@ def _ply_is_cut_off(path: Path) -> bool:
     return len(body) - 1 < int(vertex[1]) * sum(_PLY_BYTES.get(name, 1) for name in types)
 
 
-def _select(cloud: Cloud, keep: Bool[np.ndarray, " n"]) -> Cloud:
+def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:
     """The points at a mask, with all their attributes."""
-    chosen, rows = Cloud(), np.flatnonzero(keep)
+    chosen, rows = PointCloud(), np.flatnonzero(keep)
     for name in cloud.point:
         chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))
     return chosen

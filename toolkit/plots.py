@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 TRUTH = {"vehicle": "#d62728", "cyclist": "#2ca02c", "pedestrian": "#1f77b4", "heavy": "#7f7f7f"}
-DETECTION = "#111111"
+DETECTION_COLOUR = "#111111"
 GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
 SOLID = {"building": "#c9c2b8", "pond": "#cfe4ee", "hedge": "#cfe0c3", "tree": "#cfe0c3"}
 VIEW_RANGE = 25.0  # metres of a sensor's field of view that are drawn
@@ -61,7 +61,7 @@ def draw_frame(
         for label, name in enumerate(LABELS):
             _boxes(axes, truth.boxes[truth.labels == label], TRUTH[name], "solid", f"{name} (truth)")
     if detections is not None:
-        _boxes(axes, detections.boxes, DETECTION, "dashed", "detection")
+        _boxes(axes, detections.boxes, DETECTION_COLOUR, "dashed", "detection")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=6, frameon=False, fontsize=8)
     axes.set_title(title, fontsize=10)
     _write(figure, out)

@@ -19,7 +19,7 @@ from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
 
-Metric = Literal["horizontal", "published"]
+Distance = Literal["horizontal", "published"]
 Area = Site | Sequence[int | float] | Float[np.ndarray, "4"]
 
 
@@ -93,7 +93,7 @@ def beyond(
     points: Float[np.ndarray, "n 3"],
     sensor: Sensor | Float[np.ndarray, "4 4"],
     radius: float,
-    metric: Metric = "horizontal",
+    metric: Distance = "horizontal",
 ) -> Bool[np.ndarray, " n"]:
     """Which points, world frame, lie outside a circle of `radius` (m) about a sensor, or about a camera's pose.
 

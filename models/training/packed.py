@@ -27,7 +27,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime import hdf5_reader as hdf5
 from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
@@ -168,7 +168,7 @@ class Rig:
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
     with hdf5.reading(name):
-        attributes = hdf5.attributes(file[name], name)
+        attributes = hdf5.attributes_in(file[name], name)
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")

@@ -17,7 +17,7 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
-from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.runtime.hdf5_writer import hdf5_file
 from toolkit.sites.site import Site
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m

@@ -14,7 +14,7 @@ from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
 from toolkit.points import inside
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.silhouettes import Gaze
+from toolkit.rendering.silhouettes import SensorRays
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -66,7 +66,7 @@ class _Scene:
     """The sensors of a block at the empty site, and buffers for one frame."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self._site, self._gaze, self._radius = site, Gaze(renderer, sensors), site.hybrid_radius
+        self._site, self._gaze, self._radius = site, SensorRays(renderer, sensors), site.hybrid_radius
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))

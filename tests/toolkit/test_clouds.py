@@ -1,4 +1,5 @@
 import gc
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -48,7 +49,7 @@ def random_cloud(n=500, seed=0):
 def test_from_depth_agrees_with_open3d():
     depth = random_depth(CAMERA)
     intrinsic = o3d.camera.PinholeCameraIntrinsic(200, 150, 100, 100, 100, 75)  # every second pixel: half of K
-    theirs = o3d.geometry.PointCloud.create_from_depth_image(
+    theirs: Any = o3d.geometry.PointCloud.create_from_depth_image(
         o3d.geometry.Image(depth), intrinsic, depth_scale=1.0, depth_trunc=1000.0
     ).transform(CAMERA.pose)
     np.testing.assert_allclose(positions(from_depth(CAMERA, depth)), np.asarray(theirs.points), atol=1e-4)
@@ -226,7 +227,7 @@ def test_clouds_own_their_memory():
 def rich_cloud(n=60, seed=0, *left_out):
     """A cloud with everything that scanners give."""
     rng = np.random.default_rng(seed)
-    made = {
+    made: dict[str, np.ndarray] = {
         "positions": rng.normal(0, 9, (n, 3)).astype(np.float32),
         "sensor": (np.arange(n) % 5).astype(np.int32)[:, None],
         "normals": rng.normal(size=(n, 3)).astype(np.float32),

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -65,8 +67,9 @@ def test_what_does_not_fit_is_refused(make):
 
 
 def test_they_cannot_be_changed():
+    objects: Any = Objects(CAR)
     with pytest.raises(AttributeError):
-        Objects(CAR).boxes = THREE
+        objects.boxes = THREE
 
 
 def test_labels_as_other_programs_have_them():

@@ -7,7 +7,7 @@ beginning of the file's name (`cyclist_old_bicycle.ply`); without either it foll
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,17 @@ import open3d as o3d
 
 from toolkit.arrays import Float64, Int64
 from toolkit.bodies.body import Body, centred
+from toolkit.bodies.guarded_meshes import GUARDED, read_guarded_mesh
 from toolkit.bodies.off_meshes import read_off_mesh
 from toolkit.bodies.ply_meshes import read_ply_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".fbx")
+SUFFIXES = (".obj", ".ply", ".stl", ".off", *GUARDED)
+_READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
+    ".ply": read_ply_mesh,
+    ".off": read_off_mesh,
+    **dict.fromkeys(GUARDED, read_guarded_mesh),
+}
 
 # Smallest and largest length, width and height (m) of a body of each class.
 PLAUSIBLE = {
@@ -71,10 +77,10 @@ def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
 
 def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
     """Vertices in use and triangles of a file."""
-    own = {".ply": read_ply_mesh, ".off": read_off_mesh}.get(path.suffix.lower())
-    if own is not None:
+    read = _READERS.get(path.suffix.lower())
+    if read is not None:
         try:
-            points, corners = own(path)
+            points, corners = read(path)
         except ValueError as error:
             raise ValueError(f"{path}: is damaged, empty or no mesh: {error}; export it again") from None
         mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(corners))

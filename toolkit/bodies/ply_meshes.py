@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -112,7 +111,7 @@ def _lists(element: _Element, source: bytes | Sequence[bytes], place: int) -> tu
     return rows, place
 
 
-def _numbers(source: bytes | Sequence[bytes], place: int, count: int, dtype: np.dtype) -> tuple[list[Any], int]:
+def _numbers(source: bytes | Sequence[bytes], place: int, count: int, dtype: np.dtype) -> tuple[list[int | float], int]:
     size = dtype.itemsize if isinstance(source, bytes) else 1
     end = place + count * size
     if count < 0 or end > len(source):

@@ -16,7 +16,7 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import corners
-from toolkit.clouds import Cloud, crop, from_points, fuse, points_per_box
+from toolkit.clouds import PointCloud, crop, from_points, fuse, points_per_box
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.geometry import invert, transform
 
@@ -79,7 +79,7 @@ def split_sweep(log: str | Path, time: int) -> dict[str, Float64[np.ndarray, "_ 
     }
 
 
-def fuse_sweep(log: str | Path, time: int) -> Cloud:
+def fuse_sweep(log: str | Path, time: int) -> PointCloud:
     """One sweep fused from its two lidars, ego frame, float64: sensor 0 is `up_lidar`, 1 `down_lidar`."""
     calibration = read_calibration(log)
     parts = split_sweep(log, time).items()

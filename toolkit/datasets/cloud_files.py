@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.clouds import Cloud, attributes, crop, from_attributes, fuse, load, positions
+from toolkit.clouds import PointCloud, attributes, crop, from_attributes, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.point_fields import Attributes, attributes_of, missing
 from toolkit.runtime.json_files import parse_json
@@ -33,7 +33,7 @@ from toolkit.runtime.numpy_files import load_arrays
 Pose = Float64[np.ndarray, "4 4"]
 
 
-def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> Cloud:
+def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud:
     """One cloud, float64, in the poses' common frame; sensor k recorded paths[k] and stood at poses[k].
 
     Normals turn with their pose. Attributes that all files have stay, a warning names the others, see `fuse`.
@@ -52,8 +52,8 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> Cloud:
 
 
 def crop_to(
-    cloud: Cloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
-) -> Cloud:
+    cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
+) -> PointCloud:
     """`toolkit.clouds.crop` that leaves a point. Raises ValueError, which says where the points lie, where none is
     left; remedy: what the caller can be told to do."""
     cropped = crop(cloud, area, height, floor=floor)

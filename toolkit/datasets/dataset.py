@@ -19,7 +19,7 @@ from toolkit.datasets import published_layout as published
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime import hdf5_reader as hdf5
 from toolkit.runtime.json_files import parse_json
 from toolkit.sensors.catalogue import make_model, model_class
 from toolkit.sensors.sensor import Sensor
@@ -268,7 +268,7 @@ def _order(file: h5py.File) -> list[str]:
     """The names of the sensors in the order of a frame's measurements, none where the file does not say."""
     if not hdf5.holds(file, "coview"):
         return []
-    written = hdf5.attributes(file["coview"], "coview").get("sensors", "[]")
+    written = hdf5.attributes_in(file["coview"], "coview").get("sensors", "[]")
     try:
         order = parse_json(written) if isinstance(written, str) else None
     except ValueError:
@@ -297,7 +297,7 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
             raise ValueError(f"{where}/{matrix} is missing")
     model = published.camera_of(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
     pose = published.pose_of(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
-    attributes = hdf5.attributes(group, where)
+    attributes = hdf5.attributes_in(group, where)
     if "site_SE3_sensor" not in attributes:
         return Sensor(where.removeprefix("cameras/"), model, pose)
     ours = _own_sensor(attributes, where)
@@ -317,7 +317,7 @@ def _own_channels(file: h5py.File) -> list[Channel]:
     for kind in OWN_IMAGES.values():
         for name in hdf5.names_in(file, f"coview/{kind}"):
             images = hdf5.dataset(file, f"coview/{kind}/{name}", axes=3)
-            sensor = _own_sensor(hdf5.attributes(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
+            sensor = _own_sensor(hdf5.attributes_in(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
             if images.shape[1:] != sensor.model.shape:
                 raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
             channels.append((sensor, f"coview/{kind}/{name}", None))

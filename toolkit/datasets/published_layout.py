@@ -23,7 +23,9 @@ from toolkit.sensors.model import SensorModel
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures
 DEPTH_STEP = 1 / 1024  # m, what stored depth is rounded to, so that it compresses
-FARTHEST, LARGEST, MOST_TURNED = 1e6, 500.0, 1e6  # m from the map's origin, m of half an extent, degrees of yaw
+FARTHEST_OBJECT = 1e6  # m from the map's origin
+LARGEST_EXTENT = 500.0  # m, half of a length, width or height
+MOST_TURNED = 1e6  # degrees of yaw
 
 MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so not an SE3
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -167,7 +169,8 @@ def objects_of(
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     """What is wrong with each row, "" for nothing: NaN or infinity, an unknown class, a size that is not positive or
-    above `LARGEST`, a place beyond `FARTHEST`, a yaw beyond `MOST_TURNED`. Tables of another width have no wrong rows.
+    above `LARGEST_EXTENT`, a place beyond `FARTHEST_OBJECT`, a yaw beyond `MOST_TURNED`. Tables
+    of another width have no wrong rows.
 
     >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
     ['', 'has half extents']
@@ -180,11 +183,15 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
         rules = (
             (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
             (
-                ~((rows[:, 6:9] > 0) & (rows[:, 6:9] <= LARGEST)).all(axis=1),
+                ~((rows[:, 6:9] > 0) & (rows[:, 6:9] <= LARGEST_EXTENT)).all(axis=1),
                 slice(6, 9),
-                f"has half extents {{}}: they must be positive and at most {LARGEST:g} m",
+                f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m",
             ),
-            ((np.abs(rows[:, :3]) > FARTHEST).any(axis=1), slice(3), f"lies at {{}}, beyond {FARTHEST:g} m"),
+            (
+                (np.abs(rows[:, :3]) > FARTHEST_OBJECT).any(axis=1),
+                slice(3),
+                f"lies at {{}}, beyond {FARTHEST_OBJECT:g} m",
+            ),
             (np.abs(rows[:, 5]) > MOST_TURNED, slice(5, 6), f"has yaw {{}}, beyond {MOST_TURNED:g} degrees"),
             (
                 ~np.isin(rows[:, 9], range(len(LABELS))),

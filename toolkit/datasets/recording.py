@@ -29,11 +29,11 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
-from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.runtime.hdf5_writer import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-SCHEMA = 1
+RECORDING_SCHEMA = 1
 _GZIP_LEVEL = 1
 OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by what a sensor measures
 
@@ -125,7 +125,7 @@ def _append(joined: h5py.File, part: h5py.File, header: Header, frame: int, firs
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
     own = file.create_group("coview")
-    own.attrs.update(schema=SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
+    own.attrs.update(schema=RECORDING_SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
     _add(own, "site", _text(header.site))
     _add(own, "bodies", json.dumps(header.bodies))
     for name, length, dtype in (

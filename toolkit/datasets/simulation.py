@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from toolkit.datasets.recording import SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.recording import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
@@ -139,7 +139,7 @@ class Job:
             "seed": int(self.seed),
             "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
             "bodies": f"{len(self.bodies)} {bodies.hexdigest()[:12]}",
-            "schema": SCHEMA,
+            "schema": RECORDING_SCHEMA,
         }
 
     @property

@@ -21,10 +21,9 @@ from typing import Any, Protocol, overload, runtime_checkable
 import numpy as np
 
 from toolkit.arrays import Bool
-from toolkit.boxes import Metric as Overlap
+from toolkit.boxes import Overlap
 from toolkit.datasets.dataset import noisy
 from toolkit.detection.codec import PAPER, Codec, check_codec
-from toolkit.detection.fusion import sensor_set
 from toolkit.detection.metrics import Curve, evaluate
 from toolkit.detection.metrics import Protocol as Scoring
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
@@ -33,7 +32,7 @@ from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import centred_in
+from toolkit.points import centred_in, select_sensors
 from toolkit.runtime.files import write_text
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -124,7 +123,7 @@ def evaluate_dataset(
         raise ValueError("there must be a scheme, a sensor set and an IoU threshold to evaluate")
     site = dataset.site if radius is None else replace(dataset.site, hybrid_radius=radius)
     named = _named(schemes)
-    sets = [tuple(sensor_set(dataset.sensors, chosen)) for chosen in sensor_sets]
+    sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
     runs = {(name, chosen): _Run() for name in named for chosen in sets}
     settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou}
     truths, counted = [], []

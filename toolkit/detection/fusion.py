@@ -24,8 +24,7 @@ from toolkit.detection.schemes import scheme_of
 from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
-from toolkit.points import Area, Metric, select_sensors
-from toolkit.sensors.sensor import Sensor
+from toolkit.points import Area, Distance, select_sensors
 
 
 def fuse_frame(
@@ -46,7 +45,7 @@ def fuse_frame(
     draw noise first with `toolkit.datasets.dataset.noisy`.
     Raises ValueError for a sensor the frame does not have, or one that is named twice.
     """
-    chosen = sensor_set(frame.sensors, sensors)
+    chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)
     fused = scheme_of(scheme).fuse(view, sorted(chosen))
     return Fused(fused.detections, fused.bits[np.argsort(np.argsort(chosen))], fused.ms)
@@ -92,7 +91,7 @@ def hybrid(
     site: Area,
     height: float | None = None,
     radius: float | None = None,
-    metric: Metric = "horizontal",
+    metric: Distance = "horizontal",
     codec: Codec = PAPER,
     iou_threshold: float = NMS_IOU,
 ) -> Fused:
@@ -105,12 +104,3 @@ def hybrid(
     return fuse_frame(
         scheme, frame, detector, sensors, site=site, height=height, codec=codec, iou_threshold=iou_threshold
     )
-
-
-def sensor_set(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Indices of a set of sensors, in the order given. Raises ValueError for one that is not there or named twice."""
-    chosen = select_sensors(available, wanted)
-    twice = sorted({available[which].name for which in chosen if chosen.count(which) > 1})
-    if twice:
-        raise ValueError(f"a set has each sensor once, got {', '.join(map(repr, twice))} twice: name each once")
-    return chosen

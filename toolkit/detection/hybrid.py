@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float32
 from toolkit.detection.scheme import Counts, Fused, fused
 from toolkit.detection.view import View
-from toolkit.points import Area, Metric, beyond
+from toolkit.points import Area, Distance, beyond
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
@@ -26,7 +26,7 @@ class Hybrid:
     see `toolkit.points.beyond`."""
 
     radius: float | None = None
-    metric: Metric = "horizontal"
+    metric: Distance = "horizontal"
     name: str = "hybrid"
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = True

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.boxes import FACE_TOLERANCE, Metric, check_boxes, footprint_inside, iou_3d, iou_bev
+from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_inside, iou_3d, iou_bev
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects, label_index
 
 Protocol = Literal["exact", "published"]
@@ -82,7 +82,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Result:
+class DetectionScore:
     """A detector's score at one IoU threshold; precision and recall are those of all its detections together."""
 
     ap: float
@@ -99,11 +99,11 @@ def evaluate(
     truths: Iterable[Objects],
     *,
     iou_thresholds: Sequence[float],
-    metric: Metric = "3d",
+    metric: Overlap = "3d",
     protocol: Protocol = "exact",
     label: str | int = "vehicle",
     counted: Iterable[ArrayLike] | None = None,
-) -> dict[float, Result]:
+) -> dict[float, DetectionScore]:
     """The result at each IoU threshold, by the definition at the top of this module.
 
     detections, truths: one of each per frame, any iterables, read once. counted: per frame a mask (m,) of the truths
@@ -135,7 +135,7 @@ def match(
     truths: Objects,
     iou_threshold: float,
     *,
-    metric: Metric = "3d",
+    metric: Overlap = "3d",
     protocol: Protocol = "exact",
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
@@ -220,7 +220,7 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     return taken
 
 
-def sampled_iou(detected: ArrayLike, truths: ArrayLike, metric: Metric = "3d") -> Float64[np.ndarray, "n m"]:
+def sampled_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
     """IoU of (n, 7) and (m, 7) boxes by 50 × 50 points over each truth's footprint, edges included.
 
     For "3d" it is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
@@ -274,7 +274,7 @@ class _Overlaps(NamedTuple):
     unscored_share: np.ndarray  # (n,) greatest share of the footprint on such an object
 
 
-def _overlaps(frame: _Frame, metric: Metric, protocol: Protocol) -> _Overlaps:
+def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
     exact = iou_3d if metric == "3d" else iou_bev
     between = partial(sampled_iou, metric=metric) if protocol == "published" else exact
     iou = between(frame.boxes, frame.truths)
@@ -318,9 +318,9 @@ def _frame(detected: Detections, there: Objects, label: int, counted: ArrayLike 
     return _Frame(boxes[rows], detected.scores[rows], rows, truths[columns], columns, truths[unscored])
 
 
-def _result(scores: np.ndarray, hits: np.ndarray, truths: int) -> Result:
+def _result(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore:
     curve, tp = precision_recall(scores, hits, truths), int(hits.sum())
-    return Result(
+    return DetectionScore(
         ap=average_precision(curve) if truths else np.nan,
         precision=tp / len(hits) if len(hits) else np.nan,
         recall=tp / truths if truths else np.nan,

@@ -23,7 +23,7 @@ from toolkit.points import Area, frame_points
 from toolkit.sensors.sensor import Sensor
 
 NMS_IOU = 0.1
-Result = TypeVar("Result")
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:
     return max((each.ms for each in inputs), default=0.0)
 
 
-def _timed(call: Callable[[], Result]) -> tuple[Result, float]:
+def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
     start = perf_counter()
     result = call()
     return result, (perf_counter() - start) * 1e3

@@ -30,7 +30,7 @@ class Silhouette(NamedTuple):
     points: Float32[np.ndarray, "n 3"]
 
 
-class Gaze:
+class SensorRays:
     """The rays of some sensors, and how far they go at the site when nothing moves there.
 
     rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) what they measure of the empty site (m, 0 for

@@ -25,15 +25,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 Arrays = tuple[np.ndarray, ...]
-Result = TypeVar("Result")
+_Outcome = TypeVar("_Outcome")
 
 WAIT = 60.0  # s that a process waits while another one writes
 AT_ONCE = 500  # keys in one question
 CHECKSUM = 8  # bytes
 COMPRESSED = 1 << 14  # bytes, from which on a value is compressed
-LARGEST = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
-KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
-SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
+LARGEST_VALUE = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
+ARRAY_KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
+CACHE_SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
 
 
 def key_of(*parts: Any) -> bytes:
@@ -73,7 +73,7 @@ class Cache:
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
         """Keep all of them or, where the process ends before, none."""
         rows = [(key, encoded(key, value)) for key, value in values.items()]
-        fitting = [row for row in rows if len(row[1]) <= LARGEST]
+        fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
         if len(fitting) < len(rows):
             warnings.warn(f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=2)
         self._safely(partial(_insert, rows=fitting), None)
@@ -96,7 +96,7 @@ class Cache:
         for suffix in ("", "-wal", "-shm") if self.path is not None else ():
             Path(f"{self.path}{suffix}").unlink(missing_ok=True)
 
-    def _safely(self, call: Callable[[sqlite3.Connection], Result], otherwise: Result) -> Result:
+    def _safely(self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome) -> _Outcome:
         """The result of a call; if the file is damaged, of the call with a new one; `otherwise` where neither works."""
         for attempt in ("as it is", "begun anew"):
             try:
@@ -122,7 +122,7 @@ class Cache:
         database = sqlite3.connect(self.path or ":memory:", timeout=WAIT, isolation_level=None, check_same_thread=False)
         self._inode = self._on_disk()
         try:
-            for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", SCHEMA):
+            for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", CACHE_SCHEMA):
                 database.execute(statement)
         except sqlite3.Error:
             database.close()
@@ -151,7 +151,7 @@ def encoded(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
     """
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
-        if column.dtype.kind not in KINDS:
+        if column.dtype.kind not in ARRAY_KINDS:
             raise ValueError(f"a cache keeps plain arrays, got one of {column.dtype}: keep its fields one by one")
     content = b"".join(column.tobytes() for column in columns)
     compressed = len(content) >= COMPRESSED
@@ -177,7 +177,7 @@ def _arrays(described: Any, content: bytes) -> Arrays:
     types = [np.dtype(str(dtype)) for dtype, _ in columns]
     shapes = [[int(length) for length in shape] for _, shape in columns]
     sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in zip(types, shapes, strict=True)]
-    if any(dtype.kind not in KINDS for dtype in types) or any(length < 0 for shape in shapes for length in shape):
+    if any(dtype.kind not in ARRAY_KINDS for dtype in types) or any(length < 0 for shape in shapes for length in shape):
         raise ValueError("no plain arrays")
     if compressed:
         content = zlib.decompressobj().decompress(content, sum(sizes) + 1)

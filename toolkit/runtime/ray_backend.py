@@ -12,7 +12,7 @@ from typing import Any
 from toolkit.runtime.lost import WorkLost
 
 RETRIES = 3  # how often work that was lost is done again
-AHEAD = 8  # inputs handed out per core: tasks travel farther, and nodes may join
+AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
 def on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
@@ -22,7 +22,7 @@ def on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> It
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
         shared, remaining = ray.put(job), iter(inputs)
-        ahead = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while True:
             pending.extend(task.remote([shared], x) for x in islice(remaining, ahead - len(pending)))
             if not pending:

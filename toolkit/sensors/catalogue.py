@@ -1,6 +1,6 @@
 """All known sensor models by name: what files may hold and the command line offers.
 
-A model defined elsewhere becomes known by `register`, as `@register` above its class.
+A model defined elsewhere becomes known by `register_sensor_model`, as `@register_sensor_model` above its class.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TAKEN = ("name", "model", "type", "site_SE3_sensor")  # what files say of a sens
 Model = TypeVar("Model", bound=type)
 
 
-def register(model: Model) -> Model:
+def register_sensor_model(model: Model) -> Model:
     """Make a model known, so that files with it can be read and `--model` names it; returns the class.
 
     Raises ValueError where the class is no `toolkit.sensors.model.SensorModel` of fields with defaults, or its name is
@@ -88,4 +88,4 @@ def _in_words(name: str) -> str:
 
 
 for _model in (DepthCamera, SpinningLidar, SolidStateLidar):
-    register(_model)
+    register_sensor_model(_model)

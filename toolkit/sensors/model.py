@@ -9,7 +9,8 @@ A model that measures "depth" has rays of length 1 along its optical axis, one t
 A measurement that is NaN, infinite, zero or negative is no return and makes no point.
 
 A model is a frozen dataclass whose fields all have defaults: they are what files hold of it, under the name of its
-class. `toolkit.sensors.catalogue.register` makes a new one known to the readers of files and to the command line.
+class. `toolkit.sensors.catalogue.register_sensor_model` makes a new one known to the readers of files and to
+the command line.
 """
 
 from __future__ import annotations

@@ -53,12 +53,12 @@ class Sensor:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of model and pose, whatever the sensor is called: equal where two measure the same."""
-        told = json.dumps(
+        described = json.dumps(
             [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
             sort_keys=True,
             default=np.ndarray.tolist,
         )
-        return sha256(told.encode()).hexdigest()
+        return sha256(described.encode()).hexdigest()
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:

@@ -22,7 +22,7 @@ from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
 from toolkit.sites import osm, osm_roads, osm_solids
-from toolkit.sites.network import MOTOR, clipped, convert, road_polygons
+from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.sites.surroundings import POLE, Road, place_mounts
 
@@ -148,7 +148,7 @@ def import_osm(
     street = _union([*lanes, *footways])
     solids, cut = osm_solids.buildings(extract, window, street.buffer(0.1))
     houses = _union([solid.footprint for solid in solids])
-    squares = clipped(
+    squares = within_window(
         [square.difference(street).difference(houses) for square in osm_roads.paths(extract, window)], window
     )
     beside = street.union(houses)
@@ -173,7 +173,7 @@ def _finished(
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
     beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
-    footways = clipped(beside, shapely.box(*site.area).buffer(REACH))
+    footways = within_window(beside, shapely.box(*site.area).buffer(REACH))
     road = Road((), (), lanes, footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
     mounts = _lamp_mounts(lamps, road, site, walls)

@@ -37,15 +37,15 @@ _OPTIONS = (
     "--default.lanewidth=3.5",
 )
 
-Attributes = Mapping[str, Any]
+XmlAttributes = Mapping[str, Any]
 Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 
 
 def street(
     lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
-) -> list[Attributes]:
+) -> list[XmlAttributes]:
     """One direction's lanes, from the kerb inwards: footway, shoulder nobody drives on, `lanes` lanes (widths in m)."""
-    rows: list[Attributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
+    rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
 
@@ -60,13 +60,13 @@ def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> st
 
 
 def build_network(
-    nodes: Iterable[Attributes],
-    edges: Iterable[Attributes],
+    nodes: Iterable[XmlAttributes],
+    edges: Iterable[XmlAttributes],
     *,
-    connections: Iterable[Attributes] = (),
-    crossings: Iterable[Attributes] | None = None,
-    walking_areas: Iterable[Attributes] = (),
-    roundabouts: Iterable[Attributes] = (),
+    connections: Iterable[XmlAttributes] = (),
+    crossings: Iterable[XmlAttributes] | None = None,
+    walking_areas: Iterable[XmlAttributes] = (),
+    roundabouts: Iterable[XmlAttributes] = (),
     options: Sequence[str] = (),
 ) -> str:
     """The net.xml text of a network; the same rows give the same text.
@@ -148,7 +148,7 @@ def road_polygons(
     corners = shapely.union_all(footways)
     junctions = [_outline(j) for j in root.iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
-    return clipped(lanes, window), clipped(footways, window)
+    return within_window(lanes, window), within_window(footways, window)
 
 
 def _users(lane: ElementTree.Element) -> set[str]:
@@ -180,7 +180,7 @@ def _coordinates(element: ElementTree.Element) -> np.ndarray:
     return np.array(points, np.float64).reshape(-1, 2)
 
 
-def clipped(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
+def within_window(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
     parts = (part for shape in cut for part in shapely.get_parts(shape) if part.geom_type == "Polygon")
@@ -205,12 +205,12 @@ def _xml(root: str, elements: Iterable[str]) -> str:
     return f"<{root}>\n" + "\n".join(elements) + f"\n</{root}>\n"
 
 
-def _element(tag: str, attributes: Attributes, inside: str = "") -> str:
+def _element(tag: str, attributes: XmlAttributes, inside: str = "") -> str:
     written = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
     return f"<{tag} {written}>{inside}</{tag}>"
 
 
-def _edge(row: Attributes) -> str:
+def _edge(row: XmlAttributes) -> str:
     lanes = row.get("lanes", ())
     inside = "".join(_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
     attributes = {key: value for key, value in row.items() if key != "lanes"}

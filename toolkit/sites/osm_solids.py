@@ -13,12 +13,12 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.sites import furniture as f
-from toolkit.sites.network import clipped
+from toolkit.sites.network import within_window
 from toolkit.sites.osm import Extract, Tags, Way, metres
 from toolkit.sites.site import Solid
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
-FARTHEST = 60.0  # m beyond the window where a long building ends
+FARTHEST_END = 60.0  # m beyond the window where a long building ends
 _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
 _BARRIERS = {
     "wall": (f.wall, 1.8),
@@ -41,12 +41,12 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
     covered = shapely.union_all([p for p, _ in parts])
     whole = [(p, tags) for p, tags in extract.areas if tags.get("building", "") not in _NO_BUILDING]
     whole = [(p.difference(covered), tags) for p, tags in whole if p.intersects(window) and not _underground(tags)]
-    solids, cut, reach = [], 0, window.buffer(FARTHEST)
+    solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
     for shape, tags in [*parts, *whole]:
         base, top = _levels(tags)
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        solids += [Solid(ring, base, top, "building") for ring in clipped([rest], reach) if _area(ring) > 1.0]
+        solids += [Solid(ring, base, top, "building") for ring in within_window([rest], reach) if _area(ring) > 1.0]
     notes = [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
     return solids, notes
 

@@ -18,7 +18,7 @@ from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
-from toolkit.sites.network import Attributes, build_network, line, road_polygons, street
+from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.surroundings import Road, furnish, place_mounts
 
@@ -147,7 +147,7 @@ def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    nodes: list[Attributes] = [
+    nodes: list[XmlAttributes] = [
         {"id": "c", "x": 0, "y": 0, "type": rule, "radius": round(float(rng.uniform(3.0, 8.0)), 1)}
     ]
     major = rng.permutation(count)[:2]
@@ -163,7 +163,7 @@ def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     directions = _directions(rng, count)
     legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
     ring = street(1 + wide, width=4.5, footway=round(rng.uniform(1.5, 3.0), 2), speed=7.0)
-    nodes: list[Attributes] = [
+    nodes: list[XmlAttributes] = [
         {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"} for i, leg in enumerate(legs)
     ]
     edges = [row for i, leg in enumerate(legs) for row in _leg_edges(leg, i, f"r{i}", 1)]
@@ -211,13 +211,13 @@ def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, mos
     return tuple(legs)
 
 
-def _ends(legs: Sequence[Leg]) -> list[Attributes]:
+def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
     return [{"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)]
 
 
-def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[Attributes]:
+def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
     """The edges of a leg: towards the junction, away from it, or both."""
-    rows: list[Attributes] = []
+    rows: list[XmlAttributes] = []
     for count, name, start, end, path in (
         (leg.inbound, f"in{number}", f"e{number}", junction, leg.path[::-1]),
         (leg.outbound, f"out{number}", junction, f"e{number}", leg.path),

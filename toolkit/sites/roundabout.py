@@ -21,11 +21,11 @@ from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
-from toolkit.sites.network import Attributes, build_network, line, road_polygons, street
+from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 _AREA = (-48.0, -48.0, 48.0, 48.0)
-RELIEF = Relief(amplitude=0.08, seed=6)
+_RELIEF = Relief(amplitude=0.08, seed=6)
 
 RADIUS, _LANE, _SHOULDER, _FOOTWAY = 20.95, 3.5, 0.5, 2.6  # the reference line lies between the ring's two lanes
 INNER, OUTER = RADIUS - _LANE, RADIUS + _LANE
@@ -80,7 +80,7 @@ def build() -> Site:
     net = _network()
     lanes, footways = road_polygons(net, _AREA)
     beside = f.clear_of_road([*_buildings(), *_street_furniture(), *islands()], lanes, footways, gap=0.15)
-    solids = f.settle([*beside, *f.kerbs(lanes, footways)], RELIEF)
+    solids = f.settle([*beside, *f.kerbs(lanes, footways)], _RELIEF)
     return Site(
         name="roundabout",
         area=np.array(_AREA),
@@ -92,7 +92,7 @@ def build() -> Site:
         parking=_PARKING,
         network=net,
         map_SE3_site=np.eye(4),
-        relief=RELIEF,
+        relief=_RELIEF,
         hybrid_radius=12.0,  # m, paper section IV-B
     )
 
@@ -175,9 +175,9 @@ def _mounts(lanes: f.Outlines, footways: f.Outlines, solids: tuple[Solid, ...]) 
     corners = [(28.9, 13.3), (28.9, 30.0), (48.1, 13.3), (-30.0, -18.9), (-49.0, -18.9), (30.0, -21.9), (48.0, -21.9)]
     places = f.kerbside(lanes, footways, behind=0.3, spacing=8.0)
     return (
-        *f.poles(_POSTS, RELIEF, "post", top=10.0),
-        *f.poles(f.free_places(places, solids, _AREA, 6.0), RELIEF, "pole", top=10.0),
-        *f.poles(corners, RELIEF, "corner", top=7.5, price=0.6, capacity=1000.0),
+        *f.poles(_POSTS, _RELIEF, "post", top=10.0),
+        *f.poles(f.free_places(places, solids, _AREA, 6.0), _RELIEF, "pole", top=10.0),
+        *f.poles(corners, _RELIEF, "corner", top=7.5, price=0.6, capacity=1000.0),
     )
 
 
@@ -185,7 +185,7 @@ def _network() -> str:
     """The ring as four junctions, one in each quadrant, where one leg's traffic enters and the next leg's leaves."""
     road, corner_walks = surface()
     paved = shapely.union_all([road, *(shapely.Polygon(walk) for walk in corner_walks)])
-    nodes: list[Attributes] = [
+    nodes: list[XmlAttributes] = [
         {
             "id": name,
             "x": round(x, 3),
@@ -196,8 +196,8 @@ def _network() -> str:
         for i, name in enumerate(QUADRANTS)
         for x, y in _arc(RADIUS, 45.0 + 90 * i, 45.0 + 90 * i, 1)
     ]
-    edges: list[Attributes] = []
-    walks: list[Attributes] = []
+    edges: list[XmlAttributes] = []
+    walks: list[XmlAttributes] = []
     for i, leg in enumerate(LEGS):
         before, after, crossing = QUADRANTS[i - 1], QUADRANTS[i], f"{leg.name}_crossing"
         for name, along in ((leg.name, END), (crossing, CROSSING)):
@@ -255,7 +255,7 @@ def splitter(leg: _Leg) -> Float64[np.ndarray, "k 2"]:
     return _ring(island.buffer(-0.45).buffer(0.4))
 
 
-def _legs_edges(leg: _Leg, before: str, after: str, crossing: str) -> list[Attributes]:
+def _legs_edges(leg: _Leg, before: str, after: str, crossing: str) -> list[XmlAttributes]:
     lanes = street(leg.lanes, width=_LANE, shoulder=_SHOULDER, footway=_FOOTWAY, speed=11.1)
     out = leg.edge(leg.exit, MOUTH, CROSSING), leg.edge(leg.exit, CROSSING, END)
     back = leg.edge(leg.entry, CROSSING, END)[::-1], leg.edge(leg.entry, MOUTH, CROSSING)[::-1]
@@ -267,7 +267,9 @@ def _legs_edges(leg: _Leg, before: str, after: str, crossing: str) -> list[Attri
     ]
 
 
-def _one_way(name: str, start: str, end: str, left_side: object, lanes: list[Attributes], priority: int) -> Attributes:
+def _one_way(
+    name: str, start: str, end: str, left_side: object, lanes: list[XmlAttributes], priority: int
+) -> XmlAttributes:
     shape = line(left_side)  # type: ignore[arg-type]
     ends = {"id": name, "from": start, "to": end, "priority": priority}
     return {**ends, "spreadType": "right", "shape": shape, "lanes": lanes}

@@ -24,7 +24,7 @@ from toolkit.sites.network import build_network, road_polygons, street
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 _AREA = (-40.0, -20.0, 40.0, 20.0)
-RELIEF = Relief(amplitude=0.08, seed=196)
+_RELIEF = Relief(amplitude=0.08, seed=196)
 # right-handed CARLA map (x, -y_carla): x = 104 - b, y = a - 196
 MAP_SE3_SITE = np.array([[0.0, -1, 0, 104], [1, 0, 0, -196], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -52,7 +52,7 @@ def build() -> Site:
     net = _network()
     lanes, footways = road_polygons(net, _AREA)
     beside = f.clear_of_road([*_buildings(), *_street_furniture()], lanes, footways, gap=0.15)
-    solids = f.settle([*beside, *sensor_posts(), *f.kerbs(lanes, footways)], RELIEF)
+    solids = f.settle([*beside, *sensor_posts(), *f.kerbs(lanes, footways)], _RELIEF)
     return Site(
         name="tjunction",
         area=np.array(_AREA),
@@ -64,7 +64,7 @@ def build() -> Site:
         parking=_PARKING,
         network=net,
         map_SE3_site=MAP_SE3_SITE,
-        relief=RELIEF,
+        relief=_RELIEF,
         hybrid_radius=20.0,  # m, paper section IV-B
     )
 
@@ -162,7 +162,7 @@ def _mounts(lanes: f.Outlines, footways: f.Outlines, solids: tuple[Solid, ...]) 
     corners = [(-27.6, 5.2), (-14.6, 5.2), (-14.6, -6.2), (-14.6, -17.5), (-18.9, -19.3), (-38.7, 5.2)]
     places = f.kerbside(lanes, footways, behind=0.1, spacing=5.0)
     return (
-        *f.poles(FEET, RELIEF, "post"),
-        *f.poles(f.free_places(places, solids, _AREA, 6.0), RELIEF, "pole"),
-        *f.poles(corners, RELIEF, "corner", top=4.0, price=0.6, capacity=1000.0),
+        *f.poles(FEET, _RELIEF, "post"),
+        *f.poles(f.free_places(places, solids, _AREA, 6.0), _RELIEF, "pole"),
+        *f.poles(corners, _RELIEF, "corner", top=4.0, price=0.6, capacity=1000.0),
     )

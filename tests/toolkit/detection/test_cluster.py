@@ -49,7 +49,7 @@ def detector():
 
 def scene(boxes, sides=None, seed=9, **options):
     rng = np.random.default_rng(seed)
-    seen = [faces(box, *(() if sides is None else (sides,)), rng=rng, **options) for box in boxes]
+    seen = [faces(box, **({} if sides is None else {"sides": sides}), rng=rng, **options) for box in boxes]
     return np.concatenate([street(rng, boxes), *seen])
 
 

@@ -6,7 +6,6 @@ import pytest
 from toolkit.boxes import iou_bev
 from toolkit.detection.codec import PaperCodec
 from toolkit.detection.fusion import early, hybrid, late
-from toolkit.detection.hybrid import Hybrid
 from toolkit.detection.scheme import Fused
 from toolkit.detection.view import suppress
 from toolkit.frame import Frame
@@ -15,7 +14,6 @@ from toolkit.objects import Detections, Objects
 from toolkit.points import beyond, frame_points
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 AREA = (-40, -20, 40, 20)
@@ -170,14 +168,6 @@ def test_equal_scores_are_settled_without_regard_to_order():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
     forward, backward = (suppress(Detections(b, np.full(3, 0.5))) for b in (boxes, boxes[::-1]))
     np.testing.assert_array_equal(forward.boxes, backward.boxes)
-
-
-@pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
-def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
-    site = load_site(name)
-    assert Hybrid().radius_at(site) == Hybrid().radius_at(replace(site, name="renamed")) == radius
-    assert Hybrid(5.0).radius_at(site) == 5.0
-    assert Hybrid().radius_at(AREA) == Hybrid().radius_at(Site("any", np.array(AREA, float))) == 20.0
 
 
 def test_hybrid_takes_the_radius_of_its_site():

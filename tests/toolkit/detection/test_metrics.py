@@ -98,7 +98,8 @@ def test_a_case_worked_by_hand():
     truths = [Objects(CAR), Objects(np.concatenate([CAR, moved(CAR, -20)]))]
     result = evaluate(detections, truths, iou_thresholds=[0.5])[0.5]
     assert (result.tp, result.fp, result.truths) == (2, 2, 3)
-    assert (result.precision, result.recall) == (0.5, pytest.approx(2 / 3))
+    assert result.precision == 0.5
+    assert result.recall == pytest.approx(2 / 3)
     assert result.curve.precision == pytest.approx([1, 1 / 2, 2 / 3, 2 / 4])
     assert result.curve.recall == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])
     assert result.curve.score.tolist() == [9, 8, 7, 6]
@@ -353,7 +354,5 @@ def test_a_detection_takes_the_truth_it_overlaps_most(order):
 
 def test_counts_that_cannot_be_are_refused():
     for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):
-        with pytest.raises(
-            (ValueError, TypeError), match="truths|Type-check error"
-        ):  # the shape checker may come first
+        with pytest.raises((ValueError, TypeError), match="truths"):
             precision_recall(np.array([0.9]), np.array(hits), truths)

@@ -6,7 +6,7 @@ import pytest
 
 from toolkit.runtime.array_files import read_arrays, write_arrays
 
-ARRAYS = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
+ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
 
 
 def test_what_is_written_is_read(tmp_path):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from toolkit.sensors.catalogue import MODELS, class_names, make_model, model_class, model_named, register
+from toolkit.sensors.catalogue import MODELS, class_names, make_model, model_class, model_named, register_sensor_model
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -82,6 +82,6 @@ def test_nonsense_of_files_is_refused(name, values, message):
 )
 def test_what_is_no_model_is_not_registered(model, message):
     before = dict(MODELS)
-    with pytest.raises(ValueError, match=f"{message}|cannot have"):  # the shape checker may come first
-        register(model)
+    with pytest.raises(ValueError, match=message):
+        register_sensor_model(model)
     assert before == MODELS

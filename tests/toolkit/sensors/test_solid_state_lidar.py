@@ -1,4 +1,4 @@
-"""The solid-state lidar: a rectangle of angles, noise that grows. What any model can, it does in `test_sensor_seam`."""
+"""The solid-state lidar: a rectangle of angles, noise that grows. What any model can, it does in `test_model`."""
 
 import numpy as np
 import pytest

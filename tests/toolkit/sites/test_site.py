@@ -1,261 +1,23 @@
-import json
+"""Sites as values: checked when they are made, compared field by field, and the ground they stand on."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from toolkit.geometry import look, pose
+from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
-from toolkit.sites.files import load_site, save_site
-from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit.sites.site import Relief, Site, Solid
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
-BOW_TIE = [[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]
-NET = '<net version="1.20">\n    <edge id="a"/>\n</net>\n'
 
 
-def small_site() -> Site:
-    return Site(
-        name="small",
-        area=np.array([-10.0, -5, 10, 5]),
-        height=3.5,
-        lanes=(SQUARE, SQUARE + 0.1),
-        footways=(SQUARE + 5,),
-        solids=(Solid(SQUARE - 9, -0.3, 6.25, "building"), Solid(SQUARE + 1, -1.0, -0.5, "pond")),
-        mounts=(Mount("a", np.array([1.0, 2, 0.01])), Mount("b", np.array([1.0, 3, 0]), 2.0, 9.0, 0.5, 800.0)),
-        sensors=(
-            Sensor("d0", DepthCamera(), look((1.0, 2.0, 5.2), 0.3, 0.1)),
-            Sensor("d1", DepthCamera(centre=(190.5, 151.0)), look((1.0, 2.0, 5.2), np.pi, np.pi / 2)),
-            Sensor("l0", SpinningLidar(channels=32), pose(1.0, 2.0, 3.0, yaw=-3.0, pitch=0.2, roll=-0.4)),
-        ),
-        parking=np.array([[1.0, 2, 0.5]]),
-        network=NET,
-        map_SE3_site=pose(104.0, -196.0, yaw=np.pi / 2),
-        geo_reference="+proj=utm +zone=30",
-        relief=Relief(0.06, 7),
-        hybrid_radius=15.5,
-    )
-
-
-def saved(tmp_path, change=None) -> tuple:
-    path = tmp_path / "site.json"
-    save_site(small_site(), path)
-    document = json.loads(path.read_text())
-    if change:
-        change(document)
-        path.write_text(json.dumps(document))
-    return path, document
-
-
-def test_a_saved_site_comes_back_equal(tmp_path):
-    site, (path, document) = small_site(), saved(tmp_path)
-    loaded = load_site(path)
-    assert loaded == site
-    assert loaded.network == NET
-    assert loaded.hybrid_radius == 15.5
-    for before, after in zip(site.sensors, loaded.sensors, strict=True):
-        assert np.abs(before.pose - after.pose).max() < 1e-9
-        assert before.model.shape == after.model.shape
-    save_site(loaded, path)
-    assert json.loads(path.read_text()) == document
-
-
-def test_sites_that_differ_are_not_equal():
+def test_sites_that_differ_are_not_equal(small_site):
     site = small_site()
     assert site != replace(site, hybrid_radius=15.0)
     assert site != Site("small", site.area)
     assert site != "small"
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.floats(-np.pi, np.pi), st.floats(-np.pi / 2, np.pi / 2), st.floats(-np.pi, np.pi))
-def test_every_attitude_survives_the_file(tmp_path_factory, yaw, pitch, roll):
-    path = tmp_path_factory.mktemp("site") / "s.json"
-    sensor = Sensor("d0", SpinningLidar(), pose(0.0, 0.0, 5.0, yaw=yaw, pitch=pitch, roll=roll))
-    save_site(Site("s", np.array([0.0, 0, 1, 1]), sensors=(sensor,)), path)
-    assert np.abs(load_site(path).sensors[0].pose - sensor.pose).max() < 1e-6
-
-
-def test_the_file_is_geojson_with_closed_rings(tmp_path):
-    _, document = saved(tmp_path)
-    assert document["type"] == "FeatureCollection"
-    for feature in document["features"]:
-        assert feature["type"] == "Feature"
-        if feature["geometry"]["type"] == "Polygon":
-            (ring,) = feature["geometry"]["coordinates"]
-            assert ring[0] == ring[-1]
-    sensor = next(f for f in document["features"] if f["properties"]["layer"] == "sensor")
-    assert sensor["properties"]["heading_deg"] == pytest.approx(np.rad2deg(0.3))
-    assert sensor["properties"]["tilt_deg"] == pytest.approx(np.rad2deg(0.1))
-
-
-def first(document, layer):
-    return next(f for f in document["features"] if f["properties"]["layer"] == layer)
-
-
-def drop(key):
-    return lambda d: d.pop(key)
-
-
-def assign(layer, part, key, value):
-    return lambda d: first(d, layer)[part].update({key: value})
-
-
-DAMAGE = {
-    "crossing polygon": (
-        assign("lane", "geometry", "coordinates", [BOW_TIE]),
-        r"features\[1\]\.geometry\.coordinates: polygon crosses itself near \(2, 2\)",
-    ),
-    "open ring": (
-        assign("lane", "geometry", "coordinates", [SQUARE.tolist()]),
-        r"features\[1\]\.geometry\.coordinates must be a closed ring",
-    ),
-    "flat polygon": (
-        assign("lane", "geometry", "coordinates", [[[0, 0], [1, 1], [2, 2], [0, 0]]]),
-        r"features\[1\]\.geometry\.coordinates: polygon",
-    ),
-    "text for numbers": (
-        assign("lane", "geometry", "coordinates", [[["x", 0], [1, 1], [2, 0], ["x", 0]]]),
-        r"features\[1\]\.geometry\.coordinates must be a list of \[x, y\]",
-    ),
-    "hole": (
-        assign("lane", "geometry", "coordinates", [BOW_TIE, BOW_TIE]),
-        r"features\[1\]\.geometry\.coordinates must hold one ring, got 2",
-    ),
-    "wrong geometry": (
-        assign("lane", "geometry", "type", "Point"),
-        r"features\[1\]\.geometry\.type .* must be 'Polygon'",
-    ),
-    "unknown layer": (
-        assign("lane", "properties", "layer", "lain"),
-        r"features\[1\]\.properties\.layer must be one of",
-    ),
-    "unknown kind": (
-        assign("solid", "properties", "kind", "castle"),
-        r"properties: solid\.kind must be one of .*'castle'",
-    ),
-    "unknown property": (assign("mount", "properties", "hight", 3), r"properties\.hight is unknown to layer 'mount'"),
-    "top below base": (assign("solid", "properties", "top", -5), r"properties: solid\.top must lie above its base"),
-    "NaN top": (
-        assign("solid", "properties", "top", float("nan")),
-        r"properties\.top must be a finite number, got nan",
-    ),
-    "empty area": (
-        assign("area", "geometry", "coordinates", [[[0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]]),
-        r"features\[0\]\.geometry\.coordinates: polygon",
-    ),
-    "area askew": (
-        assign("area", "geometry", "coordinates", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]),
-        r"features\[0\]\.geometry\.coordinates: the area must be a rectangle",
-    ),
-    "no area": (lambda d: d["features"].pop(0), r"exactly one of layer 'area', got 0"),
-    "same mount twice": (
-        lambda d: d["features"].append(first(d, "mount")),
-        r"mounts\[2\]\.name 'a' is taken by mounts\[0\]",
-    ),
-    "same sensor twice": (
-        lambda d: d["features"].append(first(d, "sensor")),
-        r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]",
-    ),
-    "nameless mount": (assign("mount", "properties", "name", ""), r"mounts\[0\]\.name must be a text"),
-    "NaN heading": (
-        assign("sensor", "properties", "heading_deg", float("nan")),
-        r"properties\.heading_deg must be a finite number, got nan",
-    ),
-    "NaN position": (
-        assign("sensor", "geometry", "coordinates", [0, float("nan"), 5]),
-        r"geometry\.coordinates\.1 must be a finite number",
-    ),
-    "flat position": (
-        assign("sensor", "geometry", "coordinates", [0, 0]),
-        r"geometry\.coordinates must be 3 numbers, got 2",
-    ),
-    "unknown model": (
-        assign("sensor", "properties", "model", {"type": "Radar"}),
-        r"model\.type must be one of DepthCamera, SpinningLidar, SolidStateLidar.*, got 'Radar'",
-    ),
-    "unknown model field": (
-        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov": 1}),
-        r"model\.fov is unknown to DepthCamera: it has .*fov_deg",
-    ),
-    "absurd model": (
-        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov_deg": 200}),
-        r"model: fov must lie between",
-    ),
-    "singular frame": (
-        lambda d: d.update(map_SE3_site=np.zeros((4, 4)).tolist()),
-        r"map_SE3_site must end with the row",
-    ),
-    "mirrored frame": (
-        lambda d: d.update(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()),
-        r"map_SE3_site must be a rotation .* it mirrors",
-    ),
-    "ragged frame": (lambda d: d.update(map_SE3_site=[[1, 0], [1]]), r"map_SE3_site must be four rows"),
-    "no network": (drop("network"), r"network is missing"),
-    "empty network": (lambda d: d.update(network=[]), r"network must be the lines of a SUMO net\.xml"),
-    "damaged network": (lambda d: d.update(network=["<net>"]), r"network is damaged XML"),
-    "another XML": (lambda d: d.update(network=["<routes/>"]), r"network must be a SUMO <net>"),
-    "no height": (drop("height"), r"height must be a finite number, got None"),
-    "height without end": (lambda d: d.update(height=10**400), r"height must be a finite number, got 10{58}"),
-    "relief of another kind": (lambda d: d.update(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
-    "negative height": (lambda d: d.update(height=-4), r"height must be positive, got -4"),
-    "hybrid radius no number": (lambda d: d.update(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
-    "negative hybrid radius": (lambda d: d.update(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
-    "negative relief": (lambda d: d.update(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
-    "newer version": (lambda d: d.update(coview_site=99), r"coview_site is version 99"),
-    "other GeoJSON": (drop("coview_site"), r"coview_site is missing"),
-    "not a collection": (lambda d: d.update(type="Feature"), r"type must be 'FeatureCollection'"),
-    "features no list": (lambda d: d.update(features={}), r"features must be a list"),
-    "feature no object": (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
-}
-
-
-@pytest.mark.parametrize("what", DAMAGE)
-def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, what):
-    change, message = DAMAGE[what]
-    path, _ = saved(tmp_path, change)
-    with pytest.raises(ValueError, match=message) as refusal:
-        load_site(path)
-    assert "\n" not in str(refusal.value)
-    assert str(refusal.value).startswith(str(path))
-
-
-@pytest.mark.parametrize(("name", "radius"), [("small", 20.0), ("roundabout", 12.0)])
-def test_files_from_before_hybrid_radii_were_saved(tmp_path, name, radius):
-    path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
-    assert load_site(path).hybrid_radius == radius
-
-
-def test_files_that_are_no_json(tmp_path):
-    path = tmp_path / "cut.json"
-    save_site(small_site(), path)
-    path.write_text(path.read_text()[:500])
-    with pytest.raises(ValueError, match="not JSON from line"):
-        load_site(path)
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match="not a text file"):
-        load_site(path)
-    path.write_text("[1, 2]")
-    with pytest.raises(ValueError, match="FeatureCollection"):
-        load_site(path)
-    with pytest.raises(FileNotFoundError, match="roundabout, tjunction"):
-        load_site("tjunctoin")
-
-
-def test_a_byte_order_mark_does_no_harm(tmp_path):
-    path = tmp_path / "site.json"
-    save_site(load_site("tjunction"), path)
-    path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
-    assert load_site(path) == load_site("tjunction")
-
-
-def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path):
-    path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
-    assert load_site(path) == small_site()
 
 
 @pytest.mark.parametrize(
@@ -309,7 +71,7 @@ def test_ground_is_smooth_bounded_and_seeded():
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_a_site_that_differs_in_one_field_is_another(change):
+def test_a_site_that_differs_in_one_field_is_another(change, small_site):
     assert small_site() == small_site()
     assert replace(small_site(), **change) != small_site()
     assert replace(small_site(), height=3.5 + 1e-12) == small_site()

@@ -1,3 +1,5 @@
+"""What every built-in site promises."""
+
 import importlib
 from xml.etree import ElementTree
 
@@ -5,18 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.geometry import transform
 from toolkit.sites import BUILT_IN
 from toolkit.sites.files import load_site
-from toolkit.sites.furniture import clear_of_road, kerbs, rectangle
-from toolkit.sites.network import build_network, convert, netconvert, road_polygons, street
 
 AREAS = {"tjunction": (-40, -20, 40, 20), "roundabout": (-48, -48, 48, 48)}
 HEIGHTS = {"tjunction": (5.2, 6), "roundabout": (8.0, 8)}
-
-
-def union(polygons):
-    return shapely.union_all([shapely.Polygon(p) for p in polygons])
 
 
 @pytest.fixture(scope="module", params=sorted(BUILT_IN))
@@ -33,63 +28,7 @@ def test_areas_heights_and_sensors_are_the_papers(site):
     assert {s.model.shape for s in site.sensors} == {(150, 200)}
 
 
-def test_areas_in_carla_coordinates():
-    site = load_site("tjunction")
-    xmin, ymin, xmax, ymax = site.area
-    corners = transform(site.map_SE3_site, np.array([[xmin, ymin, 0], [xmax, ymax, 0]]))
-    x, y_carla = corners[:, 0], -corners[:, 1]
-    assert sorted(x) == [84, 124]
-    assert sorted(y_carla) == [156, 236]
-    a, b = 12.5, 13.6
-    x, y, _ = transform(site.map_SE3_site, np.array([a, b, 0.0]))
-    assert (a, b) == pytest.approx((196 + y, 104 - x))  # a = 196 - y_carla, b = 104 - x_carla
-    assert np.array_equal(load_site("roundabout").map_SE3_site, np.eye(4))
-
-
-def headings(site):
-    return np.rad2deg([np.arctan2(s.pose[1, 2], s.pose[0, 2]) for s in site.sensors])
-
-
-def test_sensor_poses_of_the_tjunction():
-    site = load_site("tjunction")
-    published = [
-        (40.9, 8.1, 155),
-        (-7.7, 21.9, 295),
-        (-45.6, 10.1, 15),
-        (8, 5.6, 52),
-        (-8.3, 18.5, 208),
-        (-5.5, -27.5, 64),
-    ]
-    places = np.array([s.position[:2] for s in site.sensors])
-    assert np.allclose(places, [p[:2] for p in published])
-    assert np.allclose((headings(site) - [p[2] for p in published] + 180) % 360, 180)
-
-
-def test_odd_sensors_of_the_roundabout_face_the_centre_and_even_ones_outwards():
-    site = load_site("roundabout")
-    for i, sensor in enumerate(site.sensors):
-        outwards = sensor.pose[:2, 2] @ (sensor.position[:2] / np.linalg.norm(sensor.position[:2]))
-        assert outwards < -0.95 if i % 2 else outwards > 0.95
-    assert np.allclose([s.position[:2] for s in site.sensors[::2]], [(29, -2), (-28, 1), (0, 30), (-1.5, -30)])
-
-
-def test_streets_lie_where_the_paper_has_them():
-    tjunction = load_site("tjunction")
-    road, walk = union(tjunction.lanes), union(tjunction.footways)
-    assert all(road.contains(shapely.Point(p)) for p in [(-30, 9.7), (30, 17.5), (-0.8, 13.6), (-4.7, -15), (3.1, -15)])
-    assert all(walk.contains(shapely.Point(p)) for p in [(-30, 5.4), (30, 21.8), (-9.0, -15), (7.4, -15)])
-    across = shapely.LineString([(-30, 0), (-30, 30)])
-    assert across.intersection(road).length == pytest.approx(8.6, abs=0.01)
-    assert across.intersection(walk).length == pytest.approx(8.0, abs=0.01)
-
-    roundabout = load_site("roundabout")
-    road = union(roundabout.lanes)
-    ring = [(r * np.cos(t), r * np.sin(t)) for r in (17.6, 20.95, 24.3) for t in np.linspace(0, 2 * np.pi, 73)]
-    assert all(road.distance(shapely.Point(p)) < 0.05 for p in ring)
-    assert not road.intersects(shapely.Point(0, 0).buffer(17.2))
-
-
-def test_nothing_stands_on_the_road_and_only_posts_on_footways(site):
+def test_nothing_stands_on_the_road_and_only_posts_on_footways(site, union):
     lanes = union(site.lanes)
     walk = union(site.footways).buffer(-0.2)  # kerbstones lie on the footway's edge
     for solid in site.solids:
@@ -103,13 +42,14 @@ def test_nothing_stands_on_the_road_and_only_posts_on_footways(site):
 def test_no_solid_is_in_the_way_of_what_drives(site):
     edges = [e for e in ElementTree.fromstring(site.network).iter("edge") if e.get("function") in (None, "internal")]
     lanes = [lane for e in edges for lane in e.iter("lane") if "passenger" in lane.get("allow", "")]
-    paths = [shapely.LineString(np.array([p.split(",") for p in lane.get("shape").split()], float)) for lane in lanes]
+    corners = [[spot.split(",") for spot in lane.attrib["shape"].split()] for lane in lanes]
+    paths = [shapely.LineString(np.array(line, np.float64)) for line in corners]
     swept = shapely.union_all(paths).buffer(1.0)
     blocking = [s.kind for s in site.solids if s.base < 4 and shapely.Polygon(s.footprint).intersects(swept)]
     assert not blocking
 
 
-def test_parking_bays_are_free_and_off_the_street(site):
+def test_parking_bays_are_free_and_off_the_street(site, union):
     street_ = union([*site.lanes, *site.footways])
     standing = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.base < 1.5])
     for x, y, yaw in site.parking:
@@ -118,7 +58,7 @@ def test_parking_bays_are_free_and_off_the_street(site):
         assert not bay.intersects(standing)
 
 
-def test_mounts_are_many_on_the_ground_and_clear(site):
+def test_mounts_are_many_on_the_ground_and_clear(site, union):
     assert len(site.mounts) >= 40
     places = np.array([mount.position for mount in site.mounts])
     assert np.allclose(places[:, 2], site.ground(places[:, :2]), atol=1e-3)
@@ -145,7 +85,7 @@ def test_packaged_file_is_what_the_code_builds(site):
     assert importlib.import_module(f"toolkit.sites.{site.name}").build() == site
 
 
-def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path):
+def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union):
     libsumo = pytest.importorskip("libsumo")
     net, routes = tmp_path / "net.xml", tmp_path / "trips.rou.xml"
     net.write_text(site.network)
@@ -173,60 +113,3 @@ def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path):
     road = union(site.lanes).buffer(0.3)
     inside = [p for p in seen if site.area[0] < p[0] < site.area[2] and site.area[1] < p[1] < site.area[3]]
     assert np.mean([road.contains(shapely.Point(p)) for p in inside]) > 0.99
-
-
-def cross() -> str:
-    nodes = [{"id": i, "x": x, "y": y} for i, x, y in (("w", -90, 0), ("o", 0, 0), ("e", 90, 0), ("n", 0, 90))]
-    lanes = street(2, width=3.0, footway=2.0)
-    ways = [(a, b) for arm in "wen" for a, b in ((arm, "o"), ("o", arm))]
-    return build_network(nodes, [{"id": a + b, "from": a, "to": b, "lanes": lanes} for a, b in ways])
-
-
-def test_networks_are_repeatable_and_keep_their_coordinates():
-    pytest.importorskip("sumo")
-    net = cross()
-    assert net == cross()
-    assert "<!--" not in net
-    assert ElementTree.fromstring(net).find("location").get("netOffset") == "0.000,0.000"
-    lanes, footways = road_polygons(net, (-40.0, -40.0, 40.0, 40.0), margin=0.0)
-    assert union(lanes).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(12)
-    assert union(footways).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(4)
-    assert union([*lanes, *footways]).bounds == (-40, -8, 40, 40)
-    assert all(shapely.Polygon(p).is_valid for p in (*lanes, *footways))
-
-
-def test_what_netconvert_refuses_is_told_in_one_line(monkeypatch):
-    pytest.importorskip("sumo")
-    with pytest.raises(ValueError, match=r"^netconvert: .*nowhere") as refusal:
-        build_network([{"id": "a", "x": 0, "y": 0}], [{"id": "ab", "from": "a", "to": "nowhere", "lanes": street(1)}])
-    assert "\n" not in str(refusal.value)
-    with pytest.raises(ValueError, match="netconvert"):
-        convert(["--opendrive-files=/no/such/file.xodr"])
-
-
-def test_without_sumo_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    monkeypatch.setattr("shutil.which", lambda name: None)
-    monkeypatch.delenv("SUMO_HOME", raising=False)
-    with pytest.raises(ImportError, match=r"pip install coview\[sim\]"):
-        netconvert()
-
-
-def test_kerbs_lie_between_road_and_footway():
-    lanes, footways = [rectangle(0.0, 0.0, 20.0, 4.0)], [rectangle(0.0, 4.0, 20.0, 6.0)]
-    stones = union([kerb.footprint for kerb in kerbs(lanes, footways)])
-    assert stones.area == pytest.approx(20 * 0.15, rel=0.15)
-    assert not stones.intersects(union(lanes))
-
-
-def test_a_building_over_the_footway_ends_behind_it():
-    from toolkit.sites.furniture import building
-
-    (cut,) = clear_of_road(
-        [building(2.0, 5.0, 8.0, 12.0, 9.0)],
-        [rectangle(0.0, 0.0, 20.0, 4.0)],
-        [rectangle(0.0, 4.0, 20.0, 6.0)],
-        gap=0.2,
-    )
-    assert cut.footprint[:, 1].min() == pytest.approx(6.2)
-    assert not clear_of_road([building(2.0, 1.0, 8.0, 3.0, 9.0)], [rectangle(0.0, 0.0, 20.0, 4.0)], [])

@@ -12,10 +12,17 @@ import numpy as np
 from toolkit.boxes import count_points
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import Channel
-from toolkit.datasets.doctor.hypotheses import ENOUGH, Suspicion, View, suspect_objects, suspect_sensor, witnesses
+from toolkit.datasets.doctor.hypotheses import (
+    ENOUGH,
+    SensorImages,
+    Suspicion,
+    suspect_objects,
+    suspect_sensor,
+    witnesses,
+)
 from toolkit.geometry import transform
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime import hdf5_reader as hdf5
 from toolkit.sites.site import Site
 
 UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known
@@ -42,7 +49,7 @@ class Finding:
 
 
 @runtime_checkable
-class Recording(Protocol):
+class StoredRecording(Protocol):
     """What of a `CoopDataset` is looked at: not its frames, whose objects may be damaged."""
 
     site: Site
@@ -56,7 +63,7 @@ class Recording(Protocol):
 
 
 def check_measurements(
-    dataset: Recording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
+    dataset: StoredRecording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
     """Findings in some of the frames. tables: the published rows of all frames; units: what depth may have to be
     multiplied by to be metres, of which the one is taken under which points and boxes agree best."""
@@ -90,7 +97,7 @@ def check_measurements(
 class _Examination:
     """Whether points and boxes agree, and by how much once the suspected mistakes are undone."""
 
-    def __init__(self, site: Site, views: Sequence[View], rows: Sequence[np.ndarray]) -> None:
+    def __init__(self, site: Site, views: Sequence[SensorImages], rows: Sequence[np.ndarray]) -> None:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
         pixels = witnesses(views)
@@ -131,7 +138,7 @@ class _Examination:
             yield published.objects_of(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
-def _views(dataset: Recording, frames: Sequence[int]) -> tuple[list[View], list[Finding]]:
+def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
     """The measurements of some frames as they are in the file, whatever their unit, and which cannot be read."""
     views, findings = [], []
     for sensor, name, place in dataset.channels:
@@ -147,22 +154,22 @@ def _views(dataset: Recording, frames: Sequence[int]) -> tuple[list[View], list[
             with np.errstate(over="ignore"):
                 depth[i] = image[::stride, ::stride]
         depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
-        views.append(View(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1)))
+        views.append(SensorImages(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1)))
     return views, findings
 
 
-def _in_metres(view: View, unit: float) -> View:
+def _in_metres(view: SensorImages, unit: float) -> SensorImages:
     metres = view.depth * np.float32(unit)
     far = min(view.sensor.model.max_range, published.NO_RETURN)
     return replace(view, depth=np.where(metres < far * 0.999, metres, np.float32(0)))
 
 
-def _points(view: View, frame: int) -> np.ndarray:
+def _points(view: SensorImages, frame: int) -> np.ndarray:
     seen = view.depth[frame] > 0
     return transform(view.sensor.pose, view.rays[seen] * view.depth[frame, seen, None])
 
 
-def _no_points(views: Sequence[View], frames: Sequence[int]) -> Iterator[Finding]:
+def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
     """Sensors that never see anything, and frames in which none does."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:

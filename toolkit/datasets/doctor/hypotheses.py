@@ -34,7 +34,7 @@ Rows = Float64[np.ndarray, "_ 10"]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SensorImages:
     """What one sensor saw. rays: (pixels, 3), its frame; depth: (frames, pixels), 0 for no return."""
 
     sensor: Sensor
@@ -161,7 +161,7 @@ LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
 )
 
 
-def witnesses(views: Sequence[View]) -> list[Witness]:
+def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
     """Some moving pixels of each sensor and frame, the same ones every time."""
     rng = np.random.default_rng(0)
     chosen = []

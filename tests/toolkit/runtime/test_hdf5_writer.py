@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.runtime.hdf5_writer import hdf5_file
 
 SIZES = [0, 1, 96, 2000, 5000, 20_000, 100_000, 200_000]
 
@@ -49,7 +49,7 @@ LIMITED = """
 import gc, resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 limit = int(sys.argv[1])
-from tests.toolkit.runtime.test_hdf5 import hdf5_file, write
+from tests.toolkit.runtime.test_hdf5_writer import hdf5_file, write
 from toolkit.runtime.files import writing
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 try:

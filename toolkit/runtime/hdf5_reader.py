@@ -112,7 +112,7 @@ def text(group: h5py.Group, name: str) -> str:
     return content
 
 
-def attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
+def attributes_in(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
     """The attributes of a group or dataset: texts, and NumPy's numbers and arrays."""
     with reading(f"attributes of {where}"):
         return {name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)}

@@ -30,9 +30,9 @@ from toolkit.objects import Objects
 from toolkit.plots import draw_frame, draw_site
 from toolkit.points import beyond, frame_points, inside, unproject
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.silhouettes import Gaze
+from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import scenery
-from toolkit.sensors.catalogue import MODELS, make_model, model_named, register
+from toolkit.sensors.catalogue import MODELS, make_model, model_named, register_sensor_model
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.model import (
     NEAR,
@@ -56,7 +56,7 @@ from toolkit.traffic.snapshots import Snapshot
 placement_env.envs.registration.register()
 
 
-@register
+@register_sensor_model
 @dataclass(frozen=True)
 class FisheyeCamera:
     """An equidistant fisheye, a square of pixels; frame: x right, y down, z forward; measures range along each ray."""
@@ -201,13 +201,13 @@ def test_rendering_and_silhouettes_agree_with_all_rays_cast_at_once(model):
     for k, snapshot in enumerate(traffic.snapshots):
         for sensor, depth in zip(sensors, renderer.render(snapshot).measurements, strict=True):
             assert np.isclose(depth, cast_together(traffic, k, sensor), atol=2e-3).mean() > 0.998, sensor
-    gaze, snapshot = Gaze(renderer, sensors), traffic.snapshots[0]
+    rays, snapshot = SensorRays(renderer, sensors), traffic.snapshots[0]
     for row, body in enumerate(snapshot.bodies.tolist()):
         alone = Snapshot(snapshot.objects[[row]], snapshot.bodies[[row]])
         hits = np.concatenate([image.ravel() for image in renderer.render(alone).hits])
-        found = gaze.silhouette(body, snapshot.objects.boxes[row])
+        found = rays.silhouette(body, snapshot.objects.boxes[row])
         assert len(set(found.pixels.tolist()) ^ set(np.flatnonzero(hits == 0).tolist())) <= 3
-        assert np.array_equal(found.sensors, np.searchsorted(gaze.first, found.pixels, side="right") - 1)
+        assert np.array_equal(found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1)
 
 
 @models
@@ -343,7 +343,7 @@ def test_objectives_and_environments_take_it(model):
 def test_a_model_of_ones_own_is_known_by_name():
     assert model_named("fisheye-camera") == FisheyeCamera() == model_named("FisheyeCamera")
     assert make_model("FisheyeCamera", {"offset": [1.0, 2.0]}) == FisheyeCamera(offset=(1.0, 2.0))
-    assert register(FisheyeCamera) is FisheyeCamera
+    assert register_sensor_model(FisheyeCamera) is FisheyeCamera
     assert list(MODELS.values()).count(FisheyeCamera) == 1
 
 

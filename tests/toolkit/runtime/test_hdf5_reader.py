@@ -2,7 +2,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.runtime import hdf5_files as hdf5
+from toolkit.runtime import hdf5_reader as hdf5
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def test_what_is_sound_is_read(file):
     assert hdf5.text(file, "words") == "hello"
     assert hdf5.names_in(file, "group") == ["inside"]
     assert hdf5.names_in(file, "missing") == hdf5.names_in(file, "numbers") == []
-    assert hdf5.attributes(file["numbers"], "numbers") == {"unit": "m"}
+    assert hdf5.attributes_in(file["numbers"], "numbers") == {"unit": "m"}
     assert hdf5.holds(file, "group/inside")
     assert not hdf5.holds(file, "missing")
 

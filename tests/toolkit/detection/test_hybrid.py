@@ -1,0 +1,72 @@
+"""Hybrid fusion of a view, and its radius."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.view import View, together
+from toolkit.geometry import look
+from toolkit.objects import Detections
+from toolkit.points import beyond
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+AREA = (-40.0, -20.0, 40.0, 20.0)
+COUNTS = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
+SENSORS = tuple(Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0)))
+POINTS = [np.array([[x, y, 1.0] for y in (0.0, 3.0, 15.0)], np.float32) for x in (-9.0, 9.0)]
+
+
+def one_box(clouds):
+    """A box at the mean of all points, the surer the more there are; none without points."""
+    points = together(clouds)
+    boxes = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0]], np.float64) if len(points) else np.zeros((0, 7))
+    return Detections(boxes, np.full(len(boxes), len(points) / 10))
+
+
+def view():
+    return View(AREA, SENSORS, measure=lambda sensor: POINTS[sensor], run=one_box)
+
+
+def test_boxes_and_far_points_are_sent():
+    """The points at y = 15 alone are farther than 10 m from their sensor."""
+    fused = Hybrid(10.0).fuse(view(), [0, 1])
+    assert fused.bits.tolist() == [256 + 96, 256 + 96]
+    found = fused.detections.boxes[np.argsort(fused.detections.boxes[:, 0]), :2]
+    np.testing.assert_allclose(found, [[-9.0, 6.0], [0.0, 15.0], [9.0, 6.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
+def test_what_is_sent_is_what_lies_beyond(radius):
+    bits = Hybrid(radius).fuse(view(), [0, 1]).bits
+    far = [int(beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
+    assert bits.tolist() == [256 + 96 * count for count in far]
+
+
+def test_far_points_are_counted_by_the_radius_of_the_site():
+    np.testing.assert_array_equal(Hybrid().sent_points(COUNTS), COUNTS.far)
+    for own in (Hybrid(5.0), Hybrid(metric="published")):
+        with pytest.raises(ValueError, match="hybrid_radius"):
+            own.sent_points(COUNTS)
+    distance = np.array([[5.0, 20.0, 20.5]], np.float32)
+    assert Hybrid().pooled_beside(distance, 20.0).tolist() == [[False, False, True]]
+    assert Hybrid(4.0).pooled_beside(distance, 20.0).all()
+
+
+@pytest.mark.parametrize("radius", [-1.0, np.nan])
+def test_nonsense_radii_are_refused(radius):
+    with pytest.raises(ValueError, match="radius must be at least 0"):
+        Hybrid(radius)
+
+
+@pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
+def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
+    site = load_site(name)
+    assert Hybrid().radius_at(site) == Hybrid().radius_at(replace(site, name="renamed")) == radius
+    assert Hybrid(5.0).radius_at(site) == 5.0
+    assert Hybrid().radius_at(AREA) == Hybrid().radius_at(Site("any", np.array(AREA, float))) == 20.0

@@ -1,0 +1,49 @@
+"""Late fusion of a view."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from toolkit.detection.late import Late
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.view import View, together
+from toolkit.geometry import look
+from toolkit.objects import Detections
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+
+AREA = (-40.0, -20.0, 40.0, 20.0)
+SENSORS = tuple(Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0)))
+POINTS = [np.array([[x, y, 1.0] for y in (0.0, 3.0, 15.0)], np.float32) for x in (-9.0, 9.0)]
+
+
+def one_box(clouds):
+    """A box at the mean of all points, the surer the more there are; none without points."""
+    points = together(clouds)
+    boxes = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0]], np.float64) if len(points) else np.zeros((0, 7))
+    return Detections(boxes, np.full(len(boxes), len(points) / 10))
+
+
+def view():
+    return View(AREA, SENSORS, measure=lambda sensor: POINTS[sensor], run=one_box)
+
+
+def test_every_sensor_detects_and_sends_its_boxes():
+    fused = Late().fuse(view(), [0, 1])
+    np.testing.assert_allclose(np.sort(fused.detections.boxes[:, 0]), [-9.0, 9.0])
+    assert fused.bits.tolist() == [256, 256]
+
+
+def test_of_boxes_that_overlap_one_stays_but_both_were_sent():
+    same = View(AREA, SENSORS, measure=lambda sensor: POINTS[0], run=one_box)
+    fused = Late().fuse(same, [0, 1])
+    assert len(fused.detections) == 1
+    assert fused.bits.tolist() == [256, 256]
+
+
+def test_boxes_are_sent_and_no_points():
+    counts = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
+    assert not Late().sent_points(counts).any()
+    assert (Late().sends_points, Late().sends_boxes) == (False, True)
+    scheme: Scheme = Late()
+    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None

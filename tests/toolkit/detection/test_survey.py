@@ -1,0 +1,71 @@
+"""What a recording holds, counted by hand."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.survey import survey
+from toolkit.frame import Frame
+from toolkit.geometry import look
+from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+AREA = np.array([-40.0, -20.0, 40.0, 20.0])
+SENSORS = tuple(
+    Sensor(f"s{k}", DepthCamera(width=80, height=60, stride=1), look((x, 0.0, 5.2), heading, tilt=0.2))
+    for k, (x, heading) in enumerate([(-30.0, 0.0), (30.0, np.pi), (0.0, 1.5)])
+)
+
+
+class Recording:
+    """Cars in a row, one of them outside the area; every sensor sees ground, and has its own depth for each frame."""
+
+    site = Site("somewhere", AREA)
+    sensors = SENSORS
+
+    def __len__(self):
+        return 5
+
+    def __getitem__(self, k):
+        x = np.array([-45.0, -20, -10, 0, 10, 20]) + k
+        boxes = np.column_stack([x, 0 * x, 0 * x + 0.75, 0 * x + 4, 0 * x + 2, 0 * x + 1.5, 0 * x])
+        rng = np.random.default_rng(k)
+        depths = tuple(rng.uniform(1, 40, s.model.shape).astype(np.float32) for s in SENSORS)
+        labels = np.array([VEHICLE] * 5 + [HEAVY])
+        return Frame(SENSORS, depths, Objects(boxes, labels), index=k)
+
+
+def nothing(points):
+    return Detections.empty()
+
+
+def test_survey_counts_what_stands_in_the_area():
+    found = survey(Recording(), noise_seed=3)
+    assert found.frames == 5
+    assert found.objects_per_frame == {"vehicle": 4, "cyclist": 0, "pedestrian": 0, "heavy": 1}
+    assert found.counts.shape == (20, 3)
+    assert found.unseen([]) == 1
+    assert found.unseen([0, 1, 2]) <= found.unseen([0])
+    rows = evaluate_dataset(Recording(), nothing, schemes=["early"], iou_thresholds=[0.7], noise_seed=3)
+    assert found.kbit_per_sensor.mean() == pytest.approx(rows[0].kbit_per_sensor)
+    assert found.as_dict([[0, 2]])["unseen"].keys() == {"0,2"}
+    json.dumps(found.as_dict([[0]]))
+    assert {"dataset", "frames", "noise_seed", "codec", "coview", "site"} <= found.as_dict([[0]])["provenance"].keys()
+
+
+@pytest.mark.parametrize(("options", "message"), [({"frames": 0}, "a frame to survey"), ({"codec": "paper"}, "codec")])
+def test_bad_requests_are_refused(options, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        survey(Recording(), **options)
+
+
+def test_without_vehicles_the_share_of_unseen_is_nan():
+    empty = survey(Recording(), frames=1)
+    nobody = replace(empty, counts=empty.counts[:0])
+    assert np.isnan(nobody.unseen([0]))
+    assert len(nobody.points_on_vehicles([0, 1])) == 0

@@ -1,0 +1,80 @@
+"""Which pixels meet a body: those that a rendered picture of it shows, of every sensor and model."""
+
+import numpy as np
+import pytest
+
+from toolkit.bodies.body import centred
+from toolkit.geometry import look, pose
+from toolkit.mesh import box
+from toolkit.objects import VEHICLE, Objects
+from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.silhouettes import SensorRays
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.solid_state_lidar import SolidStateLidar
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Site, Solid
+from toolkit.traffic.snapshots import Snapshot
+
+CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+WALL = Solid(np.array([[8.0, -3], [8.4, -3], [8.4, 3], [8, 3]]), 0.0, 4.0)
+SITE = Site("walled", np.array([-30.0, -20, 30, 20]), solids=(WALL,))
+SENSORS = (
+    Sensor("camera", DepthCamera(width=80, height=60), look((-14.0, 0.0, 5.0), 0.0, 0.25)),
+    Sensor("lidar", SpinningLidar(channels=24, azimuth_step=0.02), pose(0.0, 12.0, 4.0, yaw=-1.0)),
+    Sensor("solid", SolidStateLidar(rows=30, columns=90), pose(0.0, -14.0, 3.0, yaw=1.5)),
+)
+PLACES = [(0.0, 0.0, 0.3), (5.0, -4.0, -2.0), (-6.0, 6.0, 1.2)]
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return Renderer(SITE, (CAR,), SENSORS, threads=1)
+
+
+@pytest.fixture(scope="module")
+def rays(renderer):
+    return SensorRays(renderer, SENSORS)
+
+
+def upright(x, y, yaw):
+    return np.array([x, y, 0.75, 4.0, 2.0, 1.5, yaw])
+
+
+def test_the_rays_are_those_of_the_sensors_one_after_the_other(rays, renderer):
+    pixels = [int(np.prod(sensor.model.shape)) for sensor in SENSORS]
+    assert np.diff(rays.first).tolist() == pixels
+    assert rays.rays.shape == (sum(pixels), 3)
+    np.testing.assert_array_equal(rays.still, np.concatenate([image.ravel() for image in renderer.background]))
+
+
+@pytest.mark.parametrize(("x", "y", "yaw"), PLACES)
+def test_a_silhouette_is_what_a_picture_shows(rays, renderer, x, y, yaw):
+    row = upright(x, y, yaw)
+    snapshot = Snapshot(Objects(row[None], np.array([VEHICLE])), np.zeros(1, np.int64))
+    measurements, hits = renderer.render(snapshot)
+    shown = np.flatnonzero(np.concatenate([hit.ravel() for hit in hits]) == 0)
+    found = rays.silhouette(0, row)
+    assert len(found.pixels) > 100
+    np.testing.assert_array_equal(np.sort(found.pixels), shown)
+    depth = np.concatenate([image.ravel() for image in measurements])
+    np.testing.assert_allclose(found.depth, depth[found.pixels], atol=1e-3)
+    assert set(found.sensors.tolist()) == {0, 1, 2}
+    np.testing.assert_array_equal(found.sensors, np.searchsorted(rays.first, found.pixels, side="right") - 1)
+
+
+@pytest.mark.parametrize(("x", "y", "yaw"), PLACES)
+def test_its_points_lie_on_the_body(rays, x, y, yaw):
+    points = rays.silhouette(0, upright(x, y, yaw)).points.astype(np.float64)
+    local = np.abs((points - [x, y, 0.75]) @ pose(0.0, 0.0, 0.0, yaw=yaw)[:3, :3]) / [2.0, 1.0, 0.75]
+    np.testing.assert_allclose(local.max(axis=1), 1.0, atol=0.02)
+
+
+def test_what_stands_behind_a_wall_is_not_seen(rays):
+    behind = rays.silhouette(0, upright(11.0, 0.0, np.pi / 2))
+    assert 0 not in behind.sensors
+    assert 0 in rays.silhouette(0, upright(4.0, 0.0, np.pi / 2)).sensors
+
+
+def test_what_is_out_of_sight_has_no_pixels(rays):
+    assert len(rays.silhouette(0, upright(500.0, 0.0, 0.0)).pixels) == 0

@@ -1,0 +1,45 @@
+"""SUMO networks made by netconvert, and the road polygons in them."""
+
+from xml.etree import ElementTree
+
+import pytest
+import shapely
+
+from toolkit.sites.network import build_network, convert, netconvert, road_polygons, street
+
+
+def cross() -> str:
+    nodes = [{"id": i, "x": x, "y": y} for i, x, y in (("w", -90, 0), ("o", 0, 0), ("e", 90, 0), ("n", 0, 90))]
+    lanes = street(2, width=3.0, footway=2.0)
+    ways = [(a, b) for arm in "wen" for a, b in ((arm, "o"), ("o", arm))]
+    return build_network(nodes, [{"id": a + b, "from": a, "to": b, "lanes": lanes} for a, b in ways])
+
+
+def test_networks_are_repeatable_and_keep_their_coordinates(union):
+    pytest.importorskip("sumo")
+    net = cross()
+    assert net == cross()
+    assert "<!--" not in net
+    assert ElementTree.fromstring(net).find("location").get("netOffset") == "0.000,0.000"
+    lanes, footways = road_polygons(net, (-40.0, -40.0, 40.0, 40.0), margin=0.0)
+    assert union(lanes).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(12)
+    assert union(footways).intersection(shapely.LineString([(-30, -20), (-30, 20)])).length == pytest.approx(4)
+    assert union([*lanes, *footways]).bounds == (-40, -8, 40, 40)
+    assert all(shapely.Polygon(p).is_valid for p in (*lanes, *footways))
+
+
+def test_what_netconvert_refuses_is_told_in_one_line(monkeypatch):
+    pytest.importorskip("sumo")
+    with pytest.raises(ValueError, match=r"^netconvert: .*nowhere") as refusal:
+        build_network([{"id": "a", "x": 0, "y": 0}], [{"id": "ab", "from": "a", "to": "nowhere", "lanes": street(1)}])
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(ValueError, match="netconvert"):
+        convert(["--opendrive-files=/no/such/file.xodr"])
+
+
+def test_without_sumo_the_extra_is_named(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.delenv("SUMO_HOME", raising=False)
+    with pytest.raises(ImportError, match=r"pip install coview\[sim\]"):
+        netconvert()
