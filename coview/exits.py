@@ -29,7 +29,7 @@ def report(error: BaseException, *, debug: bool = False) -> int:
 def _classified(error: BaseException) -> tuple[int, str]:
     """Exit code and line, by the error's type: what checks input raises ValueError or OSError, and nothing else."""
     if isinstance(error, KeyboardInterrupt):
-        return INTERRUPTED, "stopped; the same command goes on where it was"
+        return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):
         return LOST, str(error)
     if isinstance(error, ImportError) and not _is_ours(error.name):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,15 +13,24 @@ if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
 
 
-def open_recording(dataset: Path, site: str | None) -> CoopDataset:
-    """A recording, at a site of that name or file, or the one that it says itself."""
+@contextmanager
+def open_recording(dataset: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
+    """A recording, at a site of that name or file, or the one that it says itself; drop_invalid: without the objects
+    that cannot be, which else are refused when their frame is read."""
     from toolkit.datasets.dataset import CoopDataset, UnknownSite
+    from toolkit.datasets.published_layout import InvalidObjects
     from toolkit.sites.files import load_site
 
+    place = load_site(site) if site else None
     try:
-        return CoopDataset(dataset, load_site(site) if site else None)
+        recording = CoopDataset(dataset, place, drop_invalid=drop_invalid)
     except UnknownSite as error:
         raise ValueError(f"{dataset} does not say which site it shows, and shows none of ours: give --site") from error
+    try:
+        with recording:
+            yield recording
+    except InvalidObjects as error:
+        raise ValueError(f"{error}: say --drop-invalid") from error
 
 
 def frame_count(recording: CoopDataset, frames: int | None) -> int:

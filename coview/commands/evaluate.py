@@ -31,6 +31,7 @@ def evaluate(
     frames: int | None = None,
     seed: int = 0,
     site: str | None = None,
+    drop_invalid: bool = False,
     out: Path = Path("out/evaluation"),
     overwrite: bool = False,
     json: bool = False,
@@ -53,6 +54,7 @@ def evaluate(
         frames: Only the first so many frames.
         seed: Of the sensors' noise.
         site: Name or file; needed for foreign recordings that show no built-in site.
+        drop_invalid: Leave objects out that cannot be (NaN, no size, kilometres away), and say how many.
         out: Folder for table.json and the PR curves.
         overwrite: Replace the table and curves of another run.
         json: Print the rows as JSON.
@@ -63,7 +65,7 @@ def evaluate(
     check_ious(iou)
     check_least("--radius", radius, 0.0)
     sets = [sensor_set(chosen) for chosen in sensors]
-    with open_recording(dataset, site) as recording:
+    with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
         for chosen in sets:
             select_sensors(recording.sensors, chosen)

@@ -28,6 +28,7 @@ def fuse(
     """Fuse cloud files in the frame of their poses; or take an Argoverse 2 log apart, fuse it back and check it.
 
     Example: coview fuse north.ply south.pcd --poses poses.json --area -40 -20 40 20 --out junction.ply
+
     Example: coview fuse --argoverse my-log
 
     Args:
@@ -37,7 +38,7 @@ def fuse(
         area: Crop to xmin ymin xmax ymax (m).
         height: Crop above (m), with --area.
         floor: Crop below (m), with --area.
-        out: Where to write the fused cloud (ply or pcd).
+        out: Where to write the fused cloud (ply, pcd or npz).
         argoverse: A log with two lidars; points per labelled cuboid are printed beside the recording's own counts.
         overwrite: Replace a file that is there.
         json: Print as JSON.
@@ -57,6 +58,7 @@ def fuse(
             cloud, area, height, floor=floor, remedy=f"give another --area, --height or --floor, or {check}"
         )
     if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
         save(cloud, out)
     points = len(cloud.point.positions)
     summary = {"files": len(clouds), "points": points, "out": out and str(out)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -26,12 +27,14 @@ def pack(
     seed: int = 0,
     workers: int | None = None,
     site: str | None = None,
+    drop_invalid: bool = False,
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
+
     Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
 
     Args:
@@ -42,6 +45,7 @@ def pack(
         seed: Of the random sites.
         workers: Processes for random sites; one per core when left out.
         site: As in coview evaluate.
+        drop_invalid: As in coview evaluate.
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
@@ -63,9 +67,12 @@ def pack(
             )
             total = write(drawn, out)
     else:
-        recordings = [open_recording(path, site) for path in datasets]
-        count = sum(frame_count(recording, frames) for recording in recordings)
-        with progress_bar("frame", count, hidden=json) as bar:
+        with ExitStack() as stack:
+            recordings = [
+                stack.enter_context(open_recording(path, site, drop_invalid=drop_invalid)) for path in datasets
+            ]
+            count = sum(frame_count(recording, frames) for recording in recordings)
+            bar = stack.enter_context(progress_bar("frame", count, hidden=json))
             total = write((recording_of(recording, frames) for recording in recordings), out, progress=bar.to)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}

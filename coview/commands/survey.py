@@ -21,6 +21,7 @@ def survey(
     frames: int | None = None,
     seed: int = 0,
     site: str | None = None,
+    drop_invalid: bool = False,
     json: bool = False,
 ) -> int:
     """Count what a recording holds: objects per frame, kbit of early fusion, vehicles without a point.
@@ -33,12 +34,13 @@ def survey(
         frames: Only the first so many frames.
         seed: Of the sensors' noise.
         site: As in coview evaluate.
+        drop_invalid: As in coview evaluate.
         json: Print as JSON.
     """
     from toolkit.detection.survey import survey as count
     from toolkit.points import select_sensors
 
-    with open_recording(dataset, site) as recording:
+    with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
         sets = [select_sensors(recording.sensors, sensor_set(chosen)) for chosen in sensors]
         with progress_bar("frame", total, hidden=json) as bar:

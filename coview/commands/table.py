@@ -23,6 +23,7 @@ def table(
     detector: str = "voxelnet",
     frames: int | None = None,
     site: str | None = None,
+    drop_invalid: bool = False,
     workers: int = 1,
     ray: str | None = None,
     overwrite: bool = False,
@@ -38,6 +39,7 @@ def table(
         detector: As in coview evaluate.
         frames: Only the first so many frames.
         site: As in coview evaluate.
+        drop_invalid: As in coview evaluate.
         workers: Processes.
         ray: Address of a Ray cluster instead.
         overwrite: Replace a table that is there.
@@ -53,7 +55,8 @@ def table(
     check_file(out, inputs=[dataset, *site_file(site)], overwrite=overwrite)
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
-    with open_recording(dataset, site) as recording, progress_bar("frame", hidden=json) as bar:
+    opened = open_recording(dataset, site, drop_invalid=drop_invalid)
+    with opened as recording, progress_bar("frame", hidden=json) as bar:
         count = frame_count(recording, frames)
         detect = recording_detector(detector, recording)
         check_digest(detector, detect, ": what is detected is kept until the table is whole")

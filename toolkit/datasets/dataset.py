@@ -117,6 +117,8 @@ class CoopDataset(Sequence[Frame]):
             objects = self._objects(file, k)
         except OSError as error:
             raise OSError(f"{self.path}: frame {k} cannot be read: {error}") from None
+        except published.InvalidObjects as error:
+            raise published.InvalidObjects(f"{self.path}: frame {k}: {error}") from None
         except ValueError as error:
             raise ValueError(f"{self.path}: frame {k}: {error}") from None
         time = 0.0 if self._times is None else float(self._times[k])

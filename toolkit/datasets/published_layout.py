@@ -31,6 +31,10 @@ MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # its own inverse; a mirror, so
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 
 
+class InvalidObjects(ValueError):
+    """A row of a table of objects that no object can have; see `wrong_rows`."""
+
+
 @runtime_checkable
 class Pinhole(Protocol):
     """What of a sensor model makes it a camera that the layout can hold: K, which gives all of its rays, and pixels."""
@@ -142,7 +146,7 @@ def objects_of(
 ) -> Objects:
     """Published rows as objects of the site frame; pitch and roll are dropped, yaw is brought to -pi..pi.
 
-    Raises ValueError where the rows have another width, and where one is no object, see `wrong_rows`.
+    Raises ValueError where the rows have another width, and InvalidObjects where one is no object, see `wrong_rows`.
 
     >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
     0
@@ -159,7 +163,7 @@ def objects_of(
     wrong = wrong_rows(rows)
     if (wrong != "").any():
         row = int((wrong != "").argmax())
-        raise ValueError(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
+        raise InvalidObjects(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
     centres = moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
     yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))

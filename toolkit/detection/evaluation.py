@@ -33,7 +33,7 @@ from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import centred_in, select_sensors
-from toolkit.runtime.files import write_text
+from toolkit.runtime.files import write_text, writing_together
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -178,10 +178,14 @@ def format_table(rows: Iterable[Row]) -> str:
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
     """Write table.json, {"provenance": {...}, "rows": [...]}, and the PR curves, pr_0.7.png and so on, into a folder
-    made if missing."""
+    made if missing: all, or where that fails (OSError) none."""
+    with writing_together(folder) as unfinished:
+        _write_evaluation(rows, unfinished)
+
+
+def _write_evaluation(rows: Evaluation, folder: Path) -> None:
     from toolkit.plots import draw_pr_curves
 
-    folder = Path(folder)
     table = {"provenance": with_file_digest(rows.provenance), "rows": [row.as_dict() for row in rows]}
     write_text(folder / "table.json", json.dumps(table, indent=1))
     for iou in dict.fromkeys(row.iou for row in rows):

@@ -47,8 +47,15 @@ class ImportedDetector:
         self._check(detections)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in one cloud."""
-        return self._check(self._detect(points))
+        """Detect in one cloud. Raises ValueError, in one line, where that fails."""
+        try:
+            detections = self._detect(points)
+        except Exception as error:  # whatever their code raises
+            raise ValueError(
+                f"detector {self.name} fails with a cloud of {len(points)} points ({type(error).__name__}: {error}): "
+                "let it take any points (n, 3)"
+            ) from error
+        return self._check(detections)
 
     @property
     def digest(self) -> str:

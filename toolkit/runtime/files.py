@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -56,6 +57,36 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
         if unfinished is not None:
             with suppress(OSError):
                 unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing_together(folder: str | Path) -> Iterator[Path]:
+    """A folder to write files in, which at the end of the block all get into `folder`, made if missing.
+
+    Where the block raises, none does, and `folder` stays what it was. Raises OSError as `writing`.
+    """
+    target = Path(os.path.realpath(folder))
+    missing = [each for each in (target, *target.parents) if not each.exists()]
+    unfinished = None
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(".unfinished", ".", target))
+        yield unfinished
+        for each in unfinished.iterdir():
+            place = Path(os.path.realpath(target / each.name))
+            each.chmod(_mode(place))
+            each.replace(place)
+    except OSError as error:
+        reason = reason_of(error)
+        if reason is None:
+            raise
+        raise _explained(folder, reason) from error
+    finally:
+        if unfinished is not None:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        for each in missing:  # those that are empty are what nothing came of
+            with suppress(OSError):
+                each.rmdir()
 
 
 def reserve(path: Path, size: int) -> None:

@@ -21,10 +21,10 @@ def clouds(tmp_path):
 
 
 def test_it_places_and_crops_clouds(clouds, tmp_path, run):
-    arguments = ("--poses", tmp_path / "poses.json", "--area", -10, -10, 10, 10, "--out", tmp_path / "ab.ply")
+    arguments = ("--poses", tmp_path / "poses.json", "--area", -10, -10, 10, 10, "--out", tmp_path / "new" / "ab.ply")
     code, out, _ = run("fuse", *clouds, *arguments, "--json")
     assert (code, json.loads(out)["points"]) == (0, 2)
-    assert (tmp_path / "ab.ply").exists()
+    assert (tmp_path / "new" / "ab.ply").exists()
 
 
 def test_poses_may_come_from_a_pipe(clouds, tmp_path, run):
@@ -40,7 +40,7 @@ def test_poses_may_come_from_a_pipe(clouds, tmp_path, run):
 @pytest.mark.parametrize("inverted", [False, True])
 def test_an_area_without_a_point_is_refused_and_says_where_they_lie(inverted, clouds, tmp_path, refused):
     flags = ("--inverted",) if inverted else ()
-    arguments = ("--poses", tmp_path / "poses.json", *flags, "--out", tmp_path / "ab.ply")
+    arguments = ("--poses", tmp_path / "poses.json", *flags, "--out", tmp_path / "new" / "ab.ply")
     line = refused("fuse", *clouds, *arguments, "--area", 100, 100, 200, 200)
     assert "none of the 4 points lies in the area: they lie at x 1.0 to 50.0" in line
     assert ("leave out --inverted" if inverted else "say --inverted") in line

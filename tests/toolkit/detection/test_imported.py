@@ -28,6 +28,9 @@ class Bare:
 
 def changing(points):
     return Detections.empty() if not len(points) else None
+
+def breaking(points):
+    return Detections.empty() if not len(points) else points[99]
 """
 
 
@@ -50,4 +53,10 @@ def test_what_a_name_may_mean(name, has_digest, site):
 def test_what_it_returns_is_checked_every_time(site):
     detector = ImportedDetector("their_module:changing", site)
     with pytest.raises(ValueError, match=r"must return .* got NoneType"):
+        detector(np.zeros((3, 3), np.float32))
+
+
+def test_where_it_fails_the_line_names_it_and_not_us(site):
+    detector = ImportedDetector("their_module:breaking", site)
+    with pytest.raises(ValueError, match=r"their_module:breaking fails with a cloud of 3 points \(IndexError"):
         detector(np.zeros((3, 3), np.float32))

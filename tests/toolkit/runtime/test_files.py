@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.files import check_output, reserve, write_bytes, write_text, writing
+from toolkit.runtime.files import check_output, reserve, write_bytes, write_text, writing, writing_together
 
 
 def test_it_makes_folders_replaces_what_was_there_and_leaves_nothing_else(tmp_path):
@@ -121,3 +121,23 @@ def test_room_is_reserved_or_refused(tmp_path):
     with pytest.raises(OSError, match=r"."):
         reserve(path, 1 << 62)
     assert path.read_bytes() == b""
+
+
+def test_files_written_together_are_all_there_or_none(tmp_path):
+    def write(folder, error=None):
+        with writing_together(folder) as unfinished:
+            for name in ("a", "b"):
+                write_text(unfinished / name, "new")
+            if error:
+                raise error
+
+    full = OSError(errno.ENOSPC, "full")
+    with pytest.raises(OSError, match=r"cannot write .*deep: No space left on device; make room"):
+        write(tmp_path / "new" / "deep", full)
+    assert list(tmp_path.iterdir()) == []
+    write(tmp_path / "out")
+    (tmp_path / "out" / "a").write_text("old")
+    for error in (full, ValueError("other")):
+        with pytest.raises(type(error)):
+            write(tmp_path / "out", error)
+    assert {each.name: each.read_text() for each in (tmp_path / "out").iterdir()} == {"a": "old", "b": "new"}
