@@ -168,10 +168,10 @@ def test_the_file_is_geojson_with_closed_rings(tmp_path, saved):
     assert sensor["properties"]["tilt_deg"] == pytest.approx(np.rad2deg(0.1))
 
 
-@pytest.mark.parametrize(("name", "radius"), [("small", 20.0), ("roundabout", 12.0)])
-def test_files_from_before_hybrid_radii_were_saved(tmp_path, name, radius, saved):
+@pytest.mark.parametrize("name", ["small", "roundabout"])
+def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_name(tmp_path, name, saved):
     path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
-    assert load_site(path).hybrid_radius == radius
+    assert load_site(path).hybrid_radius == 20.0
 
 
 def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path, saved, small_site):
