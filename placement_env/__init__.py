@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.renders import Renders as Renders
     from placement_env.fidelity.surrogate import Surrogate as Surrogate
     from placement_env.fidelity.table import TableFidelity as TableFidelity, load_table as load_table
-    from placement_env.fidelity.traffic import traffic as traffic
+    from placement_env.fidelity.traffic import simulate_traffic as simulate_traffic
     from placement_env.fidelity.visibility import Visibility as Visibility, see as see
     from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
     from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
@@ -77,7 +77,7 @@ else:
             "fidelity.renders": ("Renders",),
             "fidelity.surrogate": ("Surrogate",),
             "fidelity.table": ("TableFidelity", "load_table"),
-            "fidelity.traffic": ("traffic",),
+            "fidelity.traffic": ("simulate_traffic",),
             "fidelity.visibility": ("Visibility", "see"),
             "objective": ("Objective", "Score", "Scores", "Weights"),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),

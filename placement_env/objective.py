@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-Stages = Callable[[str, int, int | None], None]  # told a stage, how many are done and of how many
+Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
@@ -89,10 +89,10 @@ class Objective:
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
     codec: of what they send; fidelity: how a set is scored, see `FIDELITIES`;
     candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
-    makes them of a site; progress: told a stage ("poses rendered", "sets scored"), how many are done, and of how many
-    (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection
-    counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or
-    address of a Ray cluster, that render and detect.
+    makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
+    how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
+    detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
+    processes, or address of a Ray cluster, that render and detect.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """

@@ -1,4 +1,4 @@
-"""Episodes: the scenario of each, its budget, and which candidates have failed; drawn or as told."""
+"""Episodes: the scenario of each, its budget, and which candidates have failed; drawn, or as options say."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What is drawn, or told by options, for an episode. site: its number; failed: what options give as candidates,
+    """What is drawn, or given by options, for an episode. site: its number; failed: what options give as candidates,
     by index or name."""
 
     site: int

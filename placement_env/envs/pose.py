@@ -23,7 +23,7 @@ from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.detection.scheme import Scheme
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
-TILTS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
+TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,13 @@ class Rig:
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
     def moved(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
-        """After an action: within the mounts' heights, and `TILTS`; a sensor that was beyond them may stay there."""
+        """After an action: within the mounts' heights, and `TILT_LIMITS`; one that was beyond them may stay there."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
         low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
         high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
         turned = np.arctan2(np.sin(heading), np.cos(heading))
-        tilts = np.minimum(TILTS[0], self.aim[:, 2]), np.maximum(TILTS[1], self.aim[:, 2])
+        tilts = np.minimum(TILT_LIMITS[0], self.aim[:, 2]), np.maximum(TILT_LIMITS[1], self.aim[:, 2])
         return Rig(self.candidates, np.stack([np.clip(height, low, high), turned, np.clip(tilt, *tilts)], axis=1))
 
     def placed(self) -> Candidates:

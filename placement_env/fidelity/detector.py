@@ -137,7 +137,7 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and the object's own. progress: told how
+        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and its own. progress: called with how
         many of the frames in which a set was not scored yet are done."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
         to_find = sum(int(self.scored(k).sum()) for k in chosen_frames)

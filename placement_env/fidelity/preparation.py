@@ -57,12 +57,12 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """The frames."""
-        from placement_env.fidelity.traffic import traffic
+        from placement_env.fidelity.traffic import simulate_traffic
 
-        return traffic(self.site, self.frames, self.seed)
+        return simulate_traffic(self.site, self.frames, self.seed)
 
     @cached_property
-    def kept(self) -> Cache | None:
+    def disk_cache(self) -> Cache | None:
         """What was seen, rendered and detected before: one file in the folder `cache`."""
         from toolkit.runtime.cache import Cache
 
@@ -74,14 +74,19 @@ class Preparation:
         return self.look()
 
     def look(self, progress: Callable[[str, int, int | None], None] | None = None) -> Visibility:
-        """What each candidate sees, rendered the first time; progress: told "poses rendered", how many, of how many."""
+        """What each candidate sees, rendered the first time; progress: called with "poses rendered", done, total."""
         from placement_env.fidelity.visibility import see
 
         if "visibility" not in vars(self):
             total = len(self.candidates)
-            told = None if progress is None else lambda done: progress("poses rendered", done, total)
+            report = None if progress is None else lambda done: progress("poses rendered", done, total)
             seen = see(
-                self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.kept, progress=told
+                self.traffic,
+                self.candidates,
+                workers=self.workers,
+                ray=self.ray,
+                cache=self.disk_cache,
+                progress=report,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
@@ -121,16 +126,16 @@ class Preparation:
         return Surrogate(self.visibility, self.scheme, model, radius=radius, codec=self.codec)
 
     def _detected(self) -> Fidelity:
-        from models import load_detector
+        from models.detector import load_detector
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        renders = Renders(self.traffic, self.candidates, self.kept)
+        renders = Renders(self.traffic, self.candidates, self.disk_cache)
         detector = self.detector
         if detector is None:
             detector = load_detector(self.network, area=self.site.area)
         return Detected(
-            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.kept,
+            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.disk_cache,
             workers=self.workers, ray=self.ray,
         )  # fmt: skip
 

@@ -194,5 +194,5 @@ def _far(points: Float32[np.ndarray, "n 3"], sensor: Sensor, radius: float) -> F
 
 def _seed(sensor: Sensor) -> int:
     """What its noise is drawn from: not `Sensor.digest`, since published figures were measured with this noise."""
-    told = json.dumps((repr(sensor.model), sensor.pose.tolist()))
-    return int.from_bytes(sha256(told.encode()).digest()[:8], "big")
+    described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
+    return int.from_bytes(sha256(described.encode()).digest()[:8], "big")

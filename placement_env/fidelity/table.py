@@ -141,8 +141,8 @@ def make_table(
     """Score every sensor set in every scheme by detection and write the table.
 
     renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
-    their noise, written down; progress: told the frames done and to be done, each once for each scheme; workers, ray:
-    see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
+    their noise, written down; progress: called with the frames done and to be done, each once for each scheme; workers,
+    ray: see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
     again after a kill, it goes on. The table is the same however it came about.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
@@ -150,8 +150,8 @@ def make_table(
     columns = []
     for done, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)
-        told = _told(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
-        columns.append(list(detected.estimates(subsets, progress=told).values()))
+        report = _after(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
+        columns.append(list(detected.estimates(subsets, progress=report).values()))
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
@@ -175,8 +175,8 @@ def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
     from toolkit.sites.geojson import dumps
 
-    hung = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
-    return key_of(dumps(site, without=["hybrid_radius"]), hung).hex()
+    mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
+    return key_of(dumps(site, without=["hybrid_radius"]), mounted).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:
@@ -218,5 +218,5 @@ def _column(scheme: Scheme | str, iou: float) -> tuple[int, int]:
     return PAPER_SCHEMES.index(scheme.name), IOUS.index(iou)
 
 
-def _told(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
+def _after(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
     return None if progress is None else lambda done: progress(before + done, total)

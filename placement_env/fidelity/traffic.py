@@ -53,7 +53,9 @@ class Traffic:
         return sha.hexdigest()
 
 
-def traffic(site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None) -> Traffic:
+def simulate_traffic(
+    site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
+) -> Traffic:
     """`frames` frames of simulated traffic; bodies: None for `catalogue()`. Same seed, same frames.
 
     Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.

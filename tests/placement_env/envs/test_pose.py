@@ -13,7 +13,7 @@ from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.candidates.pool import paper_candidates
-from placement_env.envs.pose import TILTS, Rig
+from placement_env.envs.pose import TILT_LIMITS, Rig
 from placement_env.envs.registration import register
 from placement_env.fidelity.visibility import see
 from toolkit import load_site
@@ -41,7 +41,7 @@ def test_a_rig_stays_in_its_ranges() -> None:
         rig = rig.moved(np.ones((len(some), 3)))
     highest = [some.mounts[index].max_height for index in some.mount]
     assert np.allclose(rig.aim[:, 0], highest)
-    assert np.allclose(rig.aim[:, 2], TILTS[1])
+    assert np.allclose(rig.aim[:, 2], TILT_LIMITS[1])
     assert (np.abs(rig.aim[:, 1]) <= np.pi).all()
     still = rig.moved(np.zeros((len(some), 3)))
     assert np.array_equal(still.aim, rig.aim)

@@ -61,7 +61,7 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
 def test_a_turned_junction_keeps_its_distances_and_headings(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
-    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, turned=True)
+    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, augment=True)
     turned.seed(3)
     before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
     seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
@@ -76,7 +76,7 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     turned.seed(3)
     np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
     with pytest.raises(ValueError, match="only junctions of our own"):
-        vectorized(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
+        vectorized(gym.make("CartPole-v1"), lambda: env, 2, augment=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
@@ -99,11 +99,11 @@ def trained(algorithm, vector, **given):
     return model.learn(512)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_both_libraries_train_on_64_side_by_side(make, turned):
+@pytest.mark.parametrize("augment", [False, True])
+def test_both_libraries_train_on_64_side_by_side(make, augment):
     objective = make(5, 2)
     for algorithm in (PPO, MaskablePPO):
-        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), turned=turned)
+        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), augment=augment)
         model = trained(algorithm, vector)
         assert model.num_timesteps == 512
         assert model.ep_info_buffer
