@@ -46,11 +46,11 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     [
         ("rendering", "toolkit.rendering.static_scene"),
         ("rendering", "models.packing"),
-        ("rendering", "toolkit.detection.fusion"),
+        ("rendering", "toolkit.sites.site"),
         ("visibility", "toolkit.rendering.silhouettes"),
         ("visibility", "placement_env.fidelity.traffic"),
-        ("visibility", "toolkit.detection.fusion"),
-        ("detection", "toolkit.detection.fusion"),
+        ("visibility", "toolkit.sites.site"),
+        ("detection", "toolkit.detection.view"),
         ("detection", "toolkit.detection.metrics"),
         ("detection", "placement_env.fidelity.traffic"),
         ("networks", "models.voxelnet"),
@@ -64,7 +64,7 @@ def test_a_job_runs_what_its_figures_depend_on(job, module):
 @pytest.mark.parametrize(
     ("module", "old", "new", "jobs"),
     [
-        ("toolkit/detection/fusion.py", "20.0", "10.0", ["rendering", "visibility", "detection"]),
+        ("toolkit/sites/site.py", "RADIUS = 20.0", "RADIUS = 10.0", ["rendering", "visibility", "detection"]),
         ("placement_env/fidelity/traffic.py", "== VEHICLE", ">= VEHICLE", ["rendering", "visibility", "detection"]),
     ],
 )
