@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.envs.config import ChoosingConfig, EnvConfig, check_range
+from placement_env.checks import check_range
+from placement_env.envs.config import ChoosingConfig, EnvConfig
 from placement_env.envs.scenario import Scenario
 from placement_env.fidelity.preparation import check_fidelity_for, site_candidates
 from placement_env.objective import Objective
@@ -137,8 +138,8 @@ class Scenarios:
         config = self.config
         return Objective(
             self.sites[conditions.site], config.frames, conditions.scheme, config.fidelity, config.weights,
-            candidates=self.sites.candidates(conditions.site), detector=config.detector, iou=config.iou,
-            seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
+            candidates=self.sites.candidates(conditions.site), detector=config.detector, codec=config.codec,
+            iou=config.iou, seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
         )  # fmt: skip
 
 

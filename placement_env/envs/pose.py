@@ -134,8 +134,8 @@ class PoseScenarios:
         if key not in self._made:
             self._made[key] = Preparation(
                 site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
-                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, cache=None,
-                workers=1, ray=None, detector=config.detector,
+                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, codec=config.codec,
+                cache=None, workers=1, ray=None, detector=config.detector,
             )  # fmt: skip
         return self._made[key]
 
@@ -239,8 +239,8 @@ class SensorPoseEnv(PlacementEnv):
     config: a `placement_env.envs.config.PoseConfig`; or its settings by name. site: a site, its name, or several;
     budget: sensors; failures: candidates that have failed; scheme: or several. Each episode draws one of several, and a
     number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
-    detector; frames, weights, candidates, detector, iou, seed: of `placement_env.objective.Objective`. `reset` takes
-    the options site, scheme, budget (up to the environment's) and failed.
+    detector; frames, weights, candidates, detector, codec, iou, seed: of `placement_env.objective.Objective`. `reset`
+    takes the options site, scheme, budget (up to the environment's) and failed.
 
     ## Version History
     v0: first version.

@@ -8,7 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from placement_env.fidelity.protocol import Fidelity
+from placement_env.checks import check_iou
+from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
@@ -105,11 +106,10 @@ class Preparation:
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name."""
+        check_fidelity(name)
         made = {
             "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
         }  # fmt: skip
-        if name not in made:
-            raise ValueError(f"fidelity must be one of {', '.join(made)}, got {name!r}")
         return made[name]()
 
     def _coverage(self) -> Fidelity:
@@ -157,8 +157,7 @@ def check_fidelity_for(
 ) -> None:
     """Raises ValueError where there is no table, or no surrogate, that scores these candidates so; renders nothing."""
     scheme = scheme_of(scheme)
-    if not 0 < iou <= 1:
-        raise ValueError(f"iou must lie in (0, 1], got {iou}: the paper has 0.7")
+    check_iou(iou)
     if fidelity == "surrogate":
         from placement_env.fidelity.hit_model import shipped_model
 

@@ -79,8 +79,7 @@ def test_rewards_add_up_and_the_episode_is_cut_off(env: gym.Env[Any, Any]) -> No
 def test_a_vector_does_what_scalars_do() -> None:
     vector = gym.make_vec(NAME, num_envs=2, moves=2, **FEW)
     scalar = SyncVectorEnv([lambda: gym.make(NAME, moves=2, **FEW)] * 2)
-    one, other = vector.reset(seed=4), scalar.reset(seed=4)
-    assert np.array_equal(one[0], other[0])
+    assert np.array_equal(vector.reset(seed=4)[0], scalar.reset(seed=4)[0])
     scalar.action_space.seed(0)
     for _ in range(4):
         actions = scalar.action_space.sample()

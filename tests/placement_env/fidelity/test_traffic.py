@@ -15,7 +15,7 @@ def test_the_same_seed_gives_the_same_frames():
     once, again, other = (simulate_traffic(site, 2, seed) for seed in (3, 3, 4))
     assert len(once) == 2
     assert once.digest() == again.digest() != other.digest()
-    with pytest.raises(ValueError, match="frames must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="frames must be a whole number of at least 1, got 0"):
         simulate_traffic(site, 0)
 
 

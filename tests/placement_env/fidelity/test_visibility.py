@@ -63,7 +63,13 @@ def test_points_are_those_on_objects_counted_in_the_boxes(seen, rendered):
 
 def test_sent_is_the_mean_over_noise(small_traffic, small_candidates, seen):
     renders = [Renders(small_traffic, small_candidates, noise_seed=seed) for seed in range(4)]
-    for measured, expected in ((Renders.clouds, seen.sent), (Renders.far, seen.far)):
+    radius = small_traffic.site.hybrid_radius
+
+    def far(r, k, c):
+        points = r.clouds(k, c)
+        return points[beyond(points, r.sensors[c], radius)]
+
+    for measured, expected in ((Renders.clouds, seen.sent), (far, seen.far)):
         sent = [[[len(measured(r, k, c)) for k in range(5)] for c in range(4)] for r in renders]
         assert np.abs(np.mean(sent, axis=0) - expected).max() < 12 + 0.02 * expected.max()
 
