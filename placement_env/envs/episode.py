@@ -107,7 +107,7 @@ class Scenarios:
             raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
         if objective is None:
             check_scored(config, self.sites)
-        self._made: dict[tuple[int, Scheme], Scenario] = {}
+        self._made: dict[tuple[int, str], Scenario] = {}
         self._always: Episode | None = None  # where nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Episode:
@@ -129,7 +129,7 @@ class Scenarios:
         return Episode(scenario, conditions.budget, scenario.failed_row(conditions.failed))
 
     def _scenario(self, conditions: Conditions) -> Scenario:
-        key = conditions.site, conditions.scheme
+        key = conditions.site, conditions.scheme.digest
         if key not in self._made:
             self._made[key] = Scenario(self.config.objective or self._objective(conditions), self.slots)
         return self._made[key]

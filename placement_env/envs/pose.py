@@ -20,7 +20,6 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective, index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.scheme import Scheme
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
 TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
@@ -89,7 +88,7 @@ class PoseScenarios:
                     f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
                 )
         check_scored(config, self.sites)
-        self._made: dict[tuple[int, Scheme], Preparation] = {}
+        self._made: dict[tuple[int, str], Preparation] = {}
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseEpisode:
         """Sensors drawn among those that have not failed, on mounts of their own. Raises ValueError where there are too
@@ -130,7 +129,7 @@ class PoseScenarios:
         return Scenario(objective, self.config.budgets[1])
 
     def _preparation(self, conditions: Conditions) -> Preparation:
-        key, config = (conditions.site, conditions.scheme), self.config
+        key, config = (conditions.site, conditions.scheme.digest), self.config
         if key not in self._made:
             self._made[key] = Preparation(
                 site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),

@@ -89,15 +89,6 @@ def test_a_vector_does_what_scalars_do() -> None:
         assert np.array_equal(one[4]["subset"], other[4]["subset"])
 
 
-def test_all_pictures_are_of_one_size() -> None:
-    env = gym.make(NAME, render_mode="rgb_array", site=["tjunction", "roundabout"], **FEW)
-    sizes = set()
-    for seed in range(4):
-        env.reset(seed=seed)
-        sizes.add(env.render().shape)  # type: ignore[union-attr]
-    assert len(sizes) == 1
-
-
 def test_a_link_that_is_overloaded_may_be_relieved() -> None:
     site = load_site("tjunction")
     tight = replace(site, mounts=tuple(replace(mount, capacity=1.0) for mount in site.mounts))
