@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,15 +97,20 @@ class TableFidelity:
     name: str = field(default="table", init=False)
 
     def __post_init__(self) -> None:
-        _column(self.scheme, self.iou)
+        _ = self._column
         if self.codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: take fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set."""
-        rows, (scheme, iou) = self.table.row(subsets), _column(self.scheme, self.iou)
+        rows, (scheme, iou) = self.table.row(subsets), self._column
         table = self.table
         return Estimate(table.ap[rows, scheme, iou], table.recall[rows, scheme, iou], table.kbit[rows, scheme])
+
+    @cached_property
+    def _column(self) -> tuple[int, int]:
+        """Number of the scheme and of the IoU threshold."""
+        return _column(self.scheme, self.iou)
 
 
 class Best(NamedTuple):
