@@ -5,7 +5,17 @@ python examples/06_own_objective.py
 
 import numpy as np
 
-from placement_env import Estimate, Objective, Visibility, Weights, exhaustive, greedy, paper_candidates, see, traffic
+from placement_env import (
+    Estimate,
+    Objective,
+    Visibility,
+    Weights,
+    exhaustive,
+    greedy,
+    paper_candidates,
+    see,
+    simulate_traffic,
+)
 from toolkit import load_site
 
 
@@ -30,7 +40,7 @@ def main(frames: int = 6) -> None:
     """Every search takes it like the ones that come with coview."""
     site = load_site("tjunction")
     candidates = paper_candidates(site)
-    seen = see(traffic(site, frames, seed=0), candidates)
+    seen = see(simulate_traffic(site, frames, seed=0), candidates)
     middle = site.area.reshape(2, 2).mean(axis=0)
     objective = Objective.of(candidates, SeenFromTwoSides(seen, middle), weights=Weights(price=0.02), visibility=seen)
     print(exhaustive.search(objective, budget=3))

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates as Candidates
     from placement_env.candidates.poles import load_keep_out as load_keep_out, load_poles as load_poles
     from placement_env.candidates.pool import paper_candidates as paper_candidates, pool as pool
+    from placement_env.envs.config import (
+        PoseConfig as PoseConfig,
+        SelectConfig as SelectConfig,
+        SubsetConfig as SubsetConfig,
+    )
     from placement_env.envs.pose import SensorPoseEnv as SensorPoseEnv
     from placement_env.envs.select import SensorSelectEnv as SensorSelectEnv
     from placement_env.envs.subset import SensorSubsetEnv as SensorSubsetEnv
@@ -37,9 +42,10 @@ if TYPE_CHECKING:
     from placement_env.fidelity.renders import Renders as Renders
     from placement_env.fidelity.surrogate import Surrogate as Surrogate
     from placement_env.fidelity.table import TableFidelity as TableFidelity, load_table as load_table
-    from placement_env.fidelity.traffic import traffic as traffic
+    from placement_env.fidelity.traffic import simulate_traffic as simulate_traffic
     from placement_env.fidelity.visibility import Visibility as Visibility, see as see
     from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
+    from placement_env.racing import Race as Race, Verified as Verified
     from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
     from placement_env.rl.training import (
         Learning as Learning,
@@ -68,6 +74,7 @@ else:
             "candidates.candidates": ("Candidates",),
             "candidates.poles": ("load_keep_out", "load_poles"),
             "candidates.pool": ("paper_candidates", "pool"),
+            "envs.config": ("PoseConfig", "SelectConfig", "SubsetConfig"),
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),
             "envs.subset": ("SensorSubsetEnv",),
@@ -77,9 +84,10 @@ else:
             "fidelity.renders": ("Renders",),
             "fidelity.surrogate": ("Surrogate",),
             "fidelity.table": ("TableFidelity", "load_table"),
-            "fidelity.traffic": ("traffic",),
+            "fidelity.traffic": ("simulate_traffic",),
             "fidelity.visibility": ("Visibility", "see"),
             "objective": ("Objective", "Score", "Scores", "Weights"),
+            "racing": ("Race", "Verified"),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.fidelity.protocol import ByFrames, Fidelity
+from placement_env.checks import check_iou, check_whole
+from placement_env.fidelity.protocol import ByFrames, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -31,10 +32,8 @@ if TYPE_CHECKING:
     from placement_env.fidelity.preparation import Preparation
     from placement_env.fidelity.visibility import Visibility
 
-FidelityName = Literal["coverage", "surrogate", "detector", "table"]
-FIDELITIES: tuple[FidelityName, ...] = ("coverage", "surrogate", "detector", "table")
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-Stages = Callable[[str, int, int | None], None]  # told a stage, how many are done and of how many
+Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
@@ -87,12 +86,12 @@ class Objective:
     """Scores sets of candidate sensors at a site.
 
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
-    codec: of what they send; fidelity: how a set is scored, see `FIDELITIES`;
+    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`;
     candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
-    makes them of a site; progress: told a stage ("poses rendered", "sets scored"), how many are done, and of how many
-    (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection
-    counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or
-    address of a Ray cluster, that render and detect.
+    makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
+    how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
+    detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
+    processes, or address of a Ray cluster, that render and detect.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -120,9 +119,8 @@ class Objective:
         from placement_env.fidelity.preparation import Preparation, site_candidates
 
         check_fidelity(fidelity)
-        check_frames(frames)
-        if not 0 < iou <= 1:
-            raise ValueError(f"iou must lie in (0, 1], got {iou}: the paper has 0.7")
+        check_whole("frames", frames, least=1)
+        check_iou(iou)
         site = load_site(site) if isinstance(site, str) else site
         preparation = Preparation(
             site=site,
@@ -331,17 +329,3 @@ def index_of(member: Any, names: Sequence[str]) -> int:
     if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
         return int(member)
     raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")
-
-
-def check_frames(frames: int) -> int:
-    """The number of frames, or ValueError where it is no whole number from 1 up."""
-    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
-        raise ValueError(f"frames must be a whole number, at least 1, got {frames!r}: 200 are usual")
-    return int(frames)
-
-
-def check_fidelity(fidelity: FidelityName) -> FidelityName:
-    """The fidelity, or ValueError where there is none of that name."""
-    if fidelity not in FIDELITIES:
-        raise ValueError(f"fidelity must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
-    return fidelity

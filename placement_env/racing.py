@@ -1,9 +1,9 @@
-"""Racing: the best of many sensor sets without scoring all of them on all frames, or with a dear fidelity.
+"""Racing: the best of many sensor sets without scoring all of them on all frames, or with an accurate fidelity.
 
 `race` is successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016) with frames as the budget: all
 sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few on all frames. The
-frames come in a random order, as neighbours in time show nearly the same traffic. `verify` scores with a dear fidelity
-the few sets that a cheap one finds best.
+frames come in a random order, as neighbours in time show nearly the same traffic. `verify` scores with an
+accurate fidelity the few sets that a fast one finds best.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Race:
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """The k sets that a cheap fidelity finds best, as a dear one ranks them, with the figures of both."""
+    """The k sets that a fast fidelity finds best, as an accurate one ranks them, with the figures of both."""
 
     sets: Bool[np.ndarray, "k C"]
-    cheap: Float64[np.ndarray, " k"]
-    dear: Float64[np.ndarray, " k"]
+    fast: Float64[np.ndarray, " k"]
+    accurate: Float64[np.ndarray, " k"]
 
 
 def race(
@@ -95,23 +95,23 @@ def race(
     return Race(running, rungs[-1].scores[: len(running)], tuple(rungs), spent, full)
 
 
-def verify(cheap: SetFunction, dear: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:
-    """The `best` of the sets by a cheap figure and what ties with the last of them, ranked by a dear one.
+def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:
+    """The `best` of the sets by a fast figure and what ties with the last of them, ranked by an accurate one.
 
-    Equal sets are scored once. Of equal dear figures the set of the greater cheap one goes first.
+    Equal sets are scored once. Of equal accurate figures the set of the greater fast one goes first.
     Raises ValueError without a set, or for best below 1.
 
     >>> sets = np.eye(3, dtype=bool)
-    >>> verify(lambda s: s @ np.array([0.3, 0.8, 0.9]), lambda s: s @ np.array([0.2, 0.7, 0.6]), sets, best=2).dear
+    >>> verify(lambda s: s @ np.array([0.3, 0.8, 0.9]), lambda s: s @ np.array([0.2, 0.7, 0.6]), sets, best=2).accurate
     array([0.7, 0.6])
     """
     if len(sets) < 1 or best < 1:
         raise ValueError(f"there must be a set to verify and best >= 1, got {len(sets)} sets and best {best}")
     sets = sets[np.sort(np.unique(sets, axis=0, return_index=True)[1])]
-    guesses = np.asarray(cheap(sets), float)
+    guesses = np.asarray(fast(sets), float)
     ranked = _best_first(guesses)
     few = ranked[: _with_ties(guesses[ranked], best)]
-    figures = np.asarray(dear(sets[few]), float)
+    figures = np.asarray(accurate(sets[few]), float)
     final = _best_first(figures)
     return Verified(sets[few[final]], guesses[few[final]], figures[final])
 

@@ -121,12 +121,13 @@ def search(
             checked, sets = verified_best(objective, exact, result)
     sensors = described_sensors([names[c] for c in best.subset], result.sensors)
     summary = {**asdict(best), "sensors": sensors, "certificate": asdict(certificate),
-               "evaluations": result.evaluations, "seconds": result.seconds}  # fmt: skip
+               "evaluations": result.evaluations, "seconds": result.seconds,
+               "provenance": objective.provenance}  # fmt: skip
     lines = [str(result), certificate.note, *(f"  {name}" for name in sensors), described_score(best)]
     lines += [f"front: {described_score(score)} {score.subset}" for score in result.front]
     if verify is not None and best.subset:
         there = [names[c] for c in checked.subset]
-        summary["verified"] = {**asdict(checked), "sensors": there}
+        summary["verified"] = {**asdict(checked), "sensors": there, "provenance": exact.provenance}
         lines += [f"by the {verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {name}" for name in there), described_score(checked)]
     print_result(summary, "\n".join(line for line in lines if line), as_json=json)

@@ -66,10 +66,10 @@ def pool(
     chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
     axes = _axes(heights, headings, tilts, models)
     feet = np.array([mount.position for mount in chosen])
-    hung = _heights(chosen, axes.heights)
+    mounted = _heights(chosen, axes.heights)
     shape = (len(chosen), *axes.shape)
-    factors = np.argwhere(np.broadcast_to(np.isfinite(hung)[:, :, None, None, None], shape)).astype(np.int64)
-    position = feet[factors[:, 0]] + hung[factors[:, 0], factors[:, 1], None] * [0.0, 0.0, 1.0]
+    factors = np.argwhere(np.broadcast_to(np.isfinite(mounted)[:, :, None, None, None], shape)).astype(np.int64)
+    position = feet[factors[:, 0]] + mounted[factors[:, 0], factors[:, 1], None] * [0.0, 0.0, 1.0]
     rotations = _rotations(axes)
     if not blind:
         kept = _sees_area(site, position, factors, rotations, axes.models)
@@ -79,7 +79,7 @@ def pool(
     poses = np.tile(np.eye(4), (len(factors), 1, 1))
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
-    names = _names(chosen, hung, axes, factors)
+    names = _names(chosen, mounted, axes, factors)
     sensors = tuple(
         Sensor(name, axes.models[model], at) for name, model, at in zip(names, factors[:, 4], poses, strict=True)
     )
@@ -122,12 +122,12 @@ def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray
     """Each height in the range of each mount; NaN where one nearer to what was asked comes to the same."""
     low, high = np.array([[mount.min_height, mount.max_height] for mount in mounts]).T[:, :, None]
     clipped = np.clip(heights, low, high)
-    hung = np.full(clipped.shape, np.nan)
+    mounted = np.full(clipped.shape, np.nan)
     for row, (in_range, moved) in enumerate(zip(clipped, np.abs(clipped - heights), strict=True)):
         nearest_first = np.argsort(moved, kind="stable")
         values, first = np.unique(in_range[nearest_first], return_index=True)
-        hung[row, nearest_first[first]] = values
-    return hung
+        mounted[row, nearest_first[first]] = values
+    return mounted
 
 
 def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
@@ -153,9 +153,9 @@ def _sees_area(
     return sees
 
 
-def _names(mounts: Sequence[Mount], hung: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
+def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
     """Such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
-    heights, place = np.unique(hung[factors[:, 0], factors[:, 1]], return_inverse=True)
+    heights, place = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
     height, heading, tilt = (
         _written(heights, 1),
         _written(np.rad2deg(axes.headings), 0),
@@ -170,6 +170,6 @@ def _names(mounts: Sequence[Mount], hung: np.ndarray, axes: Axes, factors: np.nd
 
 
 def _written(values: np.ndarray, decimals: int) -> list[str]:
-    """Different numbers with so few decimals that they can be told apart."""
+    """Different numbers with as few decimals as tell them apart."""
     texts = [f"{value:.{decimals}f}" for value in values]
     return texts if len(set(texts)) == len(texts) or decimals > 15 else _written(values, decimals + 1)

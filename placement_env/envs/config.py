@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from placement_env.objective import AP_ONLY, FidelityName, Objective, Weights, check_fidelity
+from placement_env.checks import check_iou, check_range, check_whole
+from placement_env.fidelity.protocol import FidelityName, check_fidelity
+from placement_env.objective import AP_ONLY, Objective, Weights
+from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
@@ -28,8 +30,8 @@ class EnvConfig:
     site: a site, its name or file, or several of these; budget: sensors to place; scheme: of fusion, or several;
     failures: how many candidates have failed. Of several sites and schemes each episode draws one, of a budget or
     failures given as (lowest, highest) it draws the number, and then which candidates have failed, all by the
-    environment's own generator; options of `reset` go before. fidelity, frames, weights, candidates, detector, iou,
-    seed: of `placement_env.objective.Objective`.
+    environment's own generator; options of `reset` go before. fidelity, frames, weights, candidates, detector, codec,
+    iou, seed: of `placement_env.objective.Objective`.
 
     Raises ValueError for a setting that does not fit.
     """
@@ -43,6 +45,7 @@ class EnvConfig:
     weights: Weights = AP_ONLY
     candidates: Any = None
     detector: Detector | None = None
+    codec: Codec = PAPER
     iou: float = 0.7
     seed: int = 0
 
@@ -56,8 +59,8 @@ class EnvConfig:
         check_whole("seed", self.seed, least=0)
         if not isinstance(self.weights, Weights):
             raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
-        if not isinstance(self.iou, Real) or isinstance(self.iou, bool) or not 0 < self.iou <= 1:
-            raise ValueError(f"iou must be a number above 0 and up to 1, got {self.iou!r}")
+        check_iou(self.iou)
+        check_codec(self.codec)
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
 
@@ -144,26 +147,6 @@ def gathered(kind: Callable[..., Config], config: Config | None, settings: dict[
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
     return replace(config, **settings)
-
-
-def check_range(name: str, value: Any, *, least: int, unit: str) -> None:
-    """Raises ValueError where a number, or the ends of a range, are no whole numbers from `least` up."""
-    ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
-    if len(ends) != 2 or not all(whole(end) and end >= least for end in ends) or ends[0] > ends[1]:
-        raise ValueError(
-            f"{name} must be at least {least} {unit}, a whole number or (lowest, highest) of two, got {value!r}"
-        )
-
-
-def check_whole(name: str, value: Any, *, least: int) -> None:
-    """Raises ValueError where a number is no whole one from `least` up."""
-    if not whole(value) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
-
-
-def whole(value: Any) -> bool:
-    """Whether it is a whole number; a truth value is none."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Episodes: the scenario of each, its budget, and which candidates have failed; drawn or as told."""
+"""Episodes: the scenario of each, its budget, and which candidates have failed; drawn, or as options say."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.envs.config import ChoosingConfig, EnvConfig, check_range
+from placement_env.checks import check_range
+from placement_env.envs.config import ChoosingConfig, EnvConfig
 from placement_env.envs.scenario import Scenario
 from placement_env.fidelity.preparation import check_fidelity_for, site_candidates
 from placement_env.objective import Objective
@@ -35,7 +36,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What is drawn, or told by options, for an episode. site: its number; failed: what options give as candidates,
+    """What is drawn, or given by options, for an episode. site: its number; failed: what options give as candidates,
     by index or name."""
 
     site: int
@@ -106,7 +107,7 @@ class Scenarios:
             raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
         if objective is None:
             check_scored(config, self.sites)
-        self._made: dict[tuple[int, Scheme], Scenario] = {}
+        self._made: dict[tuple[int, str], Scenario] = {}
         self._always: Episode | None = None  # where nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Episode:
@@ -128,7 +129,7 @@ class Scenarios:
         return Episode(scenario, conditions.budget, scenario.failed_row(conditions.failed))
 
     def _scenario(self, conditions: Conditions) -> Scenario:
-        key = conditions.site, conditions.scheme
+        key = conditions.site, conditions.scheme.digest
         if key not in self._made:
             self._made[key] = Scenario(self.config.objective or self._objective(conditions), self.slots)
         return self._made[key]
@@ -137,8 +138,8 @@ class Scenarios:
         config = self.config
         return Objective(
             self.sites[conditions.site], config.frames, conditions.scheme, config.fidelity, config.weights,
-            candidates=self.sites.candidates(conditions.site), detector=config.detector, iou=config.iou,
-            seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
+            candidates=self.sites.candidates(conditions.site), detector=config.detector, codec=config.codec,
+            iou=config.iou, seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
         )  # fmt: skip
 
 

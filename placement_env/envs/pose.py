@@ -20,10 +20,9 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective, index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
-from toolkit.detection.scheme import Scheme
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
-TILTS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
+TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +40,13 @@ class Rig:
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
     def moved(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
-        """After an action: within the mounts' heights, and `TILTS`; a sensor that was beyond them may stay there."""
+        """After an action: within the mounts' heights, and `TILT_LIMITS`; one that was beyond them may stay there."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
         low = np.minimum([mount.min_height for mount in mounts], self.aim[:, 0])
         high = np.maximum([mount.max_height for mount in mounts], self.aim[:, 0])
         turned = np.arctan2(np.sin(heading), np.cos(heading))
-        tilts = np.minimum(TILTS[0], self.aim[:, 2]), np.maximum(TILTS[1], self.aim[:, 2])
+        tilts = np.minimum(TILT_LIMITS[0], self.aim[:, 2]), np.maximum(TILT_LIMITS[1], self.aim[:, 2])
         return Rig(self.candidates, np.stack([np.clip(height, low, high), turned, np.clip(tilt, *tilts)], axis=1))
 
     def placed(self) -> Candidates:
@@ -89,7 +88,7 @@ class PoseScenarios:
                     f"{config.budgets[1]} and {config.failure_counts[1]} failures: lower them"
                 )
         check_scored(config, self.sites)
-        self._made: dict[tuple[int, Scheme], Preparation] = {}
+        self._made: dict[tuple[int, str], Preparation] = {}
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> PoseEpisode:
         """Sensors drawn among those that have not failed, on mounts of their own. Raises ValueError where there are too
@@ -130,12 +129,12 @@ class PoseScenarios:
         return Scenario(objective, self.config.budgets[1])
 
     def _preparation(self, conditions: Conditions) -> Preparation:
-        key, config = (conditions.site, conditions.scheme), self.config
+        key, config = (conditions.site, conditions.scheme.digest), self.config
         if key not in self._made:
             self._made[key] = Preparation(
                 site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
-                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, cache=None,
-                workers=1, ray=None, detector=config.detector,
+                frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, codec=config.codec,
+                cache=None, workers=1, ray=None, detector=config.detector,
             )  # fmt: skip
         return self._made[key]
 
@@ -239,8 +238,8 @@ class SensorPoseEnv(PlacementEnv):
     config: a `placement_env.envs.config.PoseConfig`; or its settings by name. site: a site, its name, or several;
     budget: sensors; failures: candidates that have failed; scheme: or several. Each episode draws one of several, and a
     number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
-    detector; frames, weights, candidates, detector, iou, seed: of `placement_env.objective.Objective`. `reset` takes
-    the options site, scheme, budget (up to the environment's) and failed.
+    detector; frames, weights, candidates, detector, codec, iou, seed: of `placement_env.objective.Objective`. `reset`
+    takes the options site, scheme, budget (up to the environment's) and failed.
 
     ## Version History
     v0: first version.

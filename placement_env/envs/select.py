@@ -135,7 +135,7 @@ class SensorSelectEnv(PlacementEnv):
     budget: sensors to place; failures: candidates that have failed; scheme: or several. Each episode draws one of
     several, and a number from a budget or failures given as (lowest, highest). actions: flat or factored; slots: for
     candidates, None for what the largest of the sites needs; objective: in place of a site and all that follows;
-    fidelity, frames, weights, candidates, detector, iou, seed, cache, workers, ray: of
+    fidelity, frames, weights, candidates, detector, codec, iou, seed, cache, workers, ray: of
     `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
 
     ## Version History

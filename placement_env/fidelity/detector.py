@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from placement_env.checks import check_iou
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
@@ -108,8 +109,7 @@ class Detected:
         workers: int = 1,
         ray: str | None = None,
     ) -> None:
-        if not 0 < iou <= 1:
-            raise ValueError(f"iou must lie in (0, 1], got {iou}")
+        check_iou(iou)
         self.renders, self.detector, self.iou = renders, detector, iou
         self.scheme, self.codec = scheme_of(scheme), check_codec(codec)
         self.frames = len(_indices(renders.frames, frames))
@@ -137,7 +137,7 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and the object's own. progress: told how
+        """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and its own. progress: called with how
         many of the frames in which a set was not scored yet are done."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
         to_find = sum(int(self.scored(k).sum()) for k in chosen_frames)

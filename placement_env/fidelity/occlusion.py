@@ -66,28 +66,28 @@ class _Scene:
     """The sensors of a block at the empty site, and buffers for one frame."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self._site, self._gaze, self._radius = site, SensorRays(renderer, sensors), site.hybrid_radius
+        self._site, self._views, self._radius = site, SensorRays(renderer, sensors), site.hybrid_radius
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
         self._model = np.array([self._models.index(model) for model in models])
-        gaze = self._gaze
-        which = np.repeat(np.arange(len(sensors)), np.diff(gaze.first))
-        self._still_sent, self._still_far = (np.zeros(len(gaze.still), np.float32) for _ in range(2))
-        for s, image in enumerate(map(slice, gaze.first[:-1], gaze.first[1:])):  # one at a time, to spare memory
-            pixels = np.flatnonzero(gaze.still[image] > 0) + gaze.first[s]
-            points = gaze.rays[pixels] * gaze.still[pixels, None] + self._positions[s]
+        views = self._views
+        which = np.repeat(np.arange(len(sensors)), np.diff(views.first))
+        self._still_sent, self._still_far = (np.zeros(len(views.still), np.float32) for _ in range(2))
+        for s, image in enumerate(map(slice, views.first[:-1], views.first[1:])):  # one at a time, to spare memory
+            pixels = np.flatnonzero(views.still[image] > 0) + views.first[s]
+            points = views.rays[pixels] * views.still[pixels, None] + self._positions[s]
             self._still_sent[pixels], self._still_far[pixels] = self._worth(
-                points, gaze.rays[pixels], gaze.still[pixels], which[pixels]
+                points, views.rays[pixels], views.still[pixels], which[pixels]
             )
         self.sent, self.far = (np.bincount(which, each, len(sensors)) for each in (self._still_sent, self._still_far))
-        self._front = np.full(len(gaze.still), np.inf, np.float32)
-        self._owner = np.zeros(len(gaze.still), np.int32)
+        self._front = np.full(len(views.still), np.inf, np.float32)
+        self._owner = np.zeros(len(views.still), np.int32)
 
     def part(self, body: int, box: np.ndarray) -> _Part:
         """One object seen by itself."""
-        pixels, sensors, depth, points = self._gaze.silhouette(body, box)
-        sent, far = self._worth(points, self._gaze.rays.take(pixels, axis=0), depth, sensors)
+        pixels, sensors, depth, points = self._views.silhouette(body, box)
+        sent, far = self._worth(points, self._views.rays.take(pixels, axis=0), depth, sensors)
         counted = inside(points, self._site.area, self._site.height)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)

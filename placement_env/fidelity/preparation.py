@@ -8,7 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from placement_env.fidelity.protocol import Fidelity
+from placement_env.checks import check_iou
+from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
@@ -57,12 +58,12 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """The frames."""
-        from placement_env.fidelity.traffic import traffic
+        from placement_env.fidelity.traffic import simulate_traffic
 
-        return traffic(self.site, self.frames, self.seed)
+        return simulate_traffic(self.site, self.frames, self.seed)
 
     @cached_property
-    def kept(self) -> Cache | None:
+    def disk_cache(self) -> Cache | None:
         """What was seen, rendered and detected before: one file in the folder `cache`."""
         from toolkit.runtime.cache import Cache
 
@@ -74,14 +75,19 @@ class Preparation:
         return self.look()
 
     def look(self, progress: Callable[[str, int, int | None], None] | None = None) -> Visibility:
-        """What each candidate sees, rendered the first time; progress: told "poses rendered", how many, of how many."""
+        """What each candidate sees, rendered the first time; progress: called with "poses rendered", done, total."""
         from placement_env.fidelity.visibility import see
 
         if "visibility" not in vars(self):
             total = len(self.candidates)
-            told = None if progress is None else lambda done: progress("poses rendered", done, total)
+            report = None if progress is None else lambda done: progress("poses rendered", done, total)
             seen = see(
-                self.traffic, self.candidates, workers=self.workers, ray=self.ray, cache=self.kept, progress=told
+                self.traffic,
+                self.candidates,
+                workers=self.workers,
+                ray=self.ray,
+                cache=self.disk_cache,
+                progress=report,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
@@ -100,11 +106,10 @@ class Preparation:
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name."""
+        check_fidelity(name)
         made = {
             "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
         }  # fmt: skip
-        if name not in made:
-            raise ValueError(f"fidelity must be one of {', '.join(made)}, got {name!r}")
         return made[name]()
 
     def _coverage(self) -> Fidelity:
@@ -121,16 +126,16 @@ class Preparation:
         return Surrogate(self.visibility, self.scheme, model, radius=radius, codec=self.codec)
 
     def _detected(self) -> Fidelity:
-        from models import load_detector
+        from models.detector import load_detector
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        renders = Renders(self.traffic, self.candidates, self.kept)
+        renders = Renders(self.traffic, self.candidates, self.disk_cache)
         detector = self.detector
         if detector is None:
             detector = load_detector(self.network, area=self.site.area)
         return Detected(
-            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.kept,
+            renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.disk_cache,
             workers=self.workers, ray=self.ray,
         )  # fmt: skip
 
@@ -152,8 +157,7 @@ def check_fidelity_for(
 ) -> None:
     """Raises ValueError where there is no table, or no surrogate, that scores these candidates so; renders nothing."""
     scheme = scheme_of(scheme)
-    if not 0 < iou <= 1:
-        raise ValueError(f"iou must lie in (0, 1], got {iou}: the paper has 0.7")
+    check_iou(iou)
     if fidelity == "surrogate":
         from placement_env.fidelity.hit_model import shipped_model
 

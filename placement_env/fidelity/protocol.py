@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float64
+
+FidelityName = Literal["coverage", "surrogate", "detector", "table"]
+FIDELITIES: tuple[FidelityName, ...] = get_args(FidelityName)
 
 
 class Estimate(NamedTuple):
@@ -41,3 +44,9 @@ class ByFrames(Fidelity, Protocol):
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames; what was scored on a frame before is not scored there again."""
+
+
+def check_fidelity(fidelity: Any) -> None:
+    """Raises ValueError where there is no fidelity of that name."""
+    if fidelity not in FIDELITIES:
+        raise ValueError(f"fidelity must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")

@@ -23,7 +23,7 @@ from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.points import beyond, frame_points
+from toolkit.points import frame_points
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import Sensor
@@ -75,10 +75,6 @@ class Renders:
         if self._noise_seed is not None:
             rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
         return packed.rig.points(0, *packed.frame(k), rng)
-
-    def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Those of them outside the radius of hybrid fusion."""
-        return _far(self.clouds(k, c), self.sensors[c], self.site.hybrid_radius)
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""
@@ -143,10 +139,6 @@ class Recorded:
         """Points of sensor c in frame k inside the crop, world frame."""
         return frame_points(self._frame(k), [c], area=self.site)[0]
 
-    def far(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Those of them outside the radius of hybrid fusion."""
-        return _far(self.clouds(k, c), self.sensors[c], self.site.hybrid_radius)
-
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""
         return self._frame(k).objects
@@ -188,11 +180,7 @@ def _code(sensors: Sequence[Sensor]) -> str:
     return code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
 
 
-def _far(points: Float32[np.ndarray, "n 3"], sensor: Sensor, radius: float) -> Float32[np.ndarray, "m 3"]:
-    return points[beyond(points, sensor, radius)]
-
-
 def _seed(sensor: Sensor) -> int:
     """What its noise is drawn from: not `Sensor.digest`, since published figures were measured with this noise."""
-    told = json.dumps((repr(sensor.model), sensor.pose.tolist()))
-    return int.from_bytes(sha256(told.encode()).digest()[:8], "big")
+    described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
+    return int.from_bytes(sha256(described.encode()).digest()[:8], "big")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,15 +97,20 @@ class TableFidelity:
     name: str = field(default="table", init=False)
 
     def __post_init__(self) -> None:
-        _column(self.scheme, self.iou)
+        _ = self._column
         if self.codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: take fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set."""
-        rows, (scheme, iou) = self.table.row(subsets), _column(self.scheme, self.iou)
+        rows, (scheme, iou) = self.table.row(subsets), self._column
         table = self.table
         return Estimate(table.ap[rows, scheme, iou], table.recall[rows, scheme, iou], table.kbit[rows, scheme])
+
+    @cached_property
+    def _column(self) -> tuple[int, int]:
+        """Number of the scheme and of the IoU threshold."""
+        return _column(self.scheme, self.iou)
 
 
 class Best(NamedTuple):
@@ -141,8 +147,8 @@ def make_table(
     """Score every sensor set in every scheme by detection and write the table.
 
     renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
-    their noise, written down; progress: told the frames done and to be done, each once for each scheme; workers, ray:
-    see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
+    their noise, written down; progress: called with the frames done and to be done, each once for each scheme; workers,
+    ray: see `toolkit.runtime.parallel.spread`. What was detected is kept beside `out` until the table is whole: started
     again after a kill, it goes on. The table is the same however it came about.
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
@@ -150,8 +156,8 @@ def make_table(
     columns = []
     for done, scheme in enumerate(PAPER_SCHEMES):
         detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)
-        told = _told(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
-        columns.append(list(detected.estimates(subsets, progress=told).values()))
+        report = _after(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
+        columns.append(list(detected.estimates(subsets, progress=report).values()))
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
@@ -175,8 +181,8 @@ def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
     from toolkit.sites.geojson import dumps
 
-    hung = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
-    return key_of(dumps(site, without=["hybrid_radius"]), hung).hex()
+    mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
+    return key_of(dumps(site, without=["hybrid_radius"]), mounted).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:
@@ -218,5 +224,5 @@ def _column(scheme: Scheme | str, iou: float) -> tuple[int, int]:
     return PAPER_SCHEMES.index(scheme.name), IOUS.index(iou)
 
 
-def _told(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
+def _after(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:
     return None if progress is None else lambda done: progress(before + done, total)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from toolkit.arrays import Bool
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
@@ -53,13 +54,14 @@ class Traffic:
         return sha.hexdigest()
 
 
-def traffic(site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None) -> Traffic:
+def simulate_traffic(
+    site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
+) -> Traffic:
     """`frames` frames of simulated traffic; bodies: None for `catalogue()`. Same seed, same frames.
 
     Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
     """
-    if frames < 1:
-        raise ValueError(f"frames must be at least 1, got {frames}")
+    check_whole("frames", frames, least=1)
     bodies = catalogue() if bodies is None else bodies
     return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed)))
 

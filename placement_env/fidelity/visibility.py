@@ -110,15 +110,15 @@ def see(
 ) -> Visibility:
     """What the candidates see of the traffic.
 
-    workers, ray: see `toolkit.runtime.parallel.spread`; progress: told how many candidates are done; cache: where
-    the finished blocks of candidates are kept, so that what was broken off goes on there.
+    workers, ray: see `toolkit.runtime.parallel.spread`; progress: called with how many candidates are done; cache:
+    where the finished blocks of candidates are kept, so that what was broken off goes on there.
     Raises ValueError without candidates.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     job = _Job(traffic, candidates.sensors, cache)
     blocks = _blocks(candidates.sensors)
-    kept = {block: found for block in blocks if (found := job.kept(block)) is not None}
+    kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
     made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
     seen = []
     for block in blocks:
@@ -165,14 +165,14 @@ class _Job:
     cache: Cache | None
 
     def __call__(self, block: Block) -> Seen:
-        found = self.kept(block)
+        found = self.cached(block)
         if found is None:
             found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)])
             if self.cache is not None:
                 self.cache.put({self.key(block): found})
         return found
 
-    def kept(self, block: Block) -> Seen | None:
+    def cached(self, block: Block) -> Seen | None:
         """What an earlier call found; None where there is nothing, or it is damaged."""
         arrays = None if self.cache is None else self.cache.get([self.key(block)])[0]
         return None if arrays is None else Seen(*arrays)

@@ -26,29 +26,29 @@ from toolkit.arrays import Float32
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next
 
 
-def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, turned: bool = False) -> SB3VecEnv:
+def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
     """A vector environment of `gymnasium.make_vec("coview/...")` as Stable-Baselines3 and sb3-contrib train on it.
 
-    turned: see `SB3VecEnv`. Raises ValueError for a vector environment that is not coview's own.
+    augment: see `SB3VecEnv`. Raises ValueError for a vector environment that is not coview's own.
     """
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
         raise ValueError(f"as_sb3 takes coview's native vector environments, got {vector}: take DummyVecEnv for others")
-    return SB3VecEnv(native, turned=turned)
+    return SB3VecEnv(native, augment=augment)
 
 
 def vectorized(
-    first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int, *, turned: bool = False
+    first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int, *, augment: bool = False
 ) -> VecEnv:
     """n episodes of an environment and others like it, stepped together; those of ours share its scenarios.
 
-    Raises ValueError where `turned`, of `SB3VecEnv`, is asked of an environment that is not ours.
+    Raises ValueError where `augment`, of `SB3VecEnv`, is asked of an environment that is not ours.
     """
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
-        return SB3VecEnv(side_by_side(first, n), turned=turned)
-    if turned:
-        raise ValueError(f"only junctions of our own environments can be turned, got {first}: leave turned out")
+        return SB3VecEnv(side_by_side(first, n), augment=augment)
+    if augment:
+        raise ValueError(f"only junctions of our own environments can be augmented, got {first}: leave augment out")
     return DummyVecEnv([lambda: Monitor(first), *[lambda: Monitor(make_env())] * (n - 1)])
 
 
@@ -59,14 +59,14 @@ class SB3VecEnv(VecEnv):
     Stable-Baselines3's `Monitor` gives them), the set it ended with (`subset`), whether it was cut off
     (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
 
-    turned: each episode's junction is turned by a multiple of 90° and perhaps mirrored at random, as agents see it.
+    augment: each episode's junction is rotated by a multiple of 90° and perhaps mirrored at random, as agents see it.
     """
 
-    def __init__(self, vector: PlacementVectorEnv, *, turned: bool = False) -> None:
-        self.vector, self._turned = vector, turned
+    def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
+        self.vector, self._augment = vector, augment
         super().__init__(vector.num_envs, vector.single_observation_space, vector.single_action_space)
         self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, np.int64)
-        self._turns = np.zeros((self.num_envs, 2, 2), np.float32)
+        self._rotations = np.zeros((self.num_envs, 2, 2), np.float32)
 
     def reset(self) -> np.ndarray:
         """Start all episodes, with the seeds of `seed` and the options of `set_options`."""
@@ -108,16 +108,16 @@ class SB3VecEnv(VecEnv):
 
     def _start(self, rows: np.ndarray) -> None:
         self._returns[rows], self._lengths[rows] = 0.0, 0
-        if self._turned:
-            self._turns[rows] = turns(self._rng, int(rows.sum()))
+        if self._augment:
+            self._rotations[rows] = rotations(self._rng, int(rows.sum()))
 
     def _as_seen(self, observations: np.ndarray) -> np.ndarray:
-        if not self._turned:
+        if not self._augment:
             return observations
         seen = observations.copy()
         features = seen[:, : -len(GLOBAL)].reshape(self.num_envs, -1, self.vector.task.state.slots)
         for first in (X, HEADING):
-            features[:, first : first + 2] = self._turns @ features[:, first : first + 2]
+            features[:, first : first + 2] = self._rotations @ features[:, first : first + 2]
         return seen
 
     def close(self) -> None:
@@ -146,8 +146,8 @@ class SB3VecEnv(VecEnv):
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
-def turns(rng: np.random.Generator, n: int) -> Float32[np.ndarray, "n 2 2"]:
-    """Turns of the plane by random multiples of 90°, half of them mirrored."""
+def rotations(rng: np.random.Generator, n: int) -> Float32[np.ndarray, "n 2 2"]:
+    """Rotations of the plane by random multiples of 90°, half of them mirrored."""
     cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
     side = rng.choice([-1, 1], n)
     return np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32).transpose(2, 0, 1)

@@ -39,7 +39,7 @@ class Learning:
     hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
     al. 2017). Episodes are short, so nothing is discounted.
 
-    turned: junctions are turned and mirrored at random, an episode each, so that a policy trained over several learns
+    augment: junctions are rotated and mirrored at random, an episode each, so that a policy trained over several learns
     less of them by heart (our own environments only)."""
 
     envs: int = 16
@@ -50,7 +50,7 @@ class Learning:
     entropy: float = 0.01
     discount: float = 1.0
     width: int = 32
-    turned: bool = False
+    augment: bool = False
 
 
 PLAIN = Learning()
@@ -251,7 +251,7 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
     algorithm = MaskablePPO if _masked(first) else PPO
     model = algorithm(
         _network(first),
-        vectorized(first, make_env, learning.envs, turned=learning.turned),
+        vectorized(first, make_env, learning.envs, augment=learning.augment),
         n_steps=learning.rollout,
         batch_size=learning.batch,
         n_epochs=learning.epochs,

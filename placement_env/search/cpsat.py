@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
@@ -99,8 +100,8 @@ def cover_most(
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
     [0, 2]
     """
-    if budget < 1 or views < 1:
-        raise ValueError(f"budget and views must be at least 1, got {budget} and {views}")
+    check_whole("budget", budget, least=1)
+    check_whole("views", views, least=1)
     began = time.monotonic()
     rows = np.ones(len(seen), bool) if may_stand is None else may_stand
     kept = useful(np.where(rows[:, None], seen, False), mount)

@@ -1,4 +1,4 @@
-"""The searches by name, and whether one can do what it is asked: told before anything is rendered."""
+"""The searches by name, and whether one can do what it is asked: checked before anything is rendered."""
 
 from __future__ import annotations
 

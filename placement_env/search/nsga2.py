@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search import exhaustive
 from placement_env.search.neighbourhood import Neighbourhood
@@ -34,8 +35,7 @@ def search(
 
     Raises ValueError for a population below 2, and ImportError without pymoo.
     """
-    if population < 2:
-        raise ValueError(f"population must be at least 2, got {population}")
+    check_whole("population", population, least=2)
     if len(objective.candidates) <= exhaustive.LARGEST:
         return exhaustive.search(objective, budget, seconds=seconds, evaluations=evaluations)
     if seconds is None and evaluations is None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from placement_env.objective import Objective, Score
 from placement_env.search.result import Certificate, History, Result
 from toolkit.arrays import Bool, Float64, Int
@@ -72,8 +73,7 @@ class Progress:
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
-        if budget < 1:
-            raise ValueError(f"budget must be at least 1 sensor, got {budget}")
+        check_whole("budget", budget, least=1)
         self.objective, self.budget = objective, budget
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)

@@ -11,6 +11,7 @@ import sys
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.greedy import grow
 from placement_env.search.neighbourhood import Neighbourhood
@@ -35,8 +36,8 @@ def search(
     starts: how many; None for as many as the limits allow, or `STARTS` without a limit. The certificate is "local
     optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1.
     """
-    if starts is not None and starts < 1:
-        raise ValueError(f"starts must be at least 1, got {starts}")
+    if starts is not None:
+        check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)
     neighbourhood, rng = Neighbourhood(objective, budget), np.random.default_rng(seed)
     proven = False

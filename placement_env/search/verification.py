@@ -33,15 +33,15 @@ def verified(
     return verify(lambda s: fast.scores(s).reward, lambda s: accurate.scores(s).reward, sets, best=best)
 
 
-def verified_best(cheap: Objective, exact: Objective, result: Result) -> tuple[Score, int]:
-    """The best by an exact objective of a result of a cheap one and its neighbours, and of how many sets.
+def verified_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
+    """The best by an accurate objective of a result of a fast one and its neighbours, and of how many sets.
 
     Sensors that were moved have no neighbours: they are scored where they stand, as one set.
     """
     if result.sensors:
-        return rescored(exact, result), 1
-    ranking = verified(cheap, exact, np.array(result.best.subset))
-    return exact.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)
+        return rescored(accurate, result), 1
+    ranking = verified(fast, accurate, np.array(result.best.subset))
+    return accurate.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)
 
 
 def rescored(accurate: Objective, result: Result) -> Score:

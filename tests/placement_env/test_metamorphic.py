@@ -18,7 +18,6 @@ from placement_env.racing import race
 from placement_env.subsets import all_subsets
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
-from toolkit.points import beyond
 from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -76,10 +75,6 @@ class Scene:
             number = int(self.richness * rng.poisson(40 * np.exp(-far / 8)) * (rng.random() < 0.8))
             points.append(box[:3] + rng.uniform(-0.5, 0.5, (number, 3)) * CAR)
         return np.concatenate(points).astype(np.float32)
-
-    def far(self, k, c):
-        points = self.clouds(k, c)
-        return points[beyond(points, self.sensors[c], self.site.hybrid_radius)]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 import zlib
 from dataclasses import dataclass, replace
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -280,3 +282,37 @@ def test_a_site_takes_both_by_its_name():
     assert by_detector.score([0]).kbit > 0
     with pytest.raises(ValueError, match="no surrogate of tjunction for thinned"):
         Objective("tjunction", 2, Thinned())
+
+
+class Unhashable(Thinned):
+    """Own schemes need not be keys of a dictionary; environments go by their digest."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("name", ["coview/SensorSelect-v0", "coview/SensorSubset-v0", "coview/SensorPose-v0"])
+def test_environments_take_both(name):
+    drawn, codec = [Unhashable(2), Unhashable(4)], Centimetres()
+    env: Any = gym.make(name, scheme=drawn, codec=codec, fidelity="coverage", frames=1, budget=2)
+    sent: dict[int, Any] = {}
+    env.reset(seed=0)
+    for _ in range(8):
+        env.reset()
+        _, reward, _, _, info = env.step(env.action_space.sample() if "Pose" in name else legal(env, name))
+        objective = env.unwrapped.placed()[0]
+        assert objective.codec == codec
+        assert np.isfinite(reward)
+        assert info["kbit"] > 0
+        sent[objective.scheme.every] = objective.sent if "Pose" not in name else None
+    assert sent.keys() == {2, 4}
+    if "Pose" not in name:
+        assert (sent[4] < sent[2]).all()
+    env.reset(options={"scheme": Unhashable(8)})
+    assert env.unwrapped.placed()[0].scheme.every == 8
+    paper: Any = gym.make(name, fidelity="coverage", frames=1, budget=2)
+    paper.reset(seed=0)
+    assert paper.unwrapped.placed()[0].codec == PAPER
+
+
+def legal(env, name):
+    return 0 if "Select" in name else np.eye(1, env.action_space.n, dtype=np.int8)[0]

@@ -162,8 +162,8 @@ def test_verify_ranks_the_best_few_by_the_dear_figure():
     sets = np.eye(4, dtype=bool)[[3, 2, 1, 0, 0]]
     found = verify(lambda s: s @ cheap, expensive, sets, best=3)
     assert found.sets.argmax(axis=1).tolist() == [1, 2, 0]
-    assert found.cheap.tolist() == [0.8, 0.7, 0.9]
-    assert found.dear.tolist() == [0.6, 0.6, 0.5]
+    assert found.fast.tolist() == [0.8, 0.7, 0.9]
+    assert found.accurate.tolist() == [0.6, 0.6, 0.5]
     assert len(asked) == 1
     assert len(asked[0]) == 3
 

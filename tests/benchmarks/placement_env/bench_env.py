@@ -16,7 +16,8 @@ import gymnasium as gym
 import numpy as np
 
 from placement_env.envs.registration import register
-from placement_env.objective import FidelityName, Objective
+from placement_env.fidelity.protocol import FidelityName
+from placement_env.objective import Objective
 
 register()
 ROUNDS = 20

@@ -82,7 +82,7 @@ def main() -> None:
         if steps % 20480 == 0:
             print(f"{steps:8d} steps, mean return {mean:.4f}", flush=True)
 
-    learning = Learning(learning_rate=1e-3, batch=256, width=64, turned=True)
+    learning = Learning(learning_rate=1e-3, batch=256, width=64, augment=True)
     with TemporaryDirectory() as folder:
         policy = train_policy(
             lambda: env, asked.out or Path(folder), seconds=60 * asked.minutes, seed=asked.seed, learning=learning,

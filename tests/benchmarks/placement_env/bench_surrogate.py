@@ -110,7 +110,7 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     from placement_env.candidates.pool import pool
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
-    from placement_env.fidelity.traffic import traffic
+    from placement_env.fidelity.traffic import simulate_traffic
     from placement_env.fidelity.visibility import see
     from toolkit.sites.files import load_site
 
@@ -119,7 +119,7 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     candidates = candidates.select(np.sort(rng.choice(len(candidates), 100, replace=False)))
     sets = sets_of(candidates, 0, len(candidates), 2 * asked.sets, rng)
     sets = rng.permutation(sets[sets.any(axis=1)])[: asked.sets]
-    frames = traffic(site, asked.frames, asked.seed)
+    frames = simulate_traffic(site, asked.frames, asked.seed)
     detector = load_detector("general", area=site.area)
     detected = Detected(Renders(frames, candidates), detector, asked.scheme, iou=asked.iou, memo=asked.memo)
     return see(frames, candidates), sets, detected(sets).ap

@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 
 from placement_env.candidates.pool import pool
-from placement_env.fidelity.traffic import traffic
+from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import see
 from toolkit.sites.files import load_site
 
@@ -27,7 +27,7 @@ def main(frames: int = 200, poses: int | None = None, workers: int = 2, *sites: 
     """Print a line per site."""
     for name in sites or ("tjunction", "roundabout"):
         site = load_site(name)
-        moments, candidates = traffic(site, frames, 1), pool(site)
+        moments, candidates = simulate_traffic(site, frames, 1), pool(site)
         if poses is not None:
             candidates = candidates.select(np.linspace(0, len(candidates) - 1, poses).astype(np.int64))
         start, cpu = perf_counter(), cpu_seconds()

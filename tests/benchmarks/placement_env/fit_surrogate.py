@@ -67,7 +67,7 @@ def main() -> None:
     from placement_env.fidelity.hit_model import FOLDER, save_models
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.surrogate import Surrogate
-    from placement_env.fidelity.traffic import traffic
+    from placement_env.fidelity.traffic import simulate_traffic
     from placement_env.fidelity.visibility import see
     from toolkit.detection.schemes import PAPER_SCHEMES
     from toolkit.sites.files import load_site
@@ -76,7 +76,7 @@ def main() -> None:
     site = load_site(asked.site)
     candidates = together(site, asked.poses, rng)
     sets = sets_of(candidates, len(site.sensors), asked.poses, asked.sets, rng)
-    frames = traffic(site, asked.frames, asked.seed)
+    frames = simulate_traffic(site, asked.frames, asked.seed)
     visibility, renders = see(frames, candidates), Renders(frames, candidates)
     source = (
         f"{asked.frames} frames of {asked.site} traffic, seed {asked.seed}, {len(sets)} sets, detector {asked.detector}"

@@ -16,6 +16,8 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert 1 <= len(result["sensors"]) <= 2
     assert result["certificate"]["kind"] == "optimal"
     assert result["verified"]["fidelity"] == "detector"
+    assert (result["provenance"]["site"], result["provenance"]["frames"]) == ("tjunction", 2)
+    assert "detector" in result["verified"]["provenance"]
     assert any(tmp_path.rglob("*.sqlite"))
 
 

@@ -3,6 +3,7 @@
 import json
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def degrees(places: list[list[float]]) -> list[list[float]]:
     return osm.longitude_latitude(on_map, CENTRE).tolist()
 
 
-def point(coordinates: list[float], **properties) -> dict:
+def point(coordinates: list[Any], **properties) -> dict:
     return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
 
 

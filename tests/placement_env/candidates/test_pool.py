@@ -32,13 +32,6 @@ def built_in_pools() -> dict[str, Candidates]:
     return {name: pool(load_site(name)) for name in BUILT_IN}
 
 
-def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
-    rows = np.zeros((len(chosen), len(candidates)), bool)
-    for row, members in zip(rows, chosen, strict=True):
-        row[list(members)] = True
-    return rows
-
-
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_paper_sensors_are_the_sites_own_each_on_its_own_mount(name):
     site = load_site(name)
@@ -117,14 +110,6 @@ def test_without_blind_poses_only_those_that_look_away_are_left_out():
     assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
 
 
-def test_at_takes_arrays_and_knows_what_is_outside():
-    candidates = pool(square(), headings=4)
-    assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
-    assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
-    assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [[candidates.at(0, 0, 1, 0, 0)], [-1]]
-    assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
-
-
 def test_heights_are_clipped_to_the_mount_and_kept_once():
     mounts = (Mount("low", np.zeros(3), 3.0, 4.0), Mount("tall", np.array([1.0, 0.0, 0.0]), 7.0, 20.0))
     candidates = pool(square(), mounts=mounts, heights=(4.5, 6.0, 9.0), headings=1, tilts=(0.0,), blind=True)
@@ -136,27 +121,9 @@ def test_heights_are_clipped_to_the_mount_and_kept_once():
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
 
-def test_sensors_are_counted_by_mount():
-    candidates = pool(square(), headings=4, blind=True)
-    first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
-    subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
-    assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
-    assert np.flatnonzero(candidates.on_mount @ candidates.on_mount[second[0]]).tolist() == second.tolist()
-    assert candidates.prices[third[0]] == 3.0
-    assert candidates.capacity[third[0]] == 2000.0
-
-
 def test_mounts_in_keep_out_areas_are_not_used():
     candidates = pool(square(), keep_out=[shapely.box(-1.0, -30.0, 30.0, 0.0)])
     assert [mount.name for mount in candidates.mounts] == ["p0"]
-
-
-def test_select_keeps_order_and_factors():
-    candidates = pool(square())
-    chosen = candidates.select([7, 3])
-    assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
-    assert chosen.at(*candidates.factors[3]) == 1
-    assert chosen.at(*candidates.factors[4]) == -1
 
 
 def test_names_tell_models_and_close_headings_apart():
@@ -216,11 +183,3 @@ def test_a_site_without_sensors_or_mounts_says_so():
         paper_candidates(square())
     with pytest.raises(ValueError, match="has no mount"):
         pool(square(0))
-
-
-def test_fields_that_do_not_fit_are_refused():
-    good = pool(square())
-    twice = (good.sensors[0], *good.sensors[:-1])
-    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
-        with pytest.raises(ValueError):
-            replace(good, **broken)

@@ -59,7 +59,7 @@ def _nothing_is_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("something was simulated or rendered")
 
-    monkeypatch.setattr(placement_env.fidelity.traffic, "traffic", refuse)
+    monkeypatch.setattr(placement_env.fidelity.traffic, "simulate_traffic", refuse)
     monkeypatch.setattr(placement_env.fidelity.visibility, "see", refuse)
 
 

@@ -14,13 +14,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from placement_env.candidates.pool import pool
 from placement_env.envs.registration import register
-from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.visibility import Visibility
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Weights
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.site import Mount, Site
+from toolkit.sites.site import Site
 
 register()
 SITE = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
@@ -28,24 +25,10 @@ BOTH = Weights(0.0001, 0.01)
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 
 
-def objective(weights: Weights = BOTH, mounts: int = 3, headings: int = 2, capacity: float = 2000.0) -> Objective:
-    """Coverage of 60 made-up vehicles in 10 frames."""
-    poles = [Mount(f"m{i}", np.array([10.0 * i - 10, 12.0, 0.0]), capacity=capacity) for i in range(mounts)]
-    some = pool(SITE, heights=(5.0,), headings=headings, tilts=(0.3,), mounts=poles, blind=True)
-    rng = np.random.default_rng(0)
-    shape = (len(some), 60)
-    points = (rng.integers(0, 200, shape) * (rng.random(shape) < 0.3)).astype(np.float32)
-    boxes = np.column_stack([rng.uniform(-20, 20, (60, 2)), np.ones(60), np.full((60, 3), 2.0), np.zeros(60)])
-    sent = rng.integers(1000, 9000, (len(some), 10)).astype(np.float32)
-    near = rng.uniform(5, 40, shape).astype(np.float32)
-    seen = Visibility(points, near, np.arange(60) // 6, boxes, sent, sent / 2)
-    return Objective.of(some, Coverage(seen), "early", weights, site=SITE, visibility=seen)
-
-
 @pytest.mark.parametrize("name", CHOOSING)
 @pytest.mark.parametrize("arguments", [{}, {"actions": "factored"}])
 @pytest.mark.filterwarnings("error")
-def test_both_checkers_pass_without_a_warning(name: str, arguments: dict[str, Any]) -> None:
+def test_both_checkers_pass_without_a_warning(objective: Any, name: str, arguments: dict[str, Any]) -> None:
     if "Subset" in name and arguments:
         return
     env = gym.make(name, objective=objective(), disable_env_checker=True, **arguments)
@@ -54,7 +37,7 @@ def test_both_checkers_pass_without_a_warning(name: str, arguments: dict[str, An
 
 
 @pytest.mark.parametrize("actions", ["flat", "factored"])
-def test_rewards_add_up_to_the_reward_of_the_set(actions: str) -> None:
+def test_rewards_add_up_to_the_reward_of_the_set(objective: Any, actions: str) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), actions=actions, budget=3)
     rng = np.random.default_rng(1)
     for seed in range(20):
@@ -79,14 +62,14 @@ def sample(env: Any, mask: np.ndarray, rng: np.random.Generator) -> Any:
     return np.array([rng.choice(np.flatnonzero(part)) for part in parts])
 
 
-def test_the_last_action_stops() -> None:
+def test_the_last_action_stops(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective())
     env.reset()
     _, reward, terminated, truncated, info = env.step(6)
     assert (reward, terminated, truncated, info["illegal"]) == (0.0, True, False, False)
 
 
-def test_an_illegal_action_changes_nothing_and_uses_up_a_step() -> None:
+def test_an_illegal_action_changes_nothing_and_uses_up_a_step(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), budget=2)
     env.reset(options={"failed": [4]})
     _, _, _, _, info = env.step(0)
@@ -97,14 +80,14 @@ def test_an_illegal_action_changes_nothing_and_uses_up_a_step() -> None:
         assert after["subset"].tolist() == info["subset"].tolist()
 
 
-def test_links_and_capacity_mask_candidates() -> None:
+def test_links_and_capacity_mask_candidates(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(capacity=1.0))
     _, info = env.reset()
     assert info["action_mask"].tolist() == [0, 0, 0, 0, 0, 0, 1]
     assert env.step(2)[2]
 
 
-def test_factored_actions_that_no_candidate_has_are_illegal() -> None:
+def test_factored_actions_that_no_candidate_has_are_illegal(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), actions="factored")
     env.reset()
     masks = env.unwrapped.action_masks()  # type: ignore[attr-defined]
@@ -115,20 +98,7 @@ def test_factored_actions_that_no_candidate_has_are_illegal() -> None:
     assert info["action_mask"][:4].tolist() == [1, 0, 1, 1]
 
 
-@pytest.mark.parametrize(
-    ("action", "illegal"),
-    [([1, 0, 0, 1, 0, 0], False), ([1, 1, 0, 0, 0, 0], True), ([1, 0, 1, 0, 1, 0], True), ([0] * 6, False)],
-)
-def test_a_set_that_may_not_be_built_is_left_empty(action: list[int], illegal: bool) -> None:
-    env = gym.make(CHOOSING[1], objective=objective(), budget=2)
-    env.reset()
-    _, reward, terminated, _, info = env.step(np.array(action, np.int8))
-    assert (terminated, info["illegal"]) == (True, illegal)
-    assert info["subset"].sum() == (0 if illegal else sum(action))
-    assert reward == sum(info["reward_terms"].values())
-
-
-def test_options() -> None:
+def test_options(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective(), budget=3)
     env.reset(options={"budget": 1, "failed": ["m0_5.0m_h0_t17_camera"]})
     assert env.step(1)[2]
@@ -146,18 +116,9 @@ def test_options() -> None:
             env.reset(options=bad)
 
 
-def test_what_it_would_add_is_what_it_adds() -> None:
-    env = gym.make(CHOOSING[0], objective=objective(weights=Weights()), budget=3)
-    observation, _ = env.reset()
-    for action in (0, 3, 4):
-        marginal = observation[: 14 * 6].reshape(14, 6)[11, action]
-        observation, reward, *_ = env.step(action)
-        assert reward == pytest.approx(float(marginal), abs=1e-6)
-
-
 @pytest.mark.parametrize("name", CHOOSING)
 @pytest.mark.parametrize("wrong", [np.zeros(9), np.full(6, np.nan), np.zeros(0), "x", None])
-def test_what_is_no_action_is_an_error_and_does_no_harm(name: str, wrong: Any) -> None:
+def test_what_is_no_action_is_an_error_and_does_no_harm(objective: Any, name: str, wrong: Any) -> None:
     env = gym.make(name, objective=objective(), disable_env_checker=True)
     before, _ = env.reset()
     with pytest.raises(ValueError, match="actions must be"):
@@ -183,20 +144,6 @@ def test_a_site_file_is_read_once(tmp_path: Path) -> None:
             gym.make(CHOOSING[0], site=wrong)
 
 
-@pytest.mark.parametrize("name", CHOOSING)
-def test_pictures_and_text(name: str) -> None:
-    env = gym.make(name, objective=objective(), render_mode="rgb_array")
-    env.reset()
-    before = env.render()
-    env.step(np.array([1, 0, 0, 0, 0, 0]) if "Subset" in name else 0)
-    after = env.render()
-    assert before.shape == after.shape  # type: ignore[union-attr]
-    assert (before != after).any()
-    text = gym.make(name, objective=objective(), render_mode="ansi")
-    text.reset()
-    assert "no sensors" in str(text.render())
-
-
 def rollout(env: gym.Env[Any, Any]) -> list[Any]:
     observation, info = env.reset(seed=5)
     rng, found = np.random.default_rng(2), [observation.tolist()]
@@ -208,7 +155,7 @@ def rollout(env: gym.Env[Any, Any]) -> list[Any]:
     return found
 
 
-def test_the_same_in_a_spawned_process() -> None:
+def test_the_same_in_a_spawned_process(objective: Any) -> None:
     env = gym.make(CHOOSING[0], objective=objective())
     here = rollout(env)
     assert rollout(pickle.loads(pickle.dumps(env))) == here

@@ -32,15 +32,15 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     seen, detected = first.visibility, first.fidelity("detector")
     sets = [[True, True, False, False]]
     detected(np.array(sets))
-    kept = len(first.kept)
+    kept = len(first.disk_cache)
     assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
     assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {"cache.sqlite"}
     monkeypatch.setattr(visibility, "look_at", None)
     again = prepared(small_traffic, small_candidates, tmp_path / "cache")
     assert (again.visibility.points == seen.points).all()
     again.fidelity("detector")(np.array(sets))
-    assert len(again.kept) == kept
+    assert len(again.disk_cache) == kept
 
 
 def test_without_a_folder_nothing_is_kept(small_traffic, small_candidates):
-    assert prepared(small_traffic, small_candidates, None).kept is None
+    assert prepared(small_traffic, small_candidates, None).disk_cache is None

@@ -11,7 +11,6 @@ from placement_env.fidelity.table import (
     Origin,
     Table,
     TableFidelity,
-    all_subsets,
     best_sets,
     digest_of,
     load_table,
@@ -19,6 +18,7 @@ from placement_env.fidelity.table import (
     save_table,
 )
 from placement_env.objective import Objective
+from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
@@ -48,10 +48,6 @@ class Street:
     def clouds(self, k, c):
         rng = np.random.default_rng([k, c])
         return np.column_stack([rng.uniform(-25, 25, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)]).astype("f4")
-
-    def far(self, k, c):
-        points = self.clouds(k, c)
-        return points[points[:, 0] > 10 * c - 5]
 
     def objects(self, k):
         return Objects(cars(PLACES + np.random.default_rng(k).uniform(-0.8, 0.8, 5)))

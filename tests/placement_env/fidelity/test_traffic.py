@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.traffic import scored, traffic
+from placement_env.fidelity.traffic import scored, simulate_traffic
 from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.files import load_site
 from toolkit.traffic.snapshots import Snapshot
@@ -12,11 +12,11 @@ from toolkit.traffic.snapshots import Snapshot
 
 def test_the_same_seed_gives_the_same_frames():
     site = load_site("tjunction")
-    once, again, other = (traffic(site, 2, seed) for seed in (3, 3, 4))
+    once, again, other = (simulate_traffic(site, 2, seed) for seed in (3, 3, 4))
     assert len(once) == 2
     assert once.digest() == again.digest() != other.digest()
-    with pytest.raises(ValueError, match="frames must be at least 1, got 0"):
-        traffic(site, 0)
+    with pytest.raises(ValueError, match="frames must be a whole number of at least 1, got 0"):
+        simulate_traffic(site, 0)
 
 
 def test_digest_knows_all_that_can_be_seen(small_traffic):

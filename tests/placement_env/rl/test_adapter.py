@@ -1,5 +1,7 @@
 """Our environments under Stable-Baselines3 do what it makes of the scalar ones."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -58,13 +60,16 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
     assert cut == (0 if actions == "subset" else N)
 
 
+def features_of(observations: Any) -> np.ndarray:
+    return observations[:, : -len(GLOBAL)].reshape(64, -1, 15)
+
+
 def test_a_turned_junction_keeps_its_distances_and_headings(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
-    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, turned=True)
+    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, augment=True)
     turned.seed(3)
-    before = plain.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
-    seen = turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15)
+    before, seen = (features_of(vector.reset()) for vector in (plain, turned))
 
     def along(features):  # the heading of each candidate along its position
         return (features[:, X : X + 2] * features[:, HEADING : HEADING + 2]).sum(axis=1)
@@ -74,9 +79,9 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     np.testing.assert_array_equal(np.delete(seen, moved, axis=1), np.delete(before, moved, axis=1))
     assert len(np.unique(seen[:, moved].round(3), axis=0)) == 8
     turned.seed(3)
-    np.testing.assert_array_equal(turned.reset()[:, : -len(GLOBAL)].reshape(64, -1, 15), seen)
+    np.testing.assert_array_equal(features_of(turned.reset()), seen)
     with pytest.raises(ValueError, match="only junctions of our own"):
-        vectorized(gym.make("CartPole-v1"), lambda: env, 2, turned=True)
+        vectorized(gym.make("CartPole-v1"), lambda: env, 2, augment=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
@@ -99,11 +104,11 @@ def trained(algorithm, vector, **given):
     return model.learn(512)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_both_libraries_train_on_64_side_by_side(make, turned):
+@pytest.mark.parametrize("augment", [False, True])
+def test_both_libraries_train_on_64_side_by_side(make, augment):
     objective = make(5, 2)
     for algorithm in (PPO, MaskablePPO):
-        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), turned=turned)
+        vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective), augment=augment)
         model = trained(algorithm, vector)
         assert model.num_timesteps == 512
         assert model.ep_info_buffer
@@ -115,7 +120,8 @@ def test_returns_are_those_of_the_scalar_environment(make):
     vector = as_sb3(gym.make_vec("coview/SensorSelect-v0", num_envs=64, objective=objective, budget=3))
     model = trained(MaskablePPO, vector)
     vector.seed(1)
-    observations, done = vector.reset(), 0
+    observations: Any = vector.reset()
+    done = 0
     while done < 64:
         actions, _ = model.predict(observations, action_masks=get_action_masks(vector))
         observations, _, _, infos = vector.step(actions)
@@ -137,7 +143,7 @@ def test_pose_environments_train_too():
 
 
 def test_options_attributes_pictures_and_closing(make):
-    native = gym.make_vec("coview/SensorSelect-v0", num_envs=3, objective=make(5, 2), render_mode="rgb_array")
+    native: Any = gym.make_vec("coview/SensorSelect-v0", num_envs=3, objective=make(5, 2), render_mode="rgb_array")
     vector = as_sb3(native)
     vector.set_options([{"budget": 1}, {"budget": 2}, {"budget": 2}])
     vector.seed(0)

@@ -55,5 +55,5 @@ def test_sixteen_candidates_and_no_more(make):
 
 def test_a_budget_of_none_is_no_limit_and_of_nothing_an_error(make):
     assert len(exhaustive.search(make(3, 1)).by_size) == 3
-    with pytest.raises(ValueError, match="budget must be at least 1"):
+    with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
         exhaustive.search(make(3, 1), 0)

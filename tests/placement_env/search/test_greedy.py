@@ -83,5 +83,5 @@ def test_stochastic_is_decided_by_its_seed(make):
 
 @pytest.mark.parametrize("budget", [0, -1])
 def test_budget_must_be_positive(make, budget):
-    with pytest.raises(ValueError, match="budget must be at least 1"):
+    with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
         greedy.search(make(), budget)

@@ -65,5 +65,5 @@ def test_seconds_end_it(make, way):
 def test_settings_are_checked(make):
     with pytest.raises(ValueError, match="hot >= cold > 0"):
         annealing.search(make(), 2, hot=0.1, cold=0.2)
-    with pytest.raises(ValueError, match="starts must be at least 1"):
+    with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)

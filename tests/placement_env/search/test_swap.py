@@ -21,5 +21,5 @@ def test_swap_proves_nothing_when_stopped(make):
 
 
 def test_starts_are_checked(make):
-    with pytest.raises(ValueError, match="starts must be at least 1"):
+    with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)

@@ -67,10 +67,10 @@ def test_entrants_race_and_the_best_are_ranked_on_all_frames(dear):
     dear.scored_by.asked = 0
     ranking = verified(cheap, dear, np.array(found.best.subset))
     assert len(ranking.sets) == 5
-    assert (np.diff(ranking.dear) <= 0).all()
-    assert ranking.dear == pytest.approx(dear.scores(ranking.sets).reward)
+    assert (np.diff(ranking.accurate) <= 0).all()
+    assert ranking.accurate == pytest.approx(dear.scores(ranking.sets).reward)
     around = neighbours(np.array(found.best.subset), 8)
-    assert ranking.dear[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
+    assert ranking.accurate[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
     assert len(around) == 16
 
 

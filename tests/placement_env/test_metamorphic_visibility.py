@@ -20,6 +20,7 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -78,7 +79,7 @@ def candidates_of(site):
     number = np.arange(len(site.sensors))
     factors = np.column_stack([number, np.zeros((len(number), 4), np.int64)])
     models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
-    return Candidates(site.sensors, number, site.mounts, factors, Axes(*[np.zeros(1)] * 3, models))
+    return Candidates(site.sensors, number, site.mounts, factors, Axes(np.zeros(1), np.zeros(1), np.zeros(1), models))
 
 
 MODELS = {  # made up
@@ -262,13 +263,13 @@ def test_renders_hold_the_points_that_visibility_counts(seen):
             )  # and ground at its foot
 
 
-def test_a_folder_of_renders_is_shared_but_never_by_what_changed(tmp_path):
+def test_a_cache_of_renders_is_shared_but_never_by_what_changed(tmp_path):
     traffic, candidates = scene(frames=[0])
-    east = 2
-    first = Renders(traffic, candidates, tmp_path).clouds(0, east)
-    assert Renders(traffic, candidates, tmp_path).clouds(0, east).tobytes() == first.tobytes()
-    assert Renders(traffic, candidates.select([5, east]), tmp_path).clouds(0, 1).tobytes() == first.tobytes()
-    assert len(list(tmp_path.iterdir())) == 1
+    east, cache = 2, Cache(tmp_path / "cache.sqlite")
+    first = Renders(traffic, candidates, cache).clouds(0, east)
+    assert Renders(traffic, candidates, cache).clouds(0, east).tobytes() == first.tobytes()
+    assert Renders(traffic, candidates.select([5, east]), cache).clouds(0, 1).tobytes() == first.tobytes()
+    assert len(cache) == 1
 
     sensors = list(candidates.sensors)
     sensors[east] = Sensor("east", CAMERA, look((17.0, -3.0, 4.0), 3.0, 0.5))
@@ -279,6 +280,6 @@ def test_a_folder_of_renders_is_shared_but_never_by_what_changed(tmp_path):
         "pose": (traffic, replace(candidates, sensors=tuple(sensors))),
     }
     for what in changed.values():
-        kept, anew = Renders(*what, tmp_path).clouds(0, east), Renders(*what).clouds(0, east)
+        kept, anew = Renders(*what, cache).clouds(0, east), Renders(*what).clouds(0, east)
         assert kept.tobytes() == anew.tobytes() != first.tobytes()
     assert len({Renders(*what).digest for what in changed.values()} | {Renders(traffic, candidates).digest}) == 4

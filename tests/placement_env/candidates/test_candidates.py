@@ -1,0 +1,65 @@
+"""Candidates: found by their factors, counted by mount, chosen from in order; what does not fit is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.candidates.candidates import Candidates, repeated
+from placement_env.candidates.pool import pool
+from toolkit.sites.site import Mount, Site
+
+
+def square() -> Site:
+    """A 40 m square with three mounts along its southern edge, each dearer than the one before."""
+    stand = tuple(Mount(f"p{i}", np.array([10.0 * i - 10.0, -20.0, 0.5]), price=1.0 + i) for i in range(3))
+    return Site("square", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=stand)
+
+
+def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
+    rows = np.zeros((len(chosen), len(candidates)), bool)
+    for row, members in zip(rows, chosen, strict=True):
+        row[list(members)] = True
+    return rows
+
+
+def test_at_takes_arrays_and_knows_what_is_outside():
+    candidates = pool(square(), headings=4)
+    assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
+    assert candidates.at(3, 0, 0, 0, 0) == candidates.at(-1, 0, 1, 0, 0) == candidates.at(0, 99, 1, 0, 0) == -1
+    assert candidates.at(np.array([[0], [99]]), 0, 1, 0, 0).tolist() == [[candidates.at(0, 0, 1, 0, 0)], [-1]]
+    assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
+
+
+def test_sensors_are_counted_by_mount():
+    candidates = pool(square(), headings=4, blind=True)
+    first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
+    subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
+    assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
+    assert np.flatnonzero(candidates.on_mount @ candidates.on_mount[second[0]]).tolist() == second.tolist()
+    assert candidates.prices[third[0]] == 3.0
+    assert candidates.capacity[third[0]] == 2000.0
+
+
+def test_select_keeps_order_and_factors():
+    candidates = pool(square())
+    chosen = candidates.select([7, 3])
+    assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
+    assert chosen.at(*candidates.factors[3]) == 1
+    assert chosen.at(*candidates.factors[4]) == -1
+
+
+def test_fields_that_do_not_fit_are_refused():
+    good = pool(square())
+    twice = (good.sensors[0], *good.sensors[:-1])
+    for broken in ({"sensors": good.sensors[1:]}, {"sensors": twice}, {"mount": good.mount + 1}, {"mounts": ()}):
+        with pytest.raises(ValueError):
+            replace(good, **broken)
+
+
+def test_the_first_name_that_occurs_twice_is_named():
+    assert repeated(["a", "b", "c", "b", "a"]) == "b"
+    good = pool(square())
+    twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
+    with pytest.raises(ValueError, match=f"{good.sensors[0].name}' twice"):
+        replace(good, sensors=twice)

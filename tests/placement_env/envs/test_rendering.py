@@ -1,0 +1,59 @@
+"""Pictures and lines of text of what is chosen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from placement_env.envs.registration import register
+from placement_env.envs.rendering import point_colours, summary
+
+register()
+CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
+
+
+@pytest.mark.parametrize("name", CHOOSING)
+def test_pictures_and_text(objective: Any, name: str) -> None:
+    env = gym.make(name, objective=objective(), render_mode="rgb_array")
+    env.reset()
+    before = env.render()
+    env.step(np.array([1, 0, 0, 0, 0, 0]) if "Subset" in name else 0)
+    after = env.render()
+    assert before.shape == after.shape  # type: ignore[union-attr]
+    assert (before != after).any()
+    text = gym.make(name, objective=objective(), render_mode="ansi")
+    text.reset()
+    assert "no sensors" in str(text.render())
+
+
+def test_all_pictures_are_of_one_size() -> None:
+    env = gym.make(
+        "coview/SensorPose-v0",
+        render_mode="rgb_array",
+        site=["tjunction", "roundabout"],
+        frames=1,
+        budget=2,
+        fidelity="coverage",
+    )
+    sizes = set()
+    for seed in range(4):
+        env.reset(seed=seed)
+        sizes.add(env.render().shape)  # type: ignore[union-attr]
+    assert len(sizes) == 1
+
+
+def test_a_vehicle_without_points_is_grey_and_more_points_are_brighter() -> None:
+    colours = point_colours(np.array([0.0, 1.0, 50.0, 1e6]))
+    assert colours[0].tolist() == [0.6, 0.6, 0.6, 1.0]
+    assert (np.diff(colours[1:, :3].sum(axis=1)) > 0).all()
+
+
+def test_the_summary_names_what_is_chosen_and_its_reward(objective: Any) -> None:
+    some = objective()
+    text = summary(some, [1, 4])
+    assert some.names[1] in text
+    assert some.names[4] in text
+    assert f"reward {some.score([1, 4]).reward:.3f}" in text
