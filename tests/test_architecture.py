@@ -32,7 +32,6 @@ HOUSE_WORDS = {
     "sightings",
     "told",
 }
-IN_HOUSE_WORDS = {}
 
 
 def module_of(path):
