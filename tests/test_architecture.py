@@ -1,4 +1,4 @@
-"""The house as it is built: no cycles, few modules in a folder, a test file for each of them, one meaning for a name."""
+"""The house as it is built: no cycles, small folders, a test file for every module, one meaning for a name."""
 
 import ast
 import re
