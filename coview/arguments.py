@@ -26,6 +26,15 @@ def check_ious(values: Iterable[float]) -> None:
             raise ValueError(f"--iou must lie above 0 and at most at 1, got {value:g}")
 
 
+def check_schemes(names: Iterable[str]) -> None:
+    """Raise ValueError, which lists what there is, where a fusion scheme is none."""
+    from toolkit.detection.schemes import SCHEMES
+
+    for name in names:
+        if name not in SCHEMES:
+            raise ValueError(f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}")
+
+
 def check_ray(address: str | None) -> None:
     """Raise ImportError where a Ray cluster is asked for without Ray."""
     if address is not None and not find_spec("ray"):

@@ -7,7 +7,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, sensor_set, site_file
+from coview.arguments import check_ious, check_least, check_schemes, sensor_set, site_file
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
@@ -21,7 +21,7 @@ def evaluate(
     /,
     *,
     detector: str = "cluster",
-    schemes: tuple[Literal["early", "late", "hybrid"], ...] = ("early", "late", "hybrid"),
+    schemes: tuple[str, ...] = ("early", "late", "hybrid"),
     sensors: tuple[str, ...] = ("all",),
     iou: tuple[float, ...] = (0.7, 0.8, 0.9),
     metric: Literal["3d", "bev"] = "3d",
@@ -63,6 +63,7 @@ def evaluate(
     from toolkit.points import select_sensors
 
     check_ious(iou)
+    check_schemes(schemes)
     check_least("--radius", radius, 0.0)
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, check_positive, check_ray
+from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes
 from coview.detectors import check_digest, site_detector
 from coview.exits import OK
 from coview.outputs import check_writable
@@ -26,7 +26,7 @@ def search(
     *,
     method: Method = "greedy",
     budget: int = 4,
-    scheme: Literal["early", "late", "hybrid"] = "early",
+    scheme: str = "early",
     fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate",
     verify: Literal["detector"] | None = None,
     candidates: str = "pool",
@@ -54,7 +54,7 @@ def search(
             raced drops weak candidates after few frames and needs fidelity detector, cmaes turns and lifts the sensors
             that greedy found, ppo learns a policy first.
         budget: Most sensors.
-        scheme: How their measurements are fused.
+        scheme: How their measurements are fused: early, late or hybrid.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
         verify: Score what was found, and its best neighbours, with the detector.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
@@ -88,6 +88,7 @@ def search(
     for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed)):
         check_least(option, weight, 0)
     check_ious([iou])
+    check_schemes([scheme])
     check_ray(ray)
     if cache is not None:
         check_writable(cache.resolve(), cache)

@@ -107,8 +107,8 @@ def cover_most(
     kept = useful(np.where(rows[:, None], seen, False), mount)
     objects, weight = merged(seen[kept], mount[kept], views)
     start = greedy_cover(objects, weight, mount[kept], budget, views)
-    bound = bound_at(objects, weight, mount[kept], budget, views, start)
-    model, built = _model(objects, weight, mount[kept], budget, views, start, bound)
+    bound = bound_at(objects, weight, mount[kept], budget, views=views, chosen=start)
+    model, built = _model(objects, weight, mount[kept], budget, views=views, start=start, bound=bound)
     solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed)
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
@@ -187,6 +187,7 @@ def bound_at(
     weight: Int64[np.ndarray, " m"],
     mount: Int64[np.ndarray, " C"],
     budget: int,
+    *,
     views: int,
     chosen: list[int],
 ) -> int:
@@ -206,7 +207,7 @@ def bound_at(
 
 
 def _model(
-    seen: np.ndarray, weight: np.ndarray, mount: np.ndarray, budget: int, views: int, start: list[int], bound: int
+    seen: np.ndarray, weight: np.ndarray, mount: np.ndarray, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
     """The programme, with the set `start` as a complete hint, and its variables x."""
     cp = _cp_model()

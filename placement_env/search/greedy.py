@@ -90,7 +90,7 @@ def lazy(
         free = objective.allowed(chosen)
         queue = [entry for entry in queue if free[entry[1]]]
         heapq.heapify(queue)
-        best, seen = _leader(progress, chosen, reward, queue, bound, batch)
+        best, seen = _leader(progress, chosen, reward, queue, bound, batch=batch)
         rise = max(rise, seen)
         if best < 0:
             complete = False
@@ -178,7 +178,13 @@ def _certificate(
 
 
 def _leader(
-    progress: Progress, chosen: list[int], reward: float, queue: list[tuple[float, int]], bound: np.ndarray, batch: int
+    progress: Progress,
+    chosen: list[int],
+    reward: float,
+    queue: list[tuple[float, int]],
+    bound: np.ndarray,
+    *,
+    batch: int,
 ) -> tuple[int, float]:
     """The candidate that adds most to `chosen`, removed from the queue, or -1 where the limits end it; and how far a
     fresh gain was above what was known before. `bound` gets the fresh gains."""

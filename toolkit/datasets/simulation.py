@@ -85,10 +85,10 @@ def simulate_dataset(
         todo = [block for block in range(job.blocks) if block not in safe]
         made_before = job.count(safe)
         count = os.cpu_count() or 1 if workers is None else workers
-        tell = (lambda done: None) if progress is None else (lambda done: progress(min(frames, made_before + done)))
+        tell = (lambda done: None) if progress is None else (lambda done: progress(min(job.frames, made_before + done)))
         make_shards(job, shards, todo, workers=count, progress=tell)
         shards.publish(out, lambda paths, target: join(job.header, paths, target))
-    return frames - made_before
+    return job.frames - made_before
 
 
 @dataclass(frozen=True)

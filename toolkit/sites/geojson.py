@@ -21,7 +21,6 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
 
 VERSION = 1
-_HYBRID_RADIUS_BEFORE = {"roundabout": 12.0}  # m, of the built-in site as it was saved before files held it
 Json = dict[str, Any]
 
 
@@ -104,9 +103,7 @@ def parse(collection: Any) -> Site:
 
 
 def _hybrid_radius(collection: Json) -> float:
-    if "hybrid_radius" in collection:
-        return _number(collection, "hybrid_radius", "")
-    return _HYBRID_RADIUS_BEFORE.get(collection["name"], HYBRID_RADIUS)
+    return _number(collection, "hybrid_radius", "") if "hybrid_radius" in collection else HYBRID_RADIUS
 
 
 def _feature(feature: Any, where: str) -> tuple[str, Any]:

@@ -101,7 +101,7 @@ def import_opendrive(
         map_SE3_site=map_SE3_site,
         geo_reference=geo_reference,
     )
-    return _finished(site, path, (x, y), [], np.zeros((0, 2)))
+    return _finished(site, path, (x, y), [], lamps=np.zeros((0, 2)))
 
 
 def import_osm(
@@ -156,7 +156,7 @@ def import_osm(
     posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
     for note in (*notes, *cut):
         warnings.warn(f"{path.name}: {note}", stacklevel=2)
-    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps, squares)
+    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, squares=squares)
 
 
 def _finished(
@@ -164,6 +164,7 @@ def _finished(
     path: Path,
     centre: tuple[float, float],
     solids: Sequence[Solid],
+    *,
     lamps: np.ndarray,
     squares: Sequence[np.ndarray] = (),
 ) -> Site:

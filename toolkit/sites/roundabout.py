@@ -211,7 +211,7 @@ def _network() -> str:
                 after,
                 ring,
                 street(2, width=_LANE, shoulder=_SHOULDER, footway=0.0, speed=8.3),
-                5,
+                priority=5,
             ),
             *_legs_edges(leg, before, after, crossing),
         ]
@@ -260,15 +260,15 @@ def _legs_edges(leg: _Leg, before: str, after: str, crossing: str) -> list[XmlAt
     out = leg.edge(leg.exit, MOUTH, CROSSING), leg.edge(leg.exit, CROSSING, END)
     back = leg.edge(leg.entry, CROSSING, END)[::-1], leg.edge(leg.entry, MOUTH, CROSSING)[::-1]
     return [
-        _one_way(f"exit_{leg.name}", before, crossing, out[0], lanes, 1),
-        _one_way(f"exit_{leg.name}_on", crossing, leg.name, out[1], lanes, 1),
-        _one_way(f"entry_{leg.name}_on", leg.name, crossing, back[0], lanes, 1),
-        _one_way(f"entry_{leg.name}", crossing, after, back[1], lanes, 1),
+        _one_way(f"exit_{leg.name}", before, crossing, out[0], lanes, priority=1),
+        _one_way(f"exit_{leg.name}_on", crossing, leg.name, out[1], lanes, priority=1),
+        _one_way(f"entry_{leg.name}_on", leg.name, crossing, back[0], lanes, priority=1),
+        _one_way(f"entry_{leg.name}", crossing, after, back[1], lanes, priority=1),
     ]
 
 
 def _one_way(
-    name: str, start: str, end: str, left_side: object, lanes: list[XmlAttributes], priority: int
+    name: str, start: str, end: str, left_side: object, lanes: list[XmlAttributes], *, priority: int
 ) -> XmlAttributes:
     shape = line(left_side)  # type: ignore[arg-type]
     ends = {"id": name, "from": start, "to": end, "priority": priority}

@@ -31,7 +31,13 @@ class Parked:
 
     @staticmethod
     def draw(
-        site: Site, obstacles: Obstacles, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], most: int
+        site: Site,
+        obstacles: Obstacles,
+        types: VehicleTypes,
+        rng: np.random.Generator,
+        ids: Iterator[int],
+        *,
+        most: int,
     ) -> Parked:
         """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`."""
         x, y, yaw = site.parking.T

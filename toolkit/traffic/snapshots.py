@@ -75,25 +75,25 @@ def simulate(
         raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} s, got {interval}")
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    return _run(site, bodies, frames, np.random.default_rng(seed), interval, most)
+    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, most=most)
 
 
 def _run(
-    site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, interval: float, most: int
+    site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, *, interval: float, most: int
 ) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
-    parked = Parked.draw(site, obstacles, types, rng, ids, most // 5)
+    parked = Parked.draw(site, obstacles, types, rng, ids, most=most // 5)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most - len(parked.ids))
+        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids))
         spawner.advance(WARM_UP)
         for index in range(frames):
-            yield _snapshot(site, types, spawner, parked, obstacles, index * interval)
+            yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval)
             parked = parked.later(types, rng, ids)
             spawner.advance(interval)
 
 
 def _snapshot(
-    site: Site, types: VehicleTypes, spawner: Spawner, parked: Parked, obstacles: Obstacles, time: float
+    site: Site, types: VehicleTypes, spawner: Spawner, parked: Parked, obstacles: Obstacles, *, time: float
 ) -> Snapshot:
     """What is near the area now; what cannot be kept apart leaves the simulation."""
     standing = (parked.ids, parked.bodies, parked.poses)

@@ -53,6 +53,7 @@ class Spawner:
         types: VehicleTypes,
         rng: np.random.Generator,
         ids: Iterator[int],
+        *,
         most: int,
     ) -> None:
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most

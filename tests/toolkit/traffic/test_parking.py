@@ -16,7 +16,7 @@ WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")
 
 def draw(seed, most=20, solids=()):
     site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
-    return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most)
+    return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
 
 
 def test_vehicles_stand_in_bays_of_their_own():
@@ -46,5 +46,5 @@ def test_each_stays_about_so_many_frames_and_another_comes():
 
 def test_no_bays_no_vehicles():
     site = Site("none", np.array([-5.0, -5, 5, 5]))
-    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), 6)
+    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
     assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0

@@ -22,7 +22,7 @@ def test_headings_turn_continuously_and_point_where_it_goes(site, monkeypatch):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(3)
     track = {}
     with running(site.network, types.sumo_types(rng), seed=3) as sumo:
-        spawner = Spawner(sumo, site, types, rng, count(), 20)
+        spawner = Spawner(sumo, site, types, rng, count(), most=20)
         for _ in range(400):
             spawner.advance(0.1)
             for name, body, pose in zip(*spawner.state(), strict=True):
@@ -43,7 +43,7 @@ def test_headings_turn_continuously_and_point_where_it_goes(site, monkeypatch):
 def test_so_many_are_spawned_and_gone_after_their_last_frame(site):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(0)
     with running(site.network, types.sumo_types(rng), seed=0) as sumo:
-        spawner = Spawner(sumo, site, types, rng, count(), 12)
+        spawner = Spawner(sumo, site, types, rng, count(), most=12)
         spawner.advance(10.0)
         first = spawner.state()[0]
         assert 6 < len(first) <= 12
