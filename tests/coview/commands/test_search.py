@@ -2,10 +2,12 @@
 
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
 import placement_env.search.methods as methods
+from toolkit.sites.files import load_site, save_site
 
 
 def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run):
@@ -82,10 +84,12 @@ def test_a_missing_package_is_named_before_anything_is_rendered(method, monkeypa
 
 
 def test_sensor_models_by_name(run, refused, tmp_path):
-    pytest.importorskip("toolkit.sensors.catalogue")
+    site, two_poles = load_site("tjunction"), tmp_path / "two-poles.json"
+    save_site(replace(site, mounts=site.mounts[:2]), two_poles)
     arguments = ("--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", tmp_path, "--json")
-    assert run("search", "tjunction", "--model", "spinning-lidar", "depth-camera", *arguments)[0] == 0
-    assert "telepathy" in refused("search", "tjunction", "--model", "telepathy", *arguments)
+    models = ("spinning-lidar", "depth-camera", "solid-state-lidar")
+    assert run("search", two_poles, "--model", *models, *arguments)[0] == 0
+    assert "telepathy" in refused("search", two_poles, "--model", "telepathy", *arguments)
 
 
 def test_anybodys_detector(tmp_path, monkeypatch, run, refused):

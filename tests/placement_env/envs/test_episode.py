@@ -35,7 +35,7 @@ def test_a_vector_draws_what_scalars_draw(name: str, given: dict[str, Any]) -> N
     scalar = SyncVectorEnv([lambda: gym.make(name, **given)] * 4)
     assert np.array_equal(vector.reset(seed=3)[0], scalar.reset(seed=3)[0])
     scalar.action_space.seed(0)
-    for _ in range(12):
+    for _ in range(3 * given.get("moves", 4)):
         actions = scalar.action_space.sample()
         one, other = vector.step(actions), scalar.step(actions)
         for left, right in zip(one[:4], other[:4], strict=True):
