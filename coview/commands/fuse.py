@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from coview.arguments import check_positive
 from coview.exits import OK
 from coview.outputs import check_file
 from coview.printing import print_result
@@ -20,6 +21,7 @@ def fuse(
     area: tuple[float, float, float, float] | None = None,
     height: float = 4.0,
     floor: float = 0.0,
+    voxel: float | None = None,
     out: Path | None = None,
     argoverse: Path | None = None,
     overwrite: bool = False,
@@ -38,18 +40,20 @@ def fuse(
         area: Crop to xmin ymin xmax ymax (m).
         height: Crop above (m), with --area.
         floor: Crop below (m), with --area.
+        voxel: Down-sample: of each sensor one measured point in each cube of this size (m).
         out: Where to write the fused cloud (ply, pcd or npz).
         argoverse: A log with two lidars; points per labelled cuboid are printed beside the recording's own counts.
         overwrite: Replace a file that is there.
         json: Print as JSON.
     """
-    from toolkit.clouds import save
+    from toolkit.clouds import down_sample, save
     from toolkit.datasets.cloud_files import crop_to, fuse_files, poses_of
 
     if argoverse is not None:
         return _check_argoverse(argoverse, json)
     if not clouds or not poses:
         raise ValueError("give cloud files and --poses, or --argoverse LOG")
+    check_positive("--voxel", voxel)
     check_file(out, inputs=[*clouds, *poses], overwrite=overwrite)
     cloud = fuse_files(clouds, poses_of(clouds, poses, inverted=inverted))
     if area is not None:
@@ -57,6 +61,8 @@ def fuse(
         cloud = crop_to(
             cloud, area, height, floor=floor, remedy=f"give another --area, --height or --floor, or {check}"
         )
+    if voxel is not None:
+        cloud = down_sample(cloud, voxel)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         save(cloud, out)

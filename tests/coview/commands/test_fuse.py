@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from toolkit.clouds import from_points, save
+from toolkit.clouds import from_points, load, save, sensor_numbers
 
 
 @pytest.fixture
@@ -25,6 +25,15 @@ def test_it_places_and_crops_clouds(clouds, tmp_path, run):
     code, out, _ = run("fuse", *clouds, *arguments, "--json")
     assert (code, json.loads(out)["points"]) == (0, 2)
     assert (tmp_path / "new" / "ab.ply").exists()
+
+
+def test_it_thins_each_sensor_apart_and_keeps_its_number(clouds, tmp_path, run, refused):
+    out = tmp_path / "thin.ply"
+    same = tmp_path / "same.json"
+    same.write_text(json.dumps({"a": np.eye(4).tolist(), "b": np.eye(4).tolist()}))
+    assert run("fuse", *clouds, "--poses", same, "--voxel", 100, "--out", out)[0] == 0
+    assert sensor_numbers(load(out)).tolist() == [0, 1]
+    assert "--voxel must be above 0" in refused("fuse", *clouds, "--poses", same, "--voxel", 0)
 
 
 def test_poses_may_come_from_a_pipe(clouds, tmp_path, run):
