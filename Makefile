@@ -1,7 +1,7 @@
 # Two commands: `make demo` shows what coview does, `make test` says whether it is in order. Each sets up what it needs.
 PYTHON ?= python3
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SHAPES := --jaxtyping-packages=toolkit,models,placement_env,beartype.beartype
 
 # Open3D's wheel leaves these to the system.

@@ -81,7 +81,9 @@ print(json.dumps(report))
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files there")
 def test_every_writer_says_which_file_and_leaves_what_was_there(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", SCRIPT], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert done.stderr == ""

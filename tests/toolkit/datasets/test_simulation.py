@@ -56,7 +56,7 @@ def run(tmp_path: Path, out: Path, workers: int = 1, limit: int = 0) -> subproce
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     return subprocess.Popen(
-        [sys.executable, str(script), str(out), str(workers), str(limit)],
+        [sys.executable, "-B", str(script), str(out), str(workers), str(limit)],
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stderr=subprocess.PIPE,
         text=True,

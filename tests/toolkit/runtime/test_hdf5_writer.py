@@ -65,7 +65,7 @@ except OSError as error:
 @pytest.mark.parametrize("early", [[], ["early"]])
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, size, early):
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(size), *early],
+        [sys.executable, "-B", "-c", LIMITED, str(size), *early],
         cwd=tmp_path,
         env={"PYTHONPATH": str(Path(__file__).parents[3])},
         capture_output=True,
