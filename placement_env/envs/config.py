@@ -106,19 +106,13 @@ class SubsetConfig(EnvConfig):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SelectConfig(EnvConfig):
+class SelectConfig(SubsetConfig):
     """What `coview/SensorSelect-v0` is made with. actions: flat or factored; the others as of `SubsetConfig`."""
 
     actions: Actions = "flat"
-    slots: int | None = None
-    objective: Objective | None = None
-    cache: str | Path | None = None
-    workers: int = 1
-    ray: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_choosing(self)
         if self.actions not in ACTIONS:
             raise ValueError(f"actions must be flat or factored, got {self.actions!r}")
 
