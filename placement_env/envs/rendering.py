@@ -40,6 +40,8 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes = figure.add_axes((0, FOOT / INCHES, 1, side / INCHES))
         axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
         axes.set(xticks=[], yticks=[])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
         if objective.site is not None:
             draw_ground(axes, objective.site)
         draw_area(axes, area)
@@ -52,7 +54,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         strip = _draw_strips(figure, scale)
         draw_north(strip, (1.85, FOOT / 2), towards)
         name = objective.site.name if objective.site is not None else "a site"
-        title = f"{shortened(name, 30)}: {len(members)} of {len(sensors)} sensors"
+        title = f"{shortened(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / INCHES, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / INCHES, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
         figure.canvas.draw()

@@ -10,6 +10,7 @@ from math import ceil, floor, log10
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.plots.canvas import blank_figure, plain
@@ -44,11 +45,12 @@ def map_sheet(
     *,
     holds: Float[np.ndarray, "n 2"] | None = None,
     legend: Sequence[Entry] = (),
+    inches: float = MOST_INCHES,
 ) -> MapSheet:
     """The site from above under its title, with everything but sensors. holds: places that the map must reach besides
-    the area; legend: its entries, in order."""
+    the area; legend: its entries, in order; inches: the greater side of the map."""
     low, high = extent(site, holds)
-    scale = MOST_INCHES / float((high - low).max())
+    scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
     full = max(width + LEFT + RIGHT, 6.5)
     columns, rows = _legend_grid([label for _, label in legend], full - LEFT - RIGHT - SCALE_WIDTH)
@@ -73,18 +75,31 @@ def map_sheet(
 
 def draw_ground(axes: Axes, site: Site) -> None:
     """Lanes, footways and solids, seen from above."""
-    from matplotlib.collections import PolyCollection
-
     for kind, colour in GROUND.items():
-        polygons = [np.asarray(polygon) for polygon in getattr(site, kind)]
-        axes.add_collection(
-            PolyCollection(polygons, facecolor=colour, edgecolor=colour, linewidth=0.4, zorder=1.0), autolim=False
-        )
-    order = {kind: k for k, kind in enumerate(SOLID)}
-    solids = sorted(site.solids, key=lambda solid: order.get(solid.kind, -1))
-    colours = [SOLID.get(solid.kind, OTHER_SOLID) for solid in solids]
-    shapes = [solid.footprint for solid in solids]
-    axes.add_collection(PolyCollection(shapes, facecolor=colours, linewidth=0, zorder=1.5), autolim=False)
+        fill_polygons(axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0)
+    by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
+    for solid in site.solids:
+        by_kind[solid.kind if solid.kind in SOLID else "other"].append(shapely.Polygon(solid.footprint))
+    for rank, (kind, shapes) in enumerate(by_kind.items()):
+        fill_polygons(axes, shapes, SOLID.get(kind, OTHER_SOLID), order=1.5 + 0.01 * rank)
+
+
+def fill_polygons(
+    axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
+) -> None:
+    """The union of polygons, holes and all, in one colour; edge: width of its outline in points of 1/72 inch."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    parts = [part for part in shapely.get_parts(shapely.union_all(list(shapes))) if part.geom_type == "Polygon"]
+    turned = [shapely.geometry.polygon.orient(part) for part in parts]
+    rings = [ring for part in turned for ring in (part.exterior, *part.interiors)]  # holes run the other way round
+    if not rings:
+        return
+    outline = Path.make_compound_path(*(Path(shapely.get_coordinates(ring), closed=True) for ring in rings))
+    filled = to_rgba(colour, alpha)
+    axes.add_patch(PathPatch(outline, facecolor=filled, edgecolor=colour, linewidth=edge, zorder=order))
 
 
 def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
@@ -163,7 +178,7 @@ def _scale_bar(axes: Axes, scale: float, width: float) -> None:
 def _legend_grid(labels: Sequence[str], inches: float) -> tuple[int, int]:
     """Columns and rows of a legend that is so wide."""
     longest = max(map(len, labels), default=1)
-    columns = max(1, min(len(labels), int(inches / (0.072 * longest + 0.62))))
+    columns = max(1, min(len(labels), int(inches / (0.058 * longest + 0.58))))
     return columns, ceil(len(labels) / columns)
 
 

@@ -108,6 +108,7 @@ def svg_text(figure: Figure, title: str = "") -> str:
     text = drawn.getvalue().decode()
     text = re.sub(r"<!--.*?-->\s*", "", text[text.index("<svg") :], flags=re.DOTALL).strip()
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r' d="([^"]*)"', _short_path, text)
     mark = "p" + sha256(text.encode()).hexdigest()[:8]
     text = re.sub(r'\bid="([^"]+)"', rf'id="{mark}-\1"', text)
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{mark}-", text)
@@ -133,6 +134,17 @@ def shortened(text: str, most: int) -> str:
         return text
     head = most // 2
     return f"{text[:head]}…{text[len(text) - (most - head - 1) :]}"
+
+
+def _short_path(attribute: re.Match[str]) -> str:
+    """Coordinates of a path to a hundredth of a point, without the spaces round its letters."""
+    rounded = re.sub(r"-?\d+\.\d+", _hundredths, attribute[1])
+    short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
+    return f' d="{short}"'
+
+
+def _hundredths(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
 def _escaped(text: str) -> str:

@@ -59,7 +59,7 @@ LINES: tuple[tuple[str, Any], ...] = tuple(
     for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
 )  # of curves: neighbours differ in colour and in dashes
 POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # where the colour of a count of points changes
-VIEW_COLOURS = ("#f2f2f2", "#9ecae1", "#4292c6", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
+VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
 
 
 def sensor_colour(index: int) -> str:

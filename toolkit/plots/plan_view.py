@@ -76,7 +76,8 @@ def draw_frame(
     shown = sensors or site.sensors
     truth, found = truth or Objects.empty(), detections or Detections.empty()
     outlines = _outlines(truth, found, outcome)
-    said = [f"N = {len(truth)} objects, {sum(map(len, clouds))} points"] if len(truth) or len(clouds) else []
+    scored = "" if outcome is None else f" ({(~outcome.truth_ignored).sum()} scored)"
+    said = [f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"] if len(truth) or len(clouds) else []
     said += [f"detector: {shortened(detector, 60)}"] if detector else []
     legend = [*_class_entries(truth), *_outcome_entries(outlines, outcome), *sensor_entries(shown)]
     with house_style():

@@ -16,6 +16,7 @@ import shapely
 from toolkit.arrays import Float64, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Objects
+from toolkit.plots.canvas import shortened
 from toolkit.plots.palette import CLASS, INK, OUTCOME, PAPER_WHITE, POLE, Outcome, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
@@ -57,6 +58,7 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
         if (discs[index] != places[index]).any():
             axes.plot(*np.stack([places[index], discs[index]]).T, color=INK, linewidth=0.8, zorder=6)
             axes.plot(x, y, "o", color=INK, markersize=3, zorder=6)
+        axes.plot(*discs[index], "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
         disc = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
         axes.plot(*discs[index], "o", markersize=DISC, zorder=7, **disc)
         axes.text(
@@ -117,6 +119,33 @@ def spread_discs(
 def draw_poles(axes: Axes, places: Float64[np.ndarray, "n 2"], *, used: bool = False, size: float = 6.0) -> None:
     """Poles as squares: filled where they carry a sensor, hollow where they do not."""
     axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
+
+
+def name_poles(
+    axes: Axes,
+    places: Float64[np.ndarray, "n 2"],
+    names: Sequence[str],
+    points_per_metre: float,
+    keep_off: Float64[np.ndarray, "m 2"],
+) -> None:
+    """The names of poles beside them, where there is room that no pole, other name or sensor (`keep_off`) takes."""
+    taken = [(*(place * points_per_metre - half), *(place * points_per_metre + half))
+             for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1)) for place in group]  # fmt: skip
+    for place, name in zip(places, names, strict=True):
+        text = shortened(name, 14)
+        width, height = 3.9 * len(text) + 1, 7.5
+        x, y = place * points_per_metre
+        spots = [(x + 5, y - 3.5), (x - width - 5, y - 3.5), (x - width / 2, y + 5), (x - width / 2, y - 12.5)]
+        boxes = [(left, low, left + width, low + height) for left, low in spots]
+        free = [box for box in boxes if not any(_overlap(box, other) for other in taken)]
+        if free:
+            taken.append(free[0])
+            left, low = np.array(free[0][:2]) / points_per_metre
+            axes.text(left, low, text, fontsize=6.5, va="bottom", zorder=5.5)
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def pole_style(used: bool) -> dict[str, Any]:
