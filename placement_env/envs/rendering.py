@@ -11,7 +11,7 @@ from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
 from toolkit.plots.base_map import draw_area, draw_ground, draw_north, north, scale_length
-from toolkit.plots.canvas import blank_figure, house_style, shortened
+from toolkit.plots.canvas import blank_figure, drawn_pixels, house_style, shortened
 from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
 from toolkit.plots.symbols import draw_poles, draw_sensors, draw_wedges
 
@@ -57,8 +57,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         title = f"{shortened(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / INCHES, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / INCHES, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
-        figure.canvas.draw()
-        return np.array(figure.canvas.buffer_rgba())[..., :3]
+        return drawn_pixels(figure)
 
 
 def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:

@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, filterwarnings
 
+import numpy as np
+
+from toolkit.arrays import Shaped
 from toolkit.plots.palette import INK
 from toolkit.runtime.files import write_bytes
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": ["DejaVu Sans"],  # comes with matplotlib
     "font.size": 9.0,
     "axes.titlesize": 11.0,
@@ -97,6 +100,13 @@ def write_figure(figure: Figure, out: Path | str) -> None:
     drawn = BytesIO()
     figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
     write_bytes(out, drawn.getvalue())
+
+
+def drawn_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
+    """The figure as RGB, uint8, at its own resolution (100 pixels an inch)."""
+    canvas: Any = figure.canvas
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def svg_text(figure: Figure, title: str = "") -> str:

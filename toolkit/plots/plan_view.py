@@ -128,7 +128,8 @@ def ground_entries(site: Site) -> list[Entry]:
     from toolkit.plots.palette import GROUND, SOLID
 
     kinds = {solid.kind for solid in site.solids}
-    there = [("lane", GROUND["lanes"], site.lanes), ("footway", GROUND["footways"], site.footways)]
+    there: list[tuple[str, str, object]] = [("lane", GROUND["lanes"], site.lanes)]
+    there += [("footway", GROUND["footways"], site.footways)]
     there += [(kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")]
     there += [("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"})]
     return [
@@ -175,7 +176,7 @@ def _outcome_entries(outlines: dict[Outcome, Any], outcome: FrameOutcome | None)
     entries = []
     for name, label in names.items():
         style = OUTCOME[name]
-        mark = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
+        mark: dict[str, Any] = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
         line = Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark)
         entries.append((line, label))
     return entries

@@ -29,7 +29,6 @@ VIEW_RANGE = 25.0  # metres of a sensor's field of view that are drawn
 DISC = 15.0  # points across the disc of a sensor
 SHORT = 3  # letters of a name that fit into it
 TALL = 2.0  # m: buildings higher than this cut fields of view off
-FILL = 0.75  # opacity of what objects are filled with
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
@@ -59,11 +58,11 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
             axes.plot(*np.stack([places[index], discs[index]]).T, color=INK, linewidth=0.8, zorder=6)
             axes.plot(x, y, "o", color=INK, markersize=3, zorder=6)
         axes.plot(*discs[index], "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
-        disc = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
+        disc: dict[str, Any] = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
         axes.plot(*discs[index], "o", markersize=DISC, zorder=7, **disc)
         axes.text(
-            *discs[index], label, ha="center", va="center_baseline", fontsize=7.5, fontweight="bold", zorder=8,
-            color=text_colour(colour),
+            discs[index, 0], discs[index, 1], label, ha="center", va="center_baseline", fontsize=7.5, fontweight="bold",
+            color=text_colour(colour), zorder=8,
         )  # fmt: skip
 
 
@@ -165,7 +164,7 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
     for label, name in enumerate(LABELS):
         chosen = objects.boxes[objects.labels == label]
         for corners in footprints(chosen):
-            axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, alpha=FILL, zorder=2.6)
+            axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
 
 
 def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
@@ -178,7 +177,7 @@ def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome)
         axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
         axes.plot(*np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order)
     if style.marker and len(boxes):
-        mark = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
+        mark: dict[str, Any] = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
         axes.plot(*boxes[:, :2].T, style.marker, markersize=style.size, zorder=style.order + 0.5, **mark)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.0  # inches of a chart
-ROW, HEAD, FOOT = 0.27, 0.75, 0.75  # inches of a row, and above and below them
+ROW, HEAD, FOOT = 0.27, 0.7, 0.55  # inches of a row, and above and below them
 LETTERS = 44  # of a row's name
 BAR = SENSORS[7]
 INTERVAL = f"lines: {CONFIDENCE:.0%} intervals"
@@ -91,7 +91,8 @@ def counted_words(judged: Sequence[Judgement | None]) -> str:
     if not some:
         return "no vehicles were judged"
     vehicles, frames = max(each.vehicles for each in some), max(each.frames for each in some)
-    return f"detector, N = up to {vehicles} vehicles in {frames} frames; {INTERVAL}"
+    up_to = "up to " if len({(each.vehicles, each.frames) for each in some}) > 1 else ""
+    return f"judged by the detector, N = {up_to}{vehicles} vehicles in {frames} frames; {INTERVAL}"
 
 
 def price_words(currency: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from placement_env.report.content import (
     RATE,
@@ -73,18 +74,17 @@ def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
 def link_chart(links: Sequence[LinkLoad]) -> str:
     """Mbit/s of each link, mean and greatest frame, against its capacity."""
     with house_style():
-        said = f"{RATE:g} frames a second; bar: mean, line: greatest frame, T: capacity of the link"
+        said = f"{RATE:g} frames a second; bar: mean, line: greatest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", said, [each.pole for each in links], right=2.3)
         loads = [max(each.mbit_s, each.peak_mbit_s) for each in links]
         near = [each.capacity_mbit_s for each in links if each.capacity_mbit_s <= 4 * max(loads, default=0.0)]
         low, high = padded_limits([*loads, *near])
         for row, each in enumerate(links):
-            style = {"facecolor": BAR} if each.fits else {"facecolor": "white", "edgecolor": MISSED, "hatch": "xxxx"}
-            axes.barh(row, each.mbit_s, height=0.5, zorder=2, **style)
+            axes.barh(row, each.mbit_s, height=0.5, zorder=2, **_load_style(each.fits))
             axes.plot([each.mbit_s, each.peak_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3)
             if each.capacity_mbit_s <= high:
                 end = [each.capacity_mbit_s] * 2
-                axes.plot(end, [row - 0.4, row + 0.4], color=INK, linewidth=2.4, zorder=3.2)
+                axes.plot(end, [row - 0.33, row + 0.33], color=INK, linewidth=2.4, zorder=3.2)
             state = "fits" if each.fits else "TOO MUCH"
             beside(axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {each.share:.0%}: {state}")
         axes.set(xlim=(low, high), xlabel="Mbit/s")
@@ -107,8 +107,8 @@ def order_chart(order: Sequence[BuildStep], currency: str) -> str:
             axes.annotate(str(number + 1), (price, each.ap), xytext=(6, -10), textcoords="offset points", fontsize=8)
         axes.grid()
         axes.set(xlim=padded_limits(prices), ylim=(0, 1.03), xlabel=f"{price_words(currency)}, spent", ylabel="AP")
-        for number, each in enumerate(order):
-            line = f"{number + 1}  {set_words([each.sensor])}: {each.price:g}, AP {ap_words(each.judged)}"
+        for number, step in enumerate(order):
+            line = f"{number + 1}  {set_words([step.sensor])}: {step.price:g}, AP {ap_words(step.judged)}"
             place = 0.08 + 0.2 * (len(order) - 1 - number)
             figure.text(0.11, place / figure.get_size_inches()[1], line, fontsize=7.5, va="bottom")
         return chart_text(figure, "AP after each sensor built")
@@ -126,13 +126,14 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
         count = f"N = {len(everyone) + 1} sensor sets" if everyone else "N = 1 sensor set"
         head_lines(figure, "AP against what is sent and what it costs", f"{count}; {counted_words(judged)}")
         left = [0.09, 0.57]
-        for place, label, value in (
-            (left[0], "kbit per sensor and frame", lambda option: option.kbit_per_sensor),
-            (left[1], price_words(currency), lambda option: option.price),
+        sent, prices = ([getattr(each, name) for each in [*everyone, chosen]] for name in ("kbit_per_sensor", "price"))
+        for place, label, values in (
+            (left[0], "kbit per sensor and frame", sent),
+            (left[1], price_words(currency), prices),
         ):
             axes = figure.add_axes((place, 0.24, 0.4, 0.58))
-            for option in [*everyone, chosen]:
-                x, is_chosen = value(option), option is chosen
+            for x, option in zip(values, [*everyone, chosen], strict=True):
+                is_chosen = option is chosen
                 if option.judged is not None:
                     ends = [option.judged.low, option.judged.high]
                     axes.plot([x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3)
@@ -140,7 +141,7 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
                 style = _chosen_style() if is_chosen else _option_style(option.judged is not None)
                 axes.plot(x, ap, zorder=5 if is_chosen else 4, **style)
             axes.grid()
-            axes.set(xlim=padded_limits([value(each) for each in [*everyone, chosen]]), ylim=(0, 1.03))
+            axes.set(xlim=padded_limits(values), ylim=(0, 1.03))
             axes.set(xlabel=label, ylabel="AP")
         names = ["chosen", "judged by the detector", "predicted only"]
         marks = [Line2D([], [], **style) for style in (_chosen_style(), _option_style(True), _option_style(False))]
@@ -148,7 +149,11 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
         return chart_text(figure, f"AP against kbit and price; {INTERVAL}")
 
 
-def _chosen_style() -> dict[str, object]:
+def _load_style(fits: bool) -> dict[str, Any]:
+    return {"facecolor": BAR} if fits else {"facecolor": "white", "edgecolor": MISSED, "hatch": "xxxx"}
+
+
+def _chosen_style() -> dict[str, Any]:
     return {
         "marker": "*",
         "markersize": 15,
@@ -159,6 +164,6 @@ def _chosen_style() -> dict[str, object]:
     }
 
 
-def _option_style(judged: bool) -> dict[str, object]:
+def _option_style(judged: bool) -> dict[str, Any]:
     face = BAR if judged else "white"
     return {"marker": "o", "markersize": 6, "markerfacecolor": face, "markeredgecolor": BAR, "linestyle": "none"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from placement_env.report.content import SensorWorth
 from placement_env.report.drawings.axes import BAR, WIDTH, chart_text, head_lines
 from toolkit.plots.canvas import blank_figure, house_style, shortened
 from toolkit.plots.palette import INK
+from toolkit.plots.symbols import sensor_labels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,19 +23,23 @@ MOST_FIGURES = 14  # sensors up to which the cells of the table hold figures
 def worth_chart(worth: Sequence[SensorWorth]) -> str:
     """Shapley value of each sensor, and how well each two go together: above 0 they add more together than apart."""
     with house_style():
-        names = [shortened(each.sensor, 24) for each in worth]
+        labels = sensor_labels([each.sensor for each in worth])
+        names = [
+            label if label == each.sensor else f"{shortened(each.sensor, 28)}  {label}"
+            for label, each in zip(labels, worth, strict=True)
+        ]
         side = ROW * max(len(names), 2)
         text = 0.25 + 0.066 * max(map(len, names), default=0)
-        height = 0.75 + side + 0.45 + text * 0.75
+        height = 0.85 + side + 0.55
         figure = blank_figure(WIDTH, height)
         said = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
         head_lines(figure, "What each sensor is worth", said)
-        bottom = 1 - (0.75 + side) / height
+        bottom = 0.55 / height
         bars = figure.add_axes((text / WIDTH, bottom, 0.3, side / height))
         values = [each.shapley for each in worth]
         bars.barh(range(len(worth)), values, height=0.62, color=BAR, zorder=2)
         for row, value in enumerate(values):
-            place = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": 7.5}
+            place: dict[str, Any] = {"xytext": (3, 0), "textcoords": "offset points", "va": "center", "fontsize": 7.5}
             bars.annotate(f"{value:+.3f}", (max(value, 0), row), **place)
         bars.axvline(0, color=INK, linewidth=0.8, zorder=3)
         reach = max((abs(value) for value in values), default=0) or 1.0
@@ -44,8 +49,8 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
         bars.set_yticklabels(names)
         bars.grid(axis="x")
         start = text / WIDTH + 0.36
-        table = figure.add_axes((start, bottom, min(0.9 - start, side / WIDTH * 1.6), side / height))
-        _draw_pairs(table, worth, names)
+        table = figure.add_axes((start, bottom, min(0.985 - start, side / WIDTH * 1.6), side / height))
+        _draw_pairs(table, worth, labels)
         return chart_text(figure, "Shapley values and interactions of the sensors")
 
 
@@ -59,8 +64,9 @@ def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) 
     axes.imshow(pairs, cmap="PuOr_r", vmin=-most, vmax=most, aspect="auto", interpolation="none")
     axes.set_xticks(range(len(names)))
     axes.set_yticks([])
-    axes.set_xticklabels(names, rotation=90, fontsize=7.5)
+    axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
+    axes.tick_params(length=0)
     if len(worth) <= MOST_FIGURES:
         for (row, column), value in np.ndenumerate(pairs):
             if np.isfinite(value):
