@@ -9,6 +9,7 @@ is ignored.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -118,20 +119,30 @@ def _own_centre(geo_reference: str) -> tuple[float, float] | None:
 def _transformer(site: Site, geo_reference: str, *, inverse: bool) -> Any:
     """Between degrees and metres of the site's map; `inverse`: to degrees."""
     try:
-        from pyproj import CRS, Transformer
-        from pyproj.exceptions import ProjError
+        return _proj(geo_reference, inverse)
     except ImportError:
         needs = "needs pyproj: pip install 'coview[report]'"
         raise ImportError(f"the map of site {site.name!r} ({geo_reference}) {needs}", name="pyproj") from None
-    try:
-        crs = CRS.from_user_input(geo_reference)
-        source, target = (crs, WGS84) if inverse else (WGS84, crs)
-        return Transformer.from_crs(source, target, always_xy=True)
-    except ProjError:
+    except ValueError:
         raise ValueError(
             f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {geo_reference[:90]!r}: "
             "correct it in the site file, or set it to null"
         ) from None
+
+
+@lru_cache(maxsize=8)  # to make one takes longer than to use it
+def _proj(geo_reference: str, inverse: bool) -> Any:
+    from pyproj import CRS, Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        crs = CRS.from_user_input(geo_reference)
+        if not crs.is_projected:
+            raise ValueError("degrees are no map in metres")
+        source, target = (crs, WGS84) if inverse else (WGS84, crs)
+        return Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        raise ValueError(str(error)) from None
 
 
 def _checked(transformer: Any, points: np.ndarray, site: Site) -> Float64[np.ndarray, "n 2"]:

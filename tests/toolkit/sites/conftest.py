@@ -99,17 +99,19 @@ def _on_lanes(site, x, y) -> bool:
 
 
 def _check(site: Site, tmp_path) -> None:
-    """What every imported site promises: clear lanes, usable mounts and sensors, a round trip, traffic that moves."""
+    """What every imported site promises: clear lanes, usable mounts of one price, no sensor that nobody asked for, a
+    round trip, traffic that moves."""
     lanes = _union(site.lanes)
     for solid in site.solids:
         assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
     assert _union(site.footways).intersection(lanes).area < 0.1
     assert len(site.mounts) >= 6
-    assert 4 <= len(site.sensors) <= 6
-    for sensor in site.sensors:
-        spot, z = shapely.Point(sensor.position[:2]), sensor.position[2]
+    assert site.sensors == ()
+    for mount in site.mounts:
+        assert mount.price == 1.0
+        spot, z = shapely.Point(mount.position[:2]), mount.position[2] + 6.0
         inside = [s for s in site.solids if shapely.Polygon(s.footprint).contains(spot) and s.base < z < s.top]
-        assert not inside, sensor.name
+        assert not inside, mount.name
     save_site(site, tmp_path / "saved.json")
     assert load_site(tmp_path / "saved.json") == site
     assert _drives(site, tmp_path) > 1.0

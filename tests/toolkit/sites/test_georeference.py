@@ -79,7 +79,17 @@ def test_site_that_is_nowhere_on_earth():
         site_metres(load_site("tjunction"), np.zeros((2, 2)))
 
 
-@pytest.mark.parametrize("reference", ["+lat_0=4.9e+1 +lon_0=8.0", "nonsense", "", "+proj=tmerc +lat_0=x +lon_0=y "])
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "+lat_0=4.9e+1 +lon_0=8.0",
+        "nonsense",
+        "",
+        "EPSG:4326",
+        "+proj=longlat +datum=WGS84",
+        "+proj=tmerc +lat_0=x +lon_0=y ",
+    ],
+)
 def test_what_is_no_projection_is_said_so(reference):
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference=reference)
@@ -107,7 +117,7 @@ def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     assert longitude_latitude(TURNED, np.zeros((1, 2))) is not None
     with pytest.raises(ImportError, match=r"pip install 'coview\[report\]'"):
-        longitude_latitude(replace(TURNED, geo_reference=UTM), np.zeros((1, 2)))
+        longitude_latitude(replace(TURNED, geo_reference=UTM.replace("33", "31")), np.zeros((1, 2)))
 
 
 @pytest.mark.parametrize(

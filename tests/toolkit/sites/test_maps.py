@@ -43,7 +43,9 @@ def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
 
 @carla
 def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
-    site = import_opendrive(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
+    with pytest.warns(UserWarning, match=r"Town03.xodr: its geoReference names no projection \('\+lat_0=4\.9"):
+        site = import_opendrive(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
+    assert site.geo_reference is None
     check_site(site, tmp_path)
     angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     ring = [on_lanes(site, 20.95 * np.cos(a), 20.95 * np.sin(a)) for a in angles]
@@ -134,12 +136,6 @@ def test_left_hand_traffic(tmp_path, imported, on_lanes, crossroads):
     site = imported(crossroads(), tmp_path, lefthand=True)
     assert 'lefthand="true"' in site.network
     assert on_lanes(site, 30, 2)
-
-
-def test_cameras_near_a_small_area_look_down_into_it(tmp_path, put, crossroads):
-    for sensor in import_osm(put(crossroads(), tmp_path), centre=CENTRE, size=(5, 5)).sensors:
-        away, below = np.hypot(*sensor.position[:2]), np.arctan2(-sensor.pose[2, 2], np.hypot(*sensor.pose[:2, 2]))
-        assert abs(np.arctan2(sensor.position[2], away) - below) < np.arctan(0.75)
 
 
 def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, box):
