@@ -11,7 +11,7 @@ from coview import __version__
 from coview.hidden_packages import refuse_hidden_packages
 
 COMMANDS = (
-    "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "table",
+    "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "table", "reproduce",
 )  # fmt: skip
 DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction, and search which to build.
 
