@@ -22,9 +22,8 @@ import shapely
 from shapely.geometry import shape
 
 from toolkit.arrays import Float64
-from toolkit.geometry import invert, transform
 from toolkit.runtime.json_files import read_json
-from toolkit.sites import osm
+from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
@@ -112,26 +111,12 @@ def _in_site(
             f"{where}: coordinates must be longitude and latitude (degrees), got {coordinates[wrong[0]].tolist()}: "
             'export the file as EPSG:4326, or give the site\'s metres and add "coview_site": 1 beside "features"'
         )
-    on_map = np.column_stack([_on_map(coordinates, site, where), np.zeros(len(coordinates))])
-    return transform(invert(site.map_SE3_site), on_map)[:, :2]
-
-
-def _on_map(lon_lat: Float64[np.ndarray, "n 2"], site: Site, where: str) -> Float64[np.ndarray, "n 2"]:
-    """Longitude and latitude in metres of the site's map."""
     if site.geo_reference is None:
         raise ValueError(
             f"{where}: site {site.name!r} does not say where on earth it is (geo_reference): give the poles in the"
             ' site\'s metres and add "coview_site": 1 beside "features"'
         )
-    zero = re.search(r"\+lat_0=(\S+) \+lon_0=(\S+)", site.geo_reference)
-    if zero and site.geo_reference == osm.projection(centre_x := float(zero[2]), centre_y := float(zero[1])):
-        return osm.project(lon_lat, (centre_x, centre_y))
-    try:
-        from pyproj import Transformer
-    except ImportError:
-        raise ImportError(f"the map of site {site.name!r} ({site.geo_reference}) needs: pip install pyproj") from None
-    to_map = Transformer.from_crs("EPSG:4326", site.geo_reference, always_xy=True)
-    return np.stack(to_map.transform(*lon_lat.T), axis=1)
+    return site_metres(site, coordinates)
 
 
 def _feet(places: np.ndarray, z: np.ndarray, collection: Json, site: Site) -> Float64[np.ndarray, "n 3"]:

@@ -21,8 +21,11 @@ from toolkit.geometry import look, pose
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import furniture as f
-from toolkit.sites import osm, osm_roads, osm_solids
+from toolkit.sites.georeference import projection
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
+from toolkit.sites.osm import extract as osm
+from toolkit.sites.osm import roads as osm_roads
+from toolkit.sites.osm import solids as osm_solids
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.sites.surroundings import POLE, Road, place_mounts
 
@@ -132,8 +135,8 @@ def import_osm(
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
         streets.write_text(osm_roads.written(pieces, extract), encoding="utf-8")
         types.write_text(osm_roads.road_types(), encoding="utf-8")
-        projection = osm.projection(longitude, latitude)
-        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={projection}", *_OSM_OPTIONS]
+        on_earth = projection(longitude, latitude)
+        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS]
         network = _converted([*options, *(["--lefthand"] if lefthand else [])], path, (longitude, latitude))
     map_SE3_site = pose(yaw=heading)
     site = Site(
@@ -141,7 +144,7 @@ def import_osm(
         area=area,
         network=_in_site_frame(network, map_SE3_site),
         map_SE3_site=map_SE3_site,
-        geo_reference=projection,
+        geo_reference=on_earth,
     )
     window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
     lanes, footways = road_polygons(site.network, area)

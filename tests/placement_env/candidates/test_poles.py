@@ -12,8 +12,8 @@ import shapely
 from placement_env.candidates.poles import load_keep_out, load_poles
 from placement_env.candidates.pool import pool
 from toolkit.geometry import pose
-from toolkit.sites import osm
 from toolkit.sites.files import load_site, save_site
+from toolkit.sites.georeference import inverse_project, projection
 from toolkit.sites.site import Relief, Site
 
 CENTRE = (13.4, 52.505)
@@ -26,13 +26,13 @@ def site() -> Site:
     road = np.array([[-90.0, -4.0], [90.0, -4.0], [90.0, 4.0], [-90.0, 4.0]])
     turn = pose(yaw=np.pi / 4)
     return Site(
-        "berlin", AREA, lanes=(road,), map_SE3_site=turn, geo_reference=osm.projection(*CENTRE), relief=Relief(0.1, 1)
+        "berlin", AREA, lanes=(road,), map_SE3_site=turn, geo_reference=projection(*CENTRE), relief=Relief(0.1, 1)
     )
 
 
 def degrees(places: list[list[float]]) -> list[list[float]]:
     on_map = np.array(places) @ pose(yaw=np.pi / 4)[:2, :2].T
-    return osm.longitude_latitude(on_map, CENTRE).tolist()
+    return inverse_project(on_map, CENTRE).tolist()
 
 
 def point(coordinates: list[Any], **properties) -> dict:

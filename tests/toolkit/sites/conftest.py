@@ -15,8 +15,8 @@ from toolkit.geometry import look, pose
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
-from toolkit.sites import osm
 from toolkit.sites.files import load_site, save_site
+from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import import_osm
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
@@ -37,7 +37,7 @@ class Draft:
         if xy not in self.nodes:
             self.count += 1
             self.nodes[xy] = self.count
-            ((longitude, latitude),) = osm.longitude_latitude(np.array([xy], float), CENTRE)
+            ((longitude, latitude),) = inverse_project(np.array([xy], float), CENTRE)
             self.text.append(f'<node id="{self.count}" lat="{latitude:.7f}" lon="{longitude:.7f}">{_tags(tags)}</node>')
         return self.nodes[xy]
 

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from toolkit.geometry import transform
-from toolkit.sites import osm
+from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import import_opendrive, import_osm
 
 CENTRE = (13.4, 52.505)
@@ -146,7 +146,7 @@ def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, b
     path = put(crossroads(), tmp_path)
     with pytest.raises(ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"):
         import_osm(path, centre=CENTRE[::-1], size=(60, 60))
-    (aside,) = osm.longitude_latitude(np.array([[120.0, 120.0]]), CENTRE)
+    (aside,) = inverse_project(np.array([[120.0, 120.0]]), CENTRE)
     with pytest.raises(ValueError, match="no road within the area"):
         import_osm(path, centre=tuple(aside), size=(20, 20))
     draft = empty_map()
