@@ -17,8 +17,8 @@ DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction
 
 --version prints the version; --debug, with any command, shows the traceback of every error.
 
-Exit codes: 0 done, 1 the answer is no (the doctor suspects something, a plan's requirement cannot be met), 2 bad input, 3 a package is missing, 4 a worker died, 70 a fault of
-coview itself, 130 stopped, 141 nobody reads the output any more.
+Exit codes: 0 done, 1 the answer is no: the doctor suspects something, a plan's requirement cannot be met; 2 bad input,
+3 a package is missing, 4 a worker died, 70 a fault of coview itself, 130 stopped, 141 nobody reads the output any more.
 """
 
 

@@ -57,9 +57,9 @@ def plan(
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
         detector: As in coview evaluate, but for cluster; a shipped network when left out.
-        frames: Of each of the three parts of traffic: for searches, comparison, judgement; 60, 60 and 120 when left out.
+        frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
         seed: Of traffic, searches and intervals.
-        cache: Folder where what was seen and detected is kept, so that a plan that was stopped goes on; None for nowhere.
+        cache: Folder where what was seen and detected is kept, so that a stopped plan goes on; None for nowhere.
         workers: Processes.
         overwrite: Replace the plan of another run.
         json: Print the plan as JSON.

@@ -27,9 +27,9 @@ def chosen_candidates(
 ) -> Candidates:
     """ "pool": every pose on the site's mounts; "paper": the site's own sensors; else a GeoJSON file of poles.
 
-    models: what may be mounted at each pose, none for the paper's camera; prices: of these, none where only mounts cost;
-    keep_out: no mount within these is used, beside the areas of the file. Raises ValueError where models are given for
-    sensors that hang already, and what `load_poles` and `pool` raise.
+    models: what may be mounted at each pose, none for the paper's camera; prices: of these, none where only mounts
+    cost; keep_out: no mount within these is used, beside the areas of the file. Raises ValueError where models are
+    given for sensors that hang already, and what `load_poles` and `pool` raise.
     """
     if which == "paper":
         if models:

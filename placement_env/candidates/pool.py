@@ -62,9 +62,9 @@ def pool(
     """Every model on every mount, at every height, heading and tilt.
 
     heights (m) are clipped to the range of the mount, those that thereby coincide kept once; headings: how many,
-    evenly spaced from +x on; tilts: rad below the horizon; prices: of the models, none where only mounts cost; keep_out: no mount that stands within these is used;
-    mounts: None for the site's; blind: keep also the poses whose field of view misses the whole detection area
-    (whatever stands in between), which are left out otherwise.
+    evenly spaced from +x on; tilts: rad below the horizon; prices: of the models, none where only mounts cost;
+    keep_out: no mount that stands within these is used; mounts: None for the site's; blind: keep also the poses whose
+    field of view misses the whole detection area (whatever stands in between), which are left out otherwise.
 
     Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
     """

@@ -77,9 +77,9 @@ def search(
 
     The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
     make a view; views: k; workers: threads of the solver; effort: of solving, in OR-Tools' deterministic seconds, None
-    for any: one worker that it cuts short answers the same again; seconds: 60 if None; `evaluations` is not used, the answer
-    alone is scored. One worker finds the same set for the same seed as long as it is not cut short. Raises ValueError
-    where the objective has no visibility and none is given, and ImportError without OR-Tools.
+    for any: one worker that it cuts short answers the same again; seconds: 60 if None; `evaluations` is not used, the
+    answer alone is scored. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
+    Raises ValueError where the objective has no visibility and none is given, and ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:

@@ -44,7 +44,7 @@ class Finalists:
 def finalists(
     objective: Objective, most: int, *, seed: int = 0, entrants: int = ENTRANTS, progress: Progress | None = None
 ) -> Finalists:
-    """The finalists of 1 to `most` sensors; none where nothing may be built. entrants: how many neighbours of each size."""
+    """The finalists of 1 to `most` sensors; none where nothing may be built. entrants: neighbours of each size."""
     answers: dict[bytes, list[str]] = {}
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0

@@ -55,13 +55,13 @@ class Judge:
 
 
 def judgement(tally: Tally, seed: int) -> Judgement:
-    """Figures of a tally in which there is something to find."""
+    """Figures of a tally in which there is something to find; the interval holds the AP itself."""
     low, high = interval(tally, confidence=CONFIDENCE, seed=seed)
-    precision = tally.precision
+    ap, precision = tally.ap, tally.precision
     return Judgement(
-        ap=tally.ap,
-        low=low,
-        high=high,
+        ap=ap,
+        low=min(low, ap),
+        high=max(high, ap),
         recall=tally.recall,
         precision=None if math.isnan(precision) else precision,
         vehicles=int(tally.truths.sum()),

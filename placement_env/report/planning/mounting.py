@@ -1,70 +1,42 @@
-"""Mounting: what whoever builds the chosen set needs: where each sensor goes, its link, what to buy."""
+"""Mounting: the links and the bill of materials of the chosen set, and its sensors in the words of a plan."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
-from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.fidelity.detector import Outcome
 from placement_env.report.content import RATE, LinkLoad, MaterialItem, PlannedSensor
-from toolkit.arrays import Float64
-from toolkit.sensors.model import SensorModel
+from placement_env.report.mounted import planned_sensors
 from toolkit.sites.site import Site
 
 MBIT = 1000.0  # kbit
 
 
-def planned_sensors(
+def mounted_sensors(
     site: Site,
     candidates: Candidates,
-    chosen: tuple[int, ...],
-    outcomes: list[Outcome],
-    *,
-    model_name: Callable[[SensorModel], str],
-    degrees: Float64[np.ndarray, "k 2"] | None,
+    members: Sequence[int],
+    outcomes: Sequence[Outcome],
+    catalogue: SensorCatalogue | None,
 ) -> tuple[PlannedSensor, ...]:
-    """The sensors of a set, in the order of its members. outcomes: of the set in every frame; degrees: longitude and
-    latitude of each, None where the site does not say where on earth it is."""
-    kbit = np.array([outcome.bits for outcome in outcomes], np.float64) / 1000
-    sensors = [candidates.sensors[c] for c in chosen]
-    headings, tilts = aims(sensors)
-    planned = []
-    for i, (c, sensor) in enumerate(zip(chosen, sensors, strict=True)):
-        mount = candidates.mounts[candidates.mount[c]]
-        x, y, z = sensor.position.tolist()
-        longitude, latitude = (None, None) if degrees is None else degrees[i].tolist()
-        planned.append(
-            PlannedSensor(
-                name=sensor.name,
-                pole=mount.name,
-                x=x,
-                y=y,
-                z=z,
-                longitude=longitude,
-                latitude=latitude,
-                height=z - float(mount.position[2]),
-                bearing_deg=bearing(site, float(headings[i])),
-                tilt_deg=float(np.rad2deg(tilts[i])),
-                model=model_name(sensor.model),
-                model_price=float(candidates.model_prices[c]),
-                pole_price=float(mount.price),
-                kbit=float(kbit[:, i].mean()),
-                peak_kbit=float(kbit[:, i].max()),
-                capacity_kbit=float(mount.capacity),
-            )
-        )
-    return tuple(planned)
-
-
-def bearing(site: Site, heading: float) -> float:
-    """Compass bearing (degrees, clockwise from north, below 360) of a heading in the site's frame; north is +y of the
-    site's map."""
-    east, north = site.map_SE3_site[:2, :2] @ [np.cos(heading), np.sin(heading)]
-    return float(round(np.rad2deg(np.arctan2(east, north)) % 360, 6) % 360)
+    """The sensors of a set (indices of candidates, ascending). outcomes: of the set in every frame; catalogue: that
+    says what models are called, None where there is none."""
+    kbit = np.array([outcome.bits for outcome in outcomes], np.float64).reshape(len(outcomes), -1) / 1000
+    models = [candidates.sensors[c].model for c in members]
+    return planned_sensors(
+        site,
+        candidates,
+        members,
+        kbit=kbit.mean(axis=0),
+        peak_kbit=kbit.max(axis=0),
+        model_names=None if catalogue is None else [catalogue.name_of(model) for model in models],
+        model_prices=candidates.model_prices[list(members)],
+    )
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
@@ -82,15 +54,3 @@ def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem,
     poles = Counter(sensor.pole_price for sensor in sensors)
     bought = [MaterialItem(model, count, price, count * price) for (model, price), count in sorted(models.items())]
     return (*bought, *(MaterialItem("pole", count, price, count * price) for price, count in sorted(poles.items())))
-
-
-def in_words(model: SensorModel) -> str:
-    """A model without a catalogue: its class, and its size."""
-    rows, columns = model.shape
-    return f"{type(model).__name__} {columns} x {rows}"
-
-
-def unused_poles(candidates: Candidates, chosen: tuple[int, ...]) -> tuple[str, ...]:
-    """Names of the mounts that the set leaves free."""
-    used = {int(candidates.mount[c]) for c in chosen}
-    return tuple(mount.name for m, mount in enumerate(candidates.mounts) if m not in used)

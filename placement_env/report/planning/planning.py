@@ -18,18 +18,20 @@ from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation, check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective
-from placement_env.report.content import Ground, Moment, Plan, PlanOption, Verdict
-from placement_env.report.planning import breakdown, figures, mounting, refusals, sentences
-from placement_env.report.planning.figures import Chosen
-from placement_env.report.planning.finalists import Finalists, finalists
+from placement_env.report.content import Ground, Moment, Plan, Verdict
+from placement_env.report.ground import visible_ground
+from placement_env.report.mounted import mounted_site
+from placement_env.report.planning import refusals
+from placement_env.report.planning.answer import Terms, answer
+from placement_env.report.planning.finalists import finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
-from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.selection import Selection, front, near_optimal, select
+from placement_env.report.planning.selection import select
 from toolkit.detection.schemes import scheme_of
 from toolkit.sites.site import Site
 
+PARTS = 3  # of the traffic
 MOST_SENSORS = 12  # that a sum of money alone may buy
 
 Progress = Callable[[str, int, int | None], None]
@@ -111,80 +113,13 @@ class _Planning:
             if not each.truths.sum():
                 return _none(question, refusals.without_vehicles(question, each.frames, "judging"), self.pool)
         picked = select(objective, found, judge, min_ap=question.min_ap, seed=question.seed, progress=self.progress)
-        return self._answer(objective, found, picked, final, (fidelity, excluded, searched.network))
-
-    def _answer(
-        self,
-        objective: Objective,
-        found: Finalists,
-        picked: Selection,
-        final: Judge,
-        terms: tuple[str, tuple[str, ...], str],
-    ) -> Planned:
-        """All figures of the chosen set, on the final traffic."""
-        question, candidates = self.question, objective.candidates
-        fidelity, excluded, network = terms
-        option = picked.options[picked.chosen]
+        traffic = [self._preparation(self.pool, part).traffic for part in range(PARTS)]
+        terms = Terms(question, found, picked, fidelity, searched.network, excluded)
         members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
-        chosen = Chosen(members, option.sensors)
-        stage = self._stage("chosen set", final.frames)
-        judged = final.judge(picked.sets[picked.chosen][None], progress=stage)[0]
-        second = option.judged or judged
-        answer = replace(option, judged=judged)
-        missed = question.min_ap is not None and judged.ap < question.min_ap
-        short = refusals.short_of(question, option, second, judged, excluded) if missed else ()
-        scored = breakdown.scored_boxes(final, members)
-        sensors = [candidates.sensors[c] for c in members]
-        schemes = figures.by_scheme(final, chosen, self._stage("fusion schemes", final.frames))
-        worth = figures.worths(final, objective, chosen, self._stage("subsets", final.frames))
-        failures = figures.failure_cases(final, chosen, self._stage("failures", final.frames))
-        order = figures.build_order(final, objective, chosen, self._stage("order of building", final.frames))
-        mounted = replace(question.site, sensors=tuple(sensors))
-        planned = mounting.planned_sensors(
-            question.site, candidates, members, final.outcomes(members), model_name=self._model_name(), degrees=None
-        )
-        near = near_optimal(picked.options, picked.chosen)
-        detector = f"the detector {type(final.detected.detector).__name__}"
-        detector += f" (shipped network {network!r})" if question.detector is None else ""
-        result = Plan(
-            question=question.in_words,
-            site=question.site.name,
-            detector=detector.removeprefix("the detector "),
-            iou=question.iou,
-            scheme=question.scheme,
-            currency=question.currency,
-            verdict=sentences.verdict_of(question, answer, judged, short),
-            chosen=answer,
-            why=sentences.why(
-                question, picked.options, option, picked.rule, considered=found.considered, near=len(near),
-                schemes=schemes, failures=failures,
-            ),
-            sensors=planned,
-            considered=_best_first(picked.options),
-            near_optimal=near,
-            front=front(picked.options),
-            schemes=schemes,
-            by_zone=breakdown.by_zone(scored, question.site, question.seed),
-            by_range=breakdown.by_range(scored, sensors, question.seed),
-            by_approach=breakdown.by_approach(scored, question.site, question.seed),
-            by_class=breakdown.by_class(final, members, question.classes),
-            worth=worth,
-            failures=failures,
-            links=mounting.link_loads(planned, limited=scheme_of(question.scheme).sends_points),
-            materials=mounting.bill_of_materials(planned),
-            order=order,
-            poles_unused=mounting.unused_poles(candidates, members),
-            assumptions=sentences.assumptions(
-                question, search_fidelity=fidelity, detector=detector, worth_sampled=not chosen.is_small
-            ),
-            unknown=sentences.unknown(question, judged),
-            provenance=plan_origin(
-                question, self.pool, [self._preparation(self.pool, i).traffic for i in range(3)],
-                final.detected.detector, network=network, search_fidelity=fidelity,
-            ),
-        )  # fmt: skip
+        ground = visible_ground(question.site, [candidates.sensors[c] for c in members])
+        answered = answer(terms, objective, final, ground, traffic, self.progress)
         frames = moments(final.detected, members, seed=question.seed)
-        return Planned(result, mounted, candidates, None, frames)
+        return Planned(answered, mounted_site(question.site, candidates, members), candidates, ground, frames)
 
     def _preparation(self, candidates: Candidates, part: int) -> Preparation:
         """Of one of the three parts of the traffic."""
@@ -236,18 +171,3 @@ class _Planning:
         by_money = int((np.cumsum(each) <= self.question.most_price * (1 + 1e-9)).sum())
         asked = MOST_SENSORS if self.question.sensors is None else self.question.sensors
         return max(1, min(asked, by_money))
-
-    def _model_name(self) -> Callable[..., str]:
-        catalogue = self.question.catalogue
-        return mounting.in_words if catalogue is None else catalogue.name_of
-
-    def _stage(self, name: str, total: int) -> Callable[[int], None] | None:
-        progress = self.progress
-        return None if progress is None else lambda done: progress(name, done, total)
-
-
-def _best_first(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
-    """Judged sets by AP, then the others by what is predicted."""
-    return tuple(
-        sorted(options, key=lambda each: (each.judged is None, -(each.judged.ap if each.judged else each.predicted)))
-    )

@@ -69,16 +69,14 @@ def exclusions(
     return tuple(reasons)
 
 
-def short_of(
-    question: Question, best: PlanOption, second: Judgement, final: Judgement, excluded: tuple[str, ...]
-) -> tuple[str, ...]:
-    """Why the required AP is not reached. second: of the best set in the traffic that it was chosen on; final: in the
-    final traffic."""
+def short_of(question: Question, best: PlanOption, final: Judgement, excluded: tuple[str, ...]) -> tuple[str, ...]:
+    """Why the required AP is not reached. best: as it was chosen; final: the same set in the final traffic."""
     price = money(best.price, question.currency)
     reasons = [
         f"The best set found, {plural(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
         f"({final.low:.3f} to {final.high:.3f}) on {plural(final.vehicles, 'vehicle')} in the final traffic"
-        f" and {second.ap:.3f} in the traffic it was chosen on; {question.min_ap:g} is required at IoU {question.iou:g}."
+        + (f" and {best.judged.ap:.3f} in the traffic it was chosen on" if best.judged else "")
+        + f"; {question.min_ap:g} is required at IoU {question.iou:g}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
         reasons.append(f"The budget of {plural(question.sensors, 'sensor')} is used up: more might reach it.")

@@ -117,5 +117,5 @@ def _ap(judge: Judge) -> Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " 
 
 def _option(objective: Objective, found: Finalists, i: int, judged: Judgement | None) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
-    names = tuple(objective.names[c] for c in score.subset)
+    names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
     return PlanOption(names, score.price, score.kbit_per_sensor, score.kbit, score.ap, judged, found.searches[i])

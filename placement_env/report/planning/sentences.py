@@ -66,6 +66,7 @@ def why(
     rule: Rule,
     *,
     considered: int,
+    fidelity: str,
     near: int,
     schemes: tuple[SchemeFigures, ...],
     failures: tuple[FailureCase, ...],
@@ -75,8 +76,8 @@ def why(
     searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
     second = chosen.judged
     sentences = [
-        f"{considered} sets were scored by the {'surrogate' if question.detector is None else 'fast fidelity'}, "
-        f"{len(options)} of them raced by the detector on traffic that no search saw, {len(judged)} judged on all of it.",
+        f"{considered:,} sets were scored by the {fidelity}; {len(options)} of them raced by the detector on traffic "
+        f"that no search saw, and {len(judged)} were judged on all of it.",
         RULES[rule],
         f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, "
         f"its AP among the judged sets {second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
@@ -92,8 +93,8 @@ def why(
     if own is not None and others:
         said = ", ".join(f"{row.scheme} {row.judged.ap:.3f} for {row.kbit_per_sensor:.1f} kbit" for row in others)
         sentences.append(
-            f"{question.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit per "
-            f"sensor and frame; with the same sensors: {said}."
+            f"{question.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit "
+            f"per sensor and frame; with the same sensors: {said}."
         )
     alone = [case for case in failures if len(case.failed) == 1]
     if alone:
@@ -108,11 +109,11 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
     sentences = [
         "Traffic is simulated (SUMO) and measurements are cast rays with noise of the sensors' models; nothing was "
         "measured at the place itself.",
-        f"AP is of {' and '.join(DETECTED)}s alone, heavy ones not counted, centred in the detection area, by {detector} "
-        f"at IoU {question.iou:g} in {question.scheme} fusion.",
+        f"AP is of {' and '.join(DETECTED)}s alone, heavy ones not counted, centred in the detection area, by the "
+        f"detector {detector} at IoU {question.iou:g} in {question.scheme} fusion.",
         "Searches, comparison and judgement have traffic of their own each (seeds "
-        f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from traffic "
-        "that it was searched or chosen on.",
+        f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from "
+        "traffic that it was searched or chosen on.",
         "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they are of this detector in "
         "this kind of traffic, not of other weather, traffic or sensors.",
         "kbit count 96 bits for a point and 256 for a box, as the paper does, without headers or compression; "
@@ -130,7 +131,8 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
         )
     elif question.catalogue.pole_price is None:
         sentences.append(
-            f"The catalogue names no pole_price: the prices of poles are taken to be in {question.currency or 'its unit'}."
+            "The catalogue names no pole_price: the prices of poles are taken to be in "
+            f"{question.currency or 'its unit'}."
         )
     if search_fidelity == "coverage":
         sentences.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
@@ -141,7 +143,7 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
     return tuple(sentences)
 
 
-def unknown(question: Question, final: Judgement) -> tuple[str, ...]:
+def unknown(final: Judgement) -> tuple[str, ...]:
     """What the plan cannot say."""
     sentences = [
         "How the detector does on real measurements of this place.",
