@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes
 from coview.detectors import check_digest, site_detector
-from coview.exits import OK
+from coview.exits import NOT_MET, OK
 from coview.outputs import check_writable
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
@@ -76,6 +76,7 @@ def search(
     from placement_env.candidates.choice import chosen_candidates
     from placement_env.fidelity.preparation import check_fidelity_for
     from placement_env.objective import Objective, Weights
+    from placement_env.report.planning.refusals import exclusions
     from placement_env.search.description import described_score, described_sensors
     from placement_env.search.methods import check_search, search_of
     from placement_env.search.verification import verified_best
@@ -115,6 +116,10 @@ def search(
     with progress_bar("", hidden=json) as bar:
         settings["progress"] = bar.stage
         objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+        if not objective.allowed([]).any():
+            reasons = exclusions(objective)
+            print_result({"sensors": [], "reasons": reasons}, f"none may be built: {' '.join(reasons)}", as_json=json)
+            return NOT_MET
         result = search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
         best, names, certificate = result.best, objective.names, result.certificate
         if verify is not None and best.subset:

@@ -95,7 +95,7 @@ def failure_cases(judge: Judge, chosen: Chosen, progress: Progress | None = None
     cases: list[FailureCase] = []
     for failing in (1, 2):
         lost = list(combinations(range(count), failing)) if failing < count else []
-        rows = np.array([chosen.without(each, candidates) for each in lost]).reshape(len(lost), candidates)
+        rows = np.array([chosen.without(each, candidates) for each in lost], np.bool_).reshape(len(lost), candidates)
         judged = judge.judge(rows, progress=progress)
         found = [
             FailureCase(tuple(chosen.names[i] for i in each), left) for each, left in zip(lost, judged, strict=True)

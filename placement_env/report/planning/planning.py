@@ -100,9 +100,8 @@ class _Planning:
         if not visibility.points.shape[1]:
             return _none(question, refusals.without_vehicles(question, question.search_frames, "simulated"), self.pool)
         everything = self._objective(searched, fidelity)
-        sent, linked = everything.sent, everything.linked
-        excluded = refusals.exclusions(self.pool, sent, linked, question)
-        kept = np.flatnonzero(refusals.buildable(self.pool, sent, linked, question))
+        excluded = refusals.exclusions(everything, question.max_kbit, question.currency)
+        kept = np.flatnonzero(refusals.buildable(everything, question.max_kbit))
         if not len(kept):
             return _none(question, excluded, self.pool)
         candidates = self.pool.select(kept)

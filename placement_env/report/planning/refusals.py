@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates
+from placement_env.objective import Objective
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.sentences import money, plural
-from toolkit.arrays import Bool, Float64
+from toolkit.arrays import Bool
 
 
 def without_traffic(question: Question) -> tuple[str, ...]:
@@ -31,40 +31,31 @@ def without_vehicles(question: Question, frames: int, part: str) -> tuple[str, .
     )
 
 
-def buildable(
-    candidates: Candidates, sent: Float64[np.ndarray, " C"], linked: Bool[np.ndarray, " C"], question: Question
-) -> Bool[np.ndarray, " C"]:
-    """Which candidates may be built alone. sent: kbit of the mean frame; linked: whether their links carry it."""
-    return np.asarray(linked & within_kbit(sent, question) & (candidates.prices <= question.most_price * (1 + 1e-9)))
+def buildable(objective: Objective, max_kbit: float | None) -> Bool[np.ndarray, " C"]:
+    """Which candidates may be built alone and send no more than is allowed in the mean frame."""
+    return np.asarray(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
 
 
-def within_kbit(sent: Float64[np.ndarray, " C"], question: Question) -> Bool[np.ndarray, " C"]:
-    """Which candidates send no more than is allowed."""
-    return np.asarray(sent <= (np.inf if question.max_kbit is None else question.max_kbit))
-
-
-def exclusions(
-    candidates: Candidates, sent: Float64[np.ndarray, " C"], linked: Bool[np.ndarray, " C"], question: Question
-) -> tuple[str, ...]:
-    """What excludes candidates, how many, and what would have to be given for the first of them."""
+def exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
+    """What excludes candidates, how many, and what the least demanding of them would take."""
+    candidates, sent, linked = objective.candidates, objective.sent, objective.linked
     count, reasons = len(candidates), []
     if not linked.all():
         least = int(np.flatnonzero(~linked)[np.argmin(sent[~linked])])
         reasons.append(
             f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any of these sends is "
-            f"{sent[least]:.1f} kbit per frame over a link of {candidates.capacity[least]:g} kbit."
+            f"{sent[least]:.1f} kbit per frame, over a link of {candidates.capacity[least]:g} kbit."
         )
-    allowed = within_kbit(sent, question)
-    if not allowed.all():
+    if max_kbit is not None and (sent > max_kbit).any():
         reasons.append(
-            f"The limit of {question.max_kbit:g} kbit per sensor and frame excludes {int((~allowed).sum())} of {count} "
+            f"The limit of {max_kbit:g} kbit per sensor and frame excludes {int((sent > max_kbit).sum())} of {count} "
             f"candidates: the least that any candidate sends is {sent.min():.1f} kbit."
         )
-    dear = candidates.prices > question.most_price * (1 + 1e-9)
-    if dear.any():
+    affordable = objective.affordable(candidates.prices)
+    if not affordable.all():
         reasons.append(
-            f"The sum of {money(question.most_price, question.currency)} excludes {int(dear.sum())} of {count} "
-            f"candidates: the cheapest of all costs {money(float(candidates.prices.min()), question.currency)}."
+            f"The sum of {money(objective.most_price, currency)} excludes {int((~affordable).sum())} of {count} "
+            f"candidates: the cheapest of all costs {money(float(candidates.prices.min()), currency)}."
         )
     return tuple(reasons)
 
