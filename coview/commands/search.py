@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
-from coview.exits import OK, SUSPECTED
+from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
 from coview.printing import finite, print_result
 from coview.progress_bar import progress_bar
@@ -81,6 +81,7 @@ def search(
     from placement_env.candidates.choice import chosen_candidates
     from placement_env.fidelity.preparation import check_fidelity_for
     from placement_env.objective import Objective, Weights
+    from placement_env.report.planning.refusals import exclusions
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference, write_answer
     from placement_env.search.description import described_empty, described_score, described_sensors
     from placement_env.search.methods import check_search, search_of
@@ -126,6 +127,10 @@ def search(
     with progress_bar("", hidden=json) as bar:
         settings["progress"] = bar.stage
         objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+        if not objective.allowed([]).any():
+            reasons = exclusions(objective)
+            print_result({"sensors": [], "reasons": reasons}, f"none may be built: {' '.join(reasons)}", as_json=json)
+            return NOT_MET
         result = search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
         best, names, certificate = result.best, objective.names, result.certificate
         if verify is not None and best.subset:
@@ -144,7 +149,7 @@ def search(
         lines += [*(f"  {name}" for name in there), described_score(checked)]
     if not best.subset:
         print_result(summary, f"no sensors: {described_empty(objective)}", as_json=json)
-        return SUSPECTED
+        return NOT_MET
     if out is not None:
         handed_over = best.subset if verify is None else checked.subset
         write_answer(out, objective, result, finite(summary), chosen=handed_over)

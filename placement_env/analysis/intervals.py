@@ -20,6 +20,7 @@ from placement_env.checks import check_whole
 from toolkit.arrays import Float64, Int64
 
 BLOCK_FRAMES = 4  # frames that an object lives
+RESAMPLES = 1000
 HELD_AT_ONCE = 1 << 21  # numbers held at once
 
 
@@ -31,7 +32,7 @@ class Interval(NamedTuple):
 
 
 def block_draws(
-    frames: int, *, block: int = BLOCK_FRAMES, resamples: int = 1000, seed: int = 0
+    frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0
 ) -> Int64[np.ndarray, "resamples frames"]:
     """How often each frame is drawn in each resample: equal for all frames of a block.
 
@@ -53,7 +54,7 @@ def ap_resamples(
     to_find: Sequence[int],
     *,
     block: int = BLOCK_FRAMES,
-    resamples: int = 1000,
+    resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Float64[np.ndarray, " resamples"]:
     """AP of each resample, NaN where it has nothing to find; arguments as of `ap_interval`."""
@@ -77,7 +78,7 @@ def ap_interval(
     to_find: Sequence[int],
     *,
     block: int = BLOCK_FRAMES,
-    resamples: int = 1000,
+    resamples: int = RESAMPLES,
     seed: int = 0,
     confidence: float = 0.95,
 ) -> Interval:
@@ -99,7 +100,7 @@ def ratio_interval(
     wholes: ArrayLike,
     *,
     block: int = BLOCK_FRAMES,
-    resamples: int = 1000,
+    resamples: int = RESAMPLES,
     seed: int = 0,
     confidence: float = 0.95,
 ) -> Interval:

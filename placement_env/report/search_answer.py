@@ -47,7 +47,7 @@ def write_answer(
     summary: of the search, for search.json; chosen: another set of its candidates to hand over, as after a check by a
     more accurate fidelity; None for the result's. Raises ValueError for an empty set or an objective without a site.
     """
-    from toolkit.plots import draw_site
+    from toolkit.plots.plan_view import draw_site
 
     members = result.best.subset if chosen is None else chosen
     if not members or objective.preparation is None:

@@ -39,7 +39,7 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
     fewest = list(curves)[-1]
 
     def draw(out: Path) -> None:
-        from toolkit.plots import draw_pr_curves
+        from toolkit.plots.curves import draw_pr_curves
 
         named = {
             f"{set_name(sensors)}: AP {row.ours:.3f} (paper {row.paper:.3f})": (curve.recall, curve.precision)

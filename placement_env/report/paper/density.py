@@ -41,7 +41,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     everyone, fewest = rows[0].ours, rows[len(sets) - 1].ours
 
     def draw(out: Path) -> None:
-        from toolkit.plots import draw_density_cdf
+        from toolkit.plots.curves import draw_density_cdf
 
         draw_density_cdf({set_name(sensors): stored.points(sensors) for sensors in sets}, out)
 
