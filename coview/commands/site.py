@@ -66,6 +66,7 @@ class ImportMap:
         if self.sensors is None:
             code = _saved(imported, self.out)
             print(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
+            print("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
             return code
         from placement_env.report.first_sensors import with_first_sensors
 
