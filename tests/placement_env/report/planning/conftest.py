@@ -71,9 +71,7 @@ def street():
     posts = [(-15.0, -15.0), (15.0, -15.0), (15.0, 15.0), (-15.0, 15.0)]
     mounts = tuple(
         Mount(f"post{m}", np.array([x, y, 0.0]), price=p, capacity=c)
-        for m, ((x, y), p, c) in enumerate(
-            zip(posts, (1.0, 1.0, 0.5, 3.0), (500.0, 500.0, 500.0, 500.0), strict=True)
-        )
+        for m, ((x, y), p, c) in enumerate(zip(posts, (1.0, 1.0, 0.5, 3.0), (500.0, 500.0, 500.0, 500.0), strict=True))
     )
     sensors = tuple(
         Sensor(f"post{m}_eye", (CAMERA, WIDE)[m == 3], look((x, y, 5.0), float(np.arctan2(-y, -x)), 0.2))
