@@ -101,3 +101,15 @@ def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
     assert "needs an attribute digest" in refused(*start)
     code, out, err = run(*start, "--cache", "None", "--json")
     assert (code, json.loads(out)["reward"], json.loads(out)["fidelity"]) == (0, 0.0, "detector"), err
+
+
+def test_links_too_small_for_every_candidate_are_named(tmp_path, run):
+    site = load_site("tjunction")
+    poor = tmp_path / "poor.geojson"
+    save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
+    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
+    code, out, _ = run("search", poor, *arguments)
+    assert code == 1
+    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
+    code, out, _ = run("search", poor, *arguments, "--json")
+    assert json.loads(out)["sensors"] == []
