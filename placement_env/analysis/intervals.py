@@ -19,7 +19,7 @@ from toolkit.detection.metrics import average_precision, precision_recall
 
 BLOCK_FRAMES = 4  # that an object lives
 DRAWS = 1000
-AT_ONCE = 1 << 22  # figures in memory at once
+_AT_ONCE = 1 << 22  # figures in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def weighted_ap(tally: Tally, times: Int64[np.ndarray, "draws frames"]) -> Float
     ap = np.where(to_find > 0, 0.0, np.nan)
     if not len(scores):
         return ap
-    step = max(1, AT_ONCE // len(scores))
+    step = max(1, _AT_ONCE // len(scores))
     for rows in (slice(begin, begin + step) for begin in range(0, len(times), step)):
         weight = times[rows][:, frame]
         found, all_of_them = np.cumsum(weight * hit, axis=1)[:, ends], np.cumsum(weight, axis=1)[:, ends]

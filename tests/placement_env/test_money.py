@@ -1,6 +1,7 @@
 """Money is a hard limit: no search answers with a set that costs more, whatever it would gain."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from placement_env.search.submodular import online_bound
 from placement_env.subsets import all_subsets
 from toolkit.sensors.depth_camera import DepthCamera
 
-SEARCHES = {
+SEARCHES: dict[str, Any] = {
     "exhaustive": exhaustive.search,
     "greedy": greedy.search,
     "lazy": greedy.lazy,

@@ -8,13 +8,13 @@ differ, a thrifty search goes for sets that cost less.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
 
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective, Stages, Weights
 from placement_env.search import cpsat, exhaustive, greedy, swap
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
@@ -26,8 +26,6 @@ EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
-
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ class Finalists:
 
 
 def finalists(
-    objective: Objective, most: int, *, seed: int = 0, entrants: int = ENTRANTS, progress: Progress | None = None
+    objective: Objective, most: int, *, seed: int = 0, entrants: int = ENTRANTS, progress: Stages | None = None
 ) -> Finalists:
     """The finalists of 1 to `most` sensors; none where nothing may be built. entrants: neighbours of each size."""
     answers: dict[bytes, list[str]] = {}

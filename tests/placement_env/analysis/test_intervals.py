@@ -11,14 +11,14 @@ from toolkit.detection.metrics import average_precision, precision_recall
 def random_tally(seed, frames=13, ties=False):
     rng = np.random.default_rng(seed)
     truths = rng.integers(0, 5, frames)
-    scores, hit, frame = [], [], []
+    hit, frame = [], []
     for k in range(frames):
         hits = rng.integers(0, truths[k] + 1)
         alarms = rng.integers(0, 3)
         hit += [True] * hits + [False] * alarms
         frame += [k] * (hits + alarms)
-    scores = rng.random(len(hit))
-    return Tally(np.round(scores, 1) if ties else scores, np.array(hit), np.array(frame), truths)
+    believed = rng.random(len(hit))
+    return Tally(np.round(believed, 1) if ties else believed, np.array(hit), np.array(frame), truths)
 
 
 def repeated(tally, times):

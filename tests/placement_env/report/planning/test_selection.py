@@ -5,7 +5,7 @@ import pytest
 
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.finalists import Finalists
-from placement_env.report.planning.selection import choose, front, near_optimal, select
+from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
 
 
 def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True):
@@ -55,7 +55,7 @@ def test_the_front_is_of_ap_kbit_and_price():
         option(0.7, 0.6, 0.8, price=2.0, kbit=10.0),
         option(0.7, 0.6, 0.8, price=2.0, kbit=150.0),
     )
-    assert front((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
+    assert judged_front((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
 
 
 def test_sets_of_each_size_race_and_the_best_are_judged(street):

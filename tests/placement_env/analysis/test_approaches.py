@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.report.planning.approaches import approaches_of, compass
+from placement_env.analysis.approaches import approaches_of, compass
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
