@@ -89,7 +89,7 @@ def _priced(row: Any, where: str) -> PricedModel:
         if key not in row:
             raise ValueError(f"{where}.{key} is missing: a sensor has name, model, price and fields of its model")
     name = row.get("name", row["model"])
-    for key, text in (("name", name), ("model", row["model"])):
+    for key, text in (("model", row["model"]), ("name", name)):
         if not isinstance(text, str) or not text:
             raise ValueError(f"{where}.{key} must be a text that is not empty, got {text!r:.60}")
     try:

@@ -57,7 +57,13 @@ def write_answer(
     site = mounted_site(plain, candidates, members, moved)
     per_frame = kbit_per_frame(objective, members, result)
     sensors = planned_sensors(
-        plain, candidates, members, moved, kbit=per_frame.mean(axis=1), peak_kbit=per_frame.max(axis=1)
+        plain,
+        candidates,
+        members,
+        moved,
+        kbit=per_frame.mean(axis=1),
+        peak_kbit=per_frame.max(axis=1),
+        model_prices=candidates.model_prices[list(members)],
     )
     ground = visible_ground(site, site.sensors)
     with writing_together(folder) as unfinished:

@@ -8,20 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.fidelity.traffic import Traffic
-from placement_env.objective import Objective
+from placement_env.objective import Objective, Stages
 from placement_env.report.content import Ground, Plan, PlanOption
 from placement_env.report.ground import ground_shares
 from placement_env.report.mounted import unused_mounts
 from placement_env.report.planning import breakdown, figures, mounting, refusals, sentences
-from placement_env.report.planning.figures import Chosen
+from placement_env.report.planning.figures import ChosenSet
 from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.selection import Selection, front, near_optimal
+from placement_env.report.planning.selection import Selection, judged_front, near_optimal
 from toolkit.detection.schemes import scheme_of
-
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +41,14 @@ def answer(
     final: Judge,
     ground: Ground,
     traffic: Sequence[Traffic],
-    progress: Progress | None = None,
+    progress: Stages | None = None,
 ) -> Plan:
     """The plan. objective: of the searches; final: the detector on the final traffic; ground: that the chosen sensors
     see; traffic: of searches, comparison and judgement."""
     question, picked, candidates = terms.question, terms.picked, objective.candidates
     option = picked.options[picked.chosen]
     members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
-    chosen = Chosen(members, option.sensors)
+    chosen = ChosenSet(members, option.sensors)
 
     def stage(name: str) -> Callable[[int], None] | None:
         return None if progress is None else lambda done: progress(name, done, final.frames)
@@ -85,7 +83,7 @@ def answer(
         sensors=planned,
         considered=best_first(picked.options),
         near_optimal=near,
-        front=front(picked.options),
+        front=judged_front(picked.options),
         schemes=schemes,
         by_zone=breakdown.by_zone(scored, question.site, question.seed),
         by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),

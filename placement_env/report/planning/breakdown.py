@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_env.analysis.approaches import approaches_of, compass
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, Detected
 from placement_env.report.content import BreakdownRow, ClassSeen
-from placement_env.report.planning.approaches import approaches_of, compass
 from placement_env.report.planning.judging import Judge, judgement
 from placement_env.report.planning.tally import Tally
 from toolkit.arrays import Bool, Float64, Int64
@@ -24,7 +24,7 @@ from toolkit.points import centred_in
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-RANGES = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
+RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
 CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle
 
 GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
@@ -118,12 +118,12 @@ def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
 def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
     """By horizontal distance to the nearest sensor of the set."""
     places = np.array([sensor.position[:2] for sensor in sensors])
-    edges = (0.0, *RANGES)
-    names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGES, strict=False)), f"beyond {RANGES[-1]:g} m"]
+    edges = (0.0, *RANGE_ENDS)
+    names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
         nearest = np.linalg.norm(boxes[:, None, :2] - places, axis=2).min(axis=1)
-        return np.searchsorted(RANGES, nearest, side="left").astype(np.int64)
+        return np.searchsorted(RANGE_ENDS, nearest, side="left").astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 

@@ -20,11 +20,11 @@ from toolkit.detection.schemes import SCHEMES, scheme_of
 
 ALL_SUBSETS = 6  # sensors of which every subset is judged by the detector
 
-Progress = Callable[[int], None]
+_Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class ChosenSet:
     """The chosen set: indices of its candidates, ascending, and their names."""
 
     members: tuple[int, ...]
@@ -48,7 +48,7 @@ class Chosen:
         return len(self.members) <= ALL_SUBSETS
 
 
-def by_scheme(judge: Judge, chosen: Chosen, progress: Progress | None = None) -> tuple[SchemeFigures, ...]:
+def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None) -> tuple[SchemeFigures, ...]:
     """The set under every scheme at every IoU; nothing that was detected is detected again."""
     detected, rows = judge.detected, []
     row = chosen.rows(np.ones((1, len(chosen.members)), np.bool_), len(detected.renders.sensors))
@@ -69,7 +69,7 @@ def by_scheme(judge: Judge, chosen: Chosen, progress: Progress | None = None) ->
 
 
 def worths(
-    judge: Judge, objective: Objective, chosen: Chosen, progress: Progress | None = None
+    judge: Judge, objective: Objective, chosen: ChosenSet, progress: _Progress | None = None
 ) -> tuple[SensorWorth, ...]:
     """Shapley values and interactions: exact, by the detector, of up to `ALL_SUBSETS` sensors; of more, sampled by the
     fidelity of the searches."""
@@ -89,7 +89,7 @@ def worths(
     )
 
 
-def failure_cases(judge: Judge, chosen: Chosen, progress: Progress | None = None) -> tuple[FailureCase, ...]:
+def failure_cases(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None) -> tuple[FailureCase, ...]:
     """What is left when one sensor fails, and when two do, wherever any is left; worst first of each number."""
     candidates, count = len(judge.detected.renders.sensors), len(chosen.members)
     cases: list[FailureCase] = []
@@ -105,7 +105,7 @@ def failure_cases(judge: Judge, chosen: Chosen, progress: Progress | None = None
 
 
 def build_order(
-    judge: Judge, objective: Objective, chosen: Chosen, progress: Progress | None = None
+    judge: Judge, objective: Objective, chosen: ChosenSet, progress: _Progress | None = None
 ) -> tuple[BuildStep, ...]:
     """Which sensor to build first, second …: each the one that adds most AP to those before, by the detector for up to
     `ALL_SUBSETS` sensors, else by the fidelity of the searches; the steps are judged by the detector."""
@@ -124,7 +124,7 @@ def build_order(
 
 
 def _aps(
-    judge: Judge, objective: Objective, chosen: Chosen, subsets: Bool[np.ndarray, "n k"], progress: Progress | None
+    judge: Judge, objective: Objective, chosen: ChosenSet, subsets: Bool[np.ndarray, "n k"], progress: _Progress | None
 ) -> Float64[np.ndarray, " n"]:
     rows = chosen.rows(subsets, len(objective.candidates))
     if not chosen.is_small:

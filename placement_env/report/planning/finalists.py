@@ -8,27 +8,24 @@ differ, a thrifty search goes for sets that cost less.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
 
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective, Stages, Weights
 from placement_env.search import cpsat, exhaustive, greedy, swap
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Float64
 
 ENTRANTS = 9  # of each number of sensors, beside the searches' own answers
-STARTS = 3  # of swap
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
-
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +40,7 @@ class Finalists:
 
 
 def finalists(
-    objective: Objective, most: int, *, seed: int = 0, entrants: int = ENTRANTS, progress: Progress | None = None
+    objective: Objective, most: int, *, seed: int = 0, entrants: int = ENTRANTS, progress: Stages | None = None
 ) -> Finalists:
     """The finalists of 1 to `most` sensors; none where nothing may be built. entrants: neighbours of each size."""
     answers: dict[bytes, list[str]] = {}
@@ -82,13 +79,13 @@ def _searches(objective: Objective, size: int, most: int, seed: int) -> Iterator
     if few and sum(math.comb(len(objective.candidates), k) for k in range(1, most + 1)) <= EXHAUSTIVE_SETS:
         yield "exhaustive", exhaustive.search(objective, size)
     yield "greedy", greedy.search(objective, size)
-    yield "swap", swap.search(objective, size, seed=seed, starts=STARTS, evaluations=SWAP_EVALUATIONS)
+    yield "swap", swap.search(objective, size, seed=seed, starts=swap.STARTS, evaluations=SWAP_EVALUATIONS)
     if objective.visibility is not None and find_spec("ortools"):
         yield "cpsat", cpsat.search(objective, size, seed=seed, seconds=600.0, effort=SOLVING)
     prices = objective.candidates.prices
     if np.ptp(prices) > 0:
         thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
-        yield "thrifty swap", swap.search(thrifty, size, seed=seed, starts=STARTS, evaluations=SWAP_EVALUATIONS)
+        yield "thrifty swap", swap.search(thrifty, size, seed=seed, starts=swap.STARTS, evaluations=SWAP_EVALUATIONS)
 
 
 def _neighbours(

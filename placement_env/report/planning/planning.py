@@ -6,7 +6,6 @@ second, and what the plan states of the chosen set is from the third.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from placement_env.candidates.pool import NoCandidates
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation, check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
-from placement_env.objective import Objective
+from placement_env.objective import Objective, Stages
 from placement_env.report.content import Ground, Moment, Plan, Verdict
 from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site
@@ -32,9 +31,7 @@ from toolkit.detection.schemes import scheme_of
 from toolkit.sites.site import Site
 
 PARTS = 3  # of the traffic
-MOST_SENSORS = 12  # that a sum of money alone may buy
-
-Progress = Callable[[str, int, int | None], None]
+MOST_BOUGHT = 12  # that a sum of money alone may buy
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,7 @@ def plan(
     *,
     cache: str | Path | None = Path("out/cache"),
     workers: int = 1,
-    progress: Progress | None = None,
+    progress: Stages | None = None,
 ) -> Planned:
     """The plan that answers a question; where nothing may be built or nothing reaches the requirement, it says why.
 
@@ -89,7 +86,7 @@ class _Planning:
     pool: Candidates
     cache: str | Path | None
     workers: int
-    progress: Progress | None
+    progress: Stages | None
 
     def run(self) -> Planned:
         """All stages."""
@@ -168,5 +165,5 @@ class _Planning:
         np.minimum.at(each, candidates.mount, candidates.prices)
         each = np.sort(each[np.isfinite(each)])
         by_money = int((np.cumsum(each) <= self.question.most_price * (1 + 1e-9)).sum())
-        asked = MOST_SENSORS if self.question.sensors is None else self.question.sensors
+        asked = MOST_BOUGHT if self.question.sensors is None else self.question.sensors
         return max(1, min(asked, by_money))

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from placement_env.objective import Objective
+from placement_env.objective import Objective, Stages
 from placement_env.racing import race
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.finalists import Finalists
@@ -26,7 +26,6 @@ KEPT = 3  # sets of each number of sensors that are judged on all frames
 FIRST, ETA = 12, 3  # frames of a race's first rung, and by how much the next ones are longer
 
 Rule = Literal["best", "interval", "estimate", "none"]
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ def select(
     *,
     min_ap: float | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Stages | None = None,
 ) -> Selection:
     """The answer among the finalists, of which there is at least one."""
     judged = _judged(found, judge, seed=seed, progress=progress)
@@ -86,7 +85,7 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
     return tuple(sorted(near, key=lambda option: (option.price, -option.judged.ap if option.judged else 0.0)))
 
 
-def front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
+def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     """Judged sets that no other one beats in AP, kbit per sensor and price at once, by price, then AP."""
     judged = [(option, option.judged) for option in options if option.judged is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
@@ -94,7 +93,7 @@ def front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
 
 
-def _judged(found: Finalists, judge: Judge, *, seed: int, progress: Progress | None) -> dict[int, Judgement]:
+def _judged(found: Finalists, judge: Judge, *, seed: int, progress: Stages | None) -> dict[int, Judgement]:
     """Judgements of the best of each size, by their place among the finalists."""
     sizes = found.sets.sum(axis=1)
     judged: dict[int, Judgement] = {}

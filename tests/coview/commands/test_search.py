@@ -188,3 +188,15 @@ def test_a_georeference_that_is_none_is_refused_before_the_search(refused, tmp_p
     line = refused("search", tmp_path / "lost.json", *FEW, "--out", tmp_path / "o", "--cache", tmp_path / "c")
     assert "names no projection that PROJ knows" in line
     assert not (tmp_path / "c").exists()
+
+
+def test_links_too_small_for_every_candidate_are_named(tmp_path, run):
+    site = load_site("tjunction")
+    poor = tmp_path / "poor.geojson"
+    save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
+    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
+    code, out, _ = run("search", poor, *arguments)
+    assert code == 1
+    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
+    code, out, _ = run("search", poor, *arguments, "--json")
+    assert json.loads(out)["sensors"] == []

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from placement_env.report.planning.figures import Chosen, build_order, by_scheme, failure_cases, worths
+from placement_env.report.planning.figures import ChosenSet, build_order, by_scheme, failure_cases, worths
 
-CHOSEN = Chosen((0, 1), ("post0_eye", "post1_eye"))
+CHOSEN = ChosenSet((0, 1), ("post0_eye", "post1_eye"))
 
 
 def test_worth_is_exact_from_all_subsets(street):
@@ -23,16 +23,16 @@ def test_many_sensors_are_sampled_by_the_fidelity_of_the_searches(street, monkey
 
 
 def test_failures_worst_first(street):
-    cases = failure_cases(street.judge, Chosen((0, 1, 3), ("a", "b", "c")))
+    cases = failure_cases(street.judge, ChosenSet((0, 1, 3), ("a", "b", "c")))
     assert [(case.failed, case.judged.ap) for case in cases] == [
         (("b",), 0.5), (("a",), 0.75), (("c",), 0.75), (("a", "b"), 0.25), (("a", "c"), 0.5), (("b", "c"), 0.5)
     ]  # fmt: skip
-    assert failure_cases(street.judge, Chosen((0,), ("a",))) == ()
+    assert failure_cases(street.judge, ChosenSet((0,), ("a",))) == ()
     assert [case.failed for case in failure_cases(street.judge, CHOSEN)] == [("post0_eye",), ("post1_eye",)]
 
 
 def test_the_sensor_that_adds_most_is_built_first(street):
-    steps = build_order(street.judge, street.objective, Chosen((1, 2, 3), ("b", "c", "d")))
+    steps = build_order(street.judge, street.objective, ChosenSet((1, 2, 3), ("b", "c", "d")))
     assert [step.sensor for step in steps] == ["b", "d", "c"]
     assert [step.price for step in steps] == [11.0, 34.0, 44.5]
     assert [step.judged.ap for step in steps] == pytest.approx([0.5, 0.75, 0.8])
@@ -49,8 +49,8 @@ def test_every_scheme_at_every_iou(street):
 
 
 def test_rows_of_subsets():
-    assert Chosen((1, 3), ("a", "b")).rows(np.array([[True, False], [True, True]]), 4).astype(int).tolist() == [
+    assert ChosenSet((1, 3), ("a", "b")).rows(np.array([[True, False], [True, True]]), 4).astype(int).tolist() == [
         [0, 1, 0, 0],
         [0, 1, 0, 1],
     ]
-    assert Chosen((1, 3), ("a", "b")).without((0,), 4).tolist() == [False, False, False, True]
+    assert ChosenSet((1, 3), ("a", "b")).without((0,), 4).tolist() == [False, False, False, True]
