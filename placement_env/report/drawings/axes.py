@@ -30,7 +30,7 @@ def row_axes(title: str, said: str, names: Sequence[str], *, right: float = 1.7)
     figure = blank_figure(WIDTH, height)
     share = (left / WIDTH, FOOT / height, (WIDTH - left - right) / WIDTH, ROW * max(len(names), 1) / height)
     axes = figure.add_axes(share)
-    axes.set(ylim=(len(names) - 0.5, -0.5))
+    axes.set(ylim=(max(len(names), 1) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [""] * len(names))
     for label, name in zip(axes.get_yticklabels(), names, strict=True):
         label.set_text(name)

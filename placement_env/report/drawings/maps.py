@@ -7,6 +7,7 @@ give the same text.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from toolkit.sites.site import Site
 INCHES = 7.0  # of a map's greater side
 SMOOTHED = 1.5  # m: sides of the square over which density is averaged
 ENLARGED = 3  # pixels of a cell's side, where viewers smooth images
-CALM = 0.6  # m
 NAMED = 30  # poles that are named at most
 
 
@@ -159,11 +159,10 @@ def _draw_cells(
 
 
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
-    """What each sensor sees, in its colour, without slivers narrower than 2 `CALM`."""
-    for index, polygons in enumerate(visible_polygons(ground)):
-        whole = shapely.union_all(polygons)
-        calm = shapely.simplify(whole.buffer(-CALM).buffer(2 * CALM).buffer(-CALM), CALM / 2)
-        fill_polygons(sheet.axes, [calm], sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
+    """What each sensor sees, in its colour, without slivers: where most of the ground about a cell is seen."""
+    calm = [ground.open_ground & (smoothed(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
+    for index, polygons in enumerate(visible_polygons(replace(ground, seen=np.array(calm).reshape(ground.seen.shape)))):
+        fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
 
 
 def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:

@@ -43,14 +43,15 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
             bars.annotate(f"{value:+.3f}", (max(value, 0), row), **place)
         bars.axvline(0, color=INK, linewidth=0.8, zorder=3)
         reach = max((abs(value) for value in values), default=0) or 1.0
-        bars.set(ylim=(len(worth) - 0.5, -0.5), xlabel="Shapley value (AP)")
+        bars.set(ylim=(max(len(worth), 1) - 0.5, -0.5), xlabel="Shapley value (AP)")
         bars.set_xlim(1.35 * min(0.0, *values, 0.0), 1.35 * max(reach * 0.2, *values, 0.0))
         bars.set_yticks(range(len(names)))
         bars.set_yticklabels(names)
         bars.grid(axis="x")
         start = text / WIDTH + 0.36
         table = figure.add_axes((start, bottom, min(0.985 - start, side / WIDTH * 1.6), side / height))
-        _draw_pairs(table, worth, labels)
+        if len(worth):
+            _draw_pairs(table, worth, labels)
         return chart_text(figure, "Shapley values and interactions of the sensors")
 
 

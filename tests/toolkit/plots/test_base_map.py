@@ -33,8 +33,8 @@ def test_the_map_is_to_scale(site):
     metres = np.array([np.ptp(sheet.axes.get_xlim()), np.ptp(sheet.axes.get_ylim())])
     assert np.array([box.width, box.height]) / 100 * 72 / metres == pytest.approx(sheet.points_per_metre)
     strip = sheet.figure.axes[1]
-    bars = [patch for patch in strip.patches if patch.get_xy()[:, 1].max() < 0]
-    inches = max(patch.get_xy()[:, 0].max() for patch in bars)
+    bars = [patch for patch in strip.patches if patch.get_path().vertices[:, 1].max() < 0]
+    inches = max(patch.get_path().vertices[:, 0].max() for patch in bars)
     (label,) = [text.get_text() for text in strip.texts if text.get_text().endswith(" m")]
     assert float(label[:-2]) * sheet.points_per_metre == pytest.approx(72 * inches)
     assert strip.get_window_extent().width / 100 == pytest.approx(np.ptp(strip.get_xlim()))  # its unit is the inch
