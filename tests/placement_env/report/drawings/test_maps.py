@@ -42,7 +42,7 @@ MAPS = [coverage_map, density_map, blind_map]
 
 
 def drawn_cells(text):
-    """The picture of cells in a map, one pixel for each, from the top."""
+    """The picture of cells in a map, from the bottom up: it is turned over where it is shown."""
     (image,) = [each for each in ElementTree.fromstring(text).iter() if each.tag.endswith("image")]
     (data,) = [value for key, value in image.attrib.items() if key.endswith("href")]
     return imread(BytesIO(base64.b64decode(data.partition(",")[2])))
@@ -53,8 +53,7 @@ def cells_of(text):
     rows, columns = pixels.shape[0] // 6, pixels.shape[1] // 10
     assert rows >= ENLARGED
     assert columns >= ENLARGED
-    cells = pixels[rows // 2 :: rows, columns // 2 :: columns][:6, :10]
-    return cells  # from the bottom: the image is turned over where it is shown
+    return pixels[rows // 2 :: rows, columns // 2 :: columns][:6, :10]
 
 
 @pytest.mark.parametrize("draw", MAPS)
