@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MOST_VEHICLES = 300  # that are drawn
 MARGIN = 6.0  # m round area and sensors
-_SIDE, _HEAD, _FOOT, _DPI = 6.4, 0.5, 0.42, 100  # of a square picture, and the strips above and below its map
+_SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the strips above and below its map
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:

@@ -133,7 +133,9 @@ def test_no_sensors_and_no_open_ground():
 
 def test_thirty_sensors_are_all_numbered_and_the_file_is_small():
     site = load_site("roundabout")
-    many = [Sensor(f"north-east pole {k}", DepthCamera(), look((k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)]
+    many = [
+        Sensor(f"north-east pole {k}", DepthCamera(), look((1.0 * k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)
+    ]
     x = np.arange(96) + 0.5 - 48
     seen = np.array([np.hypot(x - k, x[:, None] + k) < 20 for k in range(30)])
     free = np.ones((96, 96), bool)
