@@ -30,7 +30,7 @@ def row_axes(title: str, said: str, names: Sequence[str], *, right: float = 1.7)
     figure = blank_figure(WIDTH, height)
     share = (left / WIDTH, FOOT / height, (WIDTH - left - right) / WIDTH, ROW * max(len(names), 1) / height)
     axes = figure.add_axes(share)
-    axes.set(ylim=(len(names) - 0.5, -0.5))
+    axes.set(ylim=(max(len(names), 1) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [""] * len(names))
     for label, name in zip(axes.get_yticklabels(), names, strict=True):
         label.set_text(name)
@@ -62,13 +62,13 @@ def draw_intervals(axes: Axes, judged: Sequence[Judgement | None], *, hatched: S
         beside(axes, row, ap_words(each))
 
 
-def draw_interval(axes: Axes, judged: Judgement, row: float) -> None:
+def draw_interval(axes: Axes, judged: Judgement, row: int) -> None:
     """The interval of an AP, lying at a row, with a cross line at its ends."""
     axes.plot([judged.low, judged.high], [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt")
     axes.plot([judged.low, judged.high], [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
 
 
-def beside(axes: Axes, row: float, text: str) -> None:
+def beside(axes: Axes, row: int, text: str) -> None:
     """Text right of the axes at a row."""
     axes.annotate(
         text, (1, row), xycoords=("axes fraction", "data"), xytext=(8, 0), textcoords="offset points",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from placement_env.report.content import SensorWorth
-from placement_env.report.drawings.axes import BAR, WIDTH, chart_text, head_lines
+from placement_env.report.drawings.axes import BAR, ROW, WIDTH, chart_text, head_lines
 from toolkit.plots.canvas import blank_figure, house_style, shortened
 from toolkit.plots.palette import INK
 from toolkit.plots.symbols import sensor_labels
@@ -16,7 +16,6 @@ from toolkit.plots.symbols import sensor_labels
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ROW = 0.27  # inches of a sensor
 MOST_FIGURES = 14  # sensors up to which the cells of the table hold figures
 
 
@@ -43,14 +42,15 @@ def worth_chart(worth: Sequence[SensorWorth]) -> str:
             bars.annotate(f"{value:+.3f}", (max(value, 0), row), **place)
         bars.axvline(0, color=INK, linewidth=0.8, zorder=3)
         reach = max((abs(value) for value in values), default=0) or 1.0
-        bars.set(ylim=(len(worth) - 0.5, -0.5), xlabel="Shapley value (AP)")
+        bars.set(ylim=(max(len(worth), 1) - 0.5, -0.5), xlabel="Shapley value (AP)")
         bars.set_xlim(1.35 * min(0.0, *values, 0.0), 1.35 * max(reach * 0.2, *values, 0.0))
         bars.set_yticks(range(len(names)))
         bars.set_yticklabels(names)
         bars.grid(axis="x")
         start = text / WIDTH + 0.36
         table = figure.add_axes((start, bottom, min(0.985 - start, side / WIDTH * 1.6), side / height))
-        _draw_pairs(table, worth, labels)
+        if len(worth):
+            _draw_pairs(table, worth, labels)
         return chart_text(figure, "Shapley values and interactions of the sensors")
 
 

@@ -80,6 +80,7 @@ def test_paths_are_short():
     with house_style():
         assert "1.234567" not in svg_text(figure())
         path = ElementTree.fromstring(svg_text(figure())).find(".//{*}g[@id]//{*}path").get("d")
+    assert path is not None
     assert "  " not in path
     assert all(len(number.partition(".")[2]) <= 2 for number in path.replace("M", " ").replace("L", " ").split())
 
