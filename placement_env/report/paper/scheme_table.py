@@ -81,7 +81,7 @@ def _why_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
     if run.scheme == "hybrid":
         far = sum(int(truth.sent[2].sum()) for truth in stored.truths) / everyone * 96 / 1000
-        return f"{far:.0f} kbit of points where the radius is measured as in the published code, in the tilted plane"
+        return f"not for how the radius is measured: as the published code does it, points make {far:.0f} kbit"
     return ""
 
 
