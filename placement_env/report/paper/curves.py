@@ -16,13 +16,13 @@ from placement_env.report.paper.published import (
     sensor_sets,
     set_name,
 )
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import pr_curve, published_ap, score_run, visible_share
 from placement_env.report.paper.stored import SchemeRun, StoredDetections
 from toolkit.arrays import Bool
 from toolkit.detection.metrics import Curve
 
-STEP = 0.001  # of recall, between the points of a curve that are written down
+RECALL_STEP = 0.001  # of recall, between the points of a curve that are written down
 
 
 def curve_runs(site: str) -> list[SchemeRun]:
@@ -73,7 +73,7 @@ def precision_from(curve: Curve, recall: float) -> float:
 
 def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
     """Which points of a curve are written down: the last one in each step of recall."""
-    number = np.floor(curve.recall / STEP)
+    number = np.floor(curve.recall / RECALL_STEP)
     return np.append(number[1:] != number[:-1], True)[: len(number)]
 
 
@@ -82,7 +82,7 @@ def _ap_row(stored: StoredDetections, site: str, sensors: SensorSet) -> Compared
     run = SchemeRun("early", sensors)
     ours = score_run(stored, run)
     reason = reason_of(
-        ours.ap, paper, Evidence(visible_share(stored, sensors), ours.recall, published=published_ap(stored, run))
+        ours.ap, paper, RowEvidence(visible_share(stored, sensors), ours.recall, published=published_ap(stored, run))
     )
     return Compared(("AP@0.7", set_name(sensors)), "AP", ours.ap, paper, ours.interval, reason=reason)
 

@@ -17,7 +17,7 @@ MOSTLY_COUNTING = 0.6  # share of a difference that is left by the published cod
 BOXES_FROM = 0.75  # IoU from which on the fit of the boxes decides more than whether a vehicle is seen
 
 
-class Evidence(NamedTuple):
+class RowEvidence(NamedTuple):
     """Measured with the row's sensors: share of the vehicles that have a point, recall of the detections, mean IoU of
     the hits, AP by the published protocol; NaN where it was not measured."""
 
@@ -55,12 +55,12 @@ CAUSES = {
 GIVEN = "The detector is not the shipped one: what the causes say of the shipped network does not hold for it."
 
 
-def reason_of(ours: float, paper: float, evidence: Evidence, *, iou: float = 0.7) -> str:
+def reason_of(ours: float, paper: float, evidence: RowEvidence, *, iou: float = 0.7) -> str:
     """Why an AP differs from the paper's, in one line; "" where it does by no more than `LARGE`.
 
-    >>> reason_of(0.24, 0.29, Evidence(0.25, 0.25))
+    >>> reason_of(0.24, 0.29, RowEvidence(0.25, 0.25))
     ''
-    >>> reason_of(0.24, 0.30, Evidence(0.25, 0.245))
+    >>> reason_of(0.24, 0.30, RowEvidence(0.25, 0.245))
     "only 25.0 % of the vehicles have a point here: no detector reaches the paper's figure (C)"
     """
     if isnan(ours) or abs(ours - paper) <= LARGE:

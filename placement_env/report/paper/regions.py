@@ -20,7 +20,7 @@ from placement_env.report.paper.published import (
     RegionRow,
     set_name,
 )
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import ApScore, score_run, visible_share
 from placement_env.report.paper.stored import SchemeRun, StoredDetections
 
@@ -37,7 +37,7 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
     for row in REGION_TABLE[site]:
         score = ours[row.region, row.sensors]
         labels = (f"in view of {set_name(row.region)}, {score.vehicles} vehicles", set_name(row.sensors))
-        evidence = Evidence(visible_share(stored, row.sensors, row.region), score.recall)
+        evidence = RowEvidence(visible_share(stored, row.sensors, row.region), score.recall)
         reason = reason_of(score.ap, row.ap, evidence)
         rows.append(Compared(labels, "AP", score.ap, row.ap, score.interval, reason=reason))
     gains = []
@@ -77,7 +77,7 @@ def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Exp
         score = _score(stored, RegionRow(pair, sensors, paper[sensors]))
         ours.append(score.ap)
         labels = (f"ours, early fusion, {set_name(sensors)} in view of {set_name(pair)}", _count(sensors))
-        evidence = Evidence(visible_share(stored, sensors, pair), score.recall)
+        evidence = RowEvidence(visible_share(stored, sensors, pair), score.recall)
         reason = reason_of(score.ap, paper[sensors], evidence)
         mine.append(Compared(labels, "AP", score.ap, paper[sensors], score.interval, reason=reason))
     seen = score_run(stored, SchemeRun("early", pair[:1]), region=pair[:1])

@@ -42,7 +42,7 @@ from toolkit.sites.files import load_site
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
 NOISE_SEED = 0
 PAGE, FIGURES = "index.html", "reproduction.json"
-Stages = Callable[[str, int, int | None], None]
+StageProgress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def reproduce(
     table: str | Path | None = None,
     recorded: int = TEST_FRAMES,
     workers: int = 1,
-    progress: Stages | None = None,
+    progress: StageProgress | None = None,
 ) -> Reproduction:
     """Run the paper's experiments at one of its sites and write them into a folder.
 
@@ -100,8 +100,8 @@ def reproduce(
     check_paper_site(site)
     check_whole("frames", frames, least=1)
     check_whole("recorded", recorded, least=1)
-    out, recorded = Path(out), max(frames, recorded)
     given = None if table is None else load_table(table)
+    out, recorded = Path(out), max(frames, recorded)
     with test_recording(site, out, recorded, workers=workers, progress=progress) as recording:
         detect = _shipped(site, recording) if detector is None else detector(recording)
         if given is not None:
@@ -115,7 +115,7 @@ def reproduce(
         sets = given or _fitting(site, recording, detect)
         if sets is None:
             sets = _made(renders, detect, out, frames, workers, _staged(progress, "frames of all sensor sets"))
-        shipped = detector is None or stored.detector == getattr(_shipped(site, recording), "digest", None)
+        shipped = detector is None or stored.detector == load_table(site).origin.detector
         seen = detect_runs(
             renders, detect, (), memo=memo, frames=min(sets.origin.frames, renders.frames), workers=workers,
             progress=_staged(progress, "frames looked at"),
@@ -133,7 +133,7 @@ def check_paper_site(site: str) -> None:
 
 @contextmanager
 def test_recording(
-    site: str, out: Path, frames: int, *, workers: int, progress: Stages | None
+    site: str, out: Path, frames: int, *, workers: int, progress: StageProgress | None
 ) -> Iterator[CoopDataset]:
     """The test recording, simulated where it is not there yet."""
     path = out / f"recording_{frames}.hdf5"
@@ -241,11 +241,11 @@ def _made(
     return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, workers=workers, progress=progress)
 
 
-def _staged(progress: Stages | None, stage: str) -> Callable[[int, int], None] | None:
+def _staged(progress: StageProgress | None, stage: str) -> Callable[[int, int], None] | None:
     return None if progress is None else partial(progress, stage)
 
 
-def _simulated(progress: Stages, frames: int, done: int) -> None:
+def _simulated(progress: StageProgress, frames: int, done: int) -> None:
     progress("frames simulated", done, frames)
 
 

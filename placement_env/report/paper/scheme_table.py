@@ -8,7 +8,7 @@ from placement_env.fidelity.detector import IOUS
 from placement_env.report.paper.charts import draw_pairs
 from placement_env.report.paper.comparison import Compared, Experiment
 from placement_env.report.paper.published import PLACE_NAMES, SCHEME_TABLE, TABLE_1, SchemeRow
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import (
     kbit_per_sensor,
     ms_per_frame,
@@ -60,7 +60,7 @@ def _rows(stored: StoredDetections, run: SchemeRun, paper: SchemeRow) -> list[Co
     rows = []
     for iou, theirs in zip(IOUS, paper.ap, strict=True):
         ours = score_run(stored, run, iou)
-        evidence = Evidence(
+        evidence = RowEvidence(
             visible_share(stored, run.sensors), ours.recall, ours.hit_iou, published_ap(stored, run, iou)
         )
         reason = reason_of(ours.ap, theirs, evidence, iou=iou)

@@ -24,7 +24,7 @@ from placement_env.report.paper.published import (
     sensor_sets,
     set_name,
 )
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import visible_share
 from placement_env.report.paper.stored import StoredDetections
 from toolkit.arrays import Float64
@@ -89,7 +89,7 @@ def _listed_rows(table: Table, seen: StoredDetections, listed: Listed, scheme: s
     rows = []
     for row in listed.rows:
         ours, recall, paper = _ap(table, scheme, row.sensors), _recall(table, scheme, row.sensors), _figure(row, scheme)
-        reason = reason_of(ours, paper, Evidence(visible_share(seen, row.sensors), recall))
+        reason = reason_of(ours, paper, RowEvidence(visible_share(seen, row.sensors), recall))
         kind = "paper's best of its size" if row.sensors in bold else "paper's list"
         rows.append(Compared((kind, scheme, set_name(row.sensors)), "AP", ours, paper, reason=reason))
     return rows

@@ -82,5 +82,11 @@ def exact_table():
 
 
 @pytest.fixture(scope="session")
+def exact_table_of():
+    """Of a detector's digest and, if it is not the T-junction, a site."""
+    return lambda detector, site="tjunction": make_exact_table(site, detector)
+
+
+@pytest.fixture(scope="session")
 def shares():
     return sensor_shares(6)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import isotonic_regression
 
 from placement_env.analysis.intervals import ratio_interval
 from placement_env.report.paper.iou_density import (
@@ -9,6 +10,7 @@ from placement_env.report.paper.iou_density import (
     densities_and_ious,
     iou_experiment,
     log_fit,
+    needed_density,
 )
 
 
@@ -46,6 +48,19 @@ def test_fit_weighs_what_a_bin_holds():
     assert heavy == pytest.approx(alone, abs=1e-6)
 
 
+def test_needed_density_is_that_of_isotonic_regression():
+    rng = np.random.default_rng(0)
+    density = rng.integers(0, 60, 400).astype(float)
+    iou = np.clip(density / 60 + rng.normal(0, 0.2, 400), 0, 1)
+    at = np.unique(density)
+    means = np.array([iou[density == each].mean() for each in at])
+    fit = isotonic_regression(means, weights=np.array([(density == each).sum() for each in at])).x
+    for wanted in (0.0, 0.2, 0.5, 0.8):
+        assert needed_density(density, iou, wanted) == at[(fit >= wanted).argmax()]
+    assert needed_density(density, iou, 1.01) is None
+    assert needed_density(np.zeros(0), np.zeros(0), 0.5) is None
+
+
 def test_rows(stored):
     made = iou_experiment(stored, "tjunction", "basis")
     density, iou = densities_and_ious(stored, "tjunction")
@@ -53,10 +68,13 @@ def test_rows(stored):
     assert rows["mean, below 70 points"].ours == pytest.approx(iou[density < 70].mean())
     assert rows["mean, 70 to 100 points"].ours == pytest.approx(iou[(density >= 70) & (density <= 100)].mean())
     assert rows["mean, above 100 points"].ours == pytest.approx(iou[density > 100].mean())
-    fit = log_fit(binned(density, iou))
+    fit = log_fit(binned(density[density > 0], iou[density > 0]))
     for wanted in (0.5, 0.6, 0.7, 0.8, 0.9):
         needed = fit.density_for(wanted)
-        assert rows[f"density for IoU {wanted:g}, by the fit"].ours == (needed if needed <= density.max() else None)
+        assert rows[f"density for IoU {wanted:g}, measured"].ours == needed_density(density, iou, wanted)
+        assert rows[f"density for IoU {wanted:g}, by the fit"].ours == (
+            max(needed, 1.0) if needed <= density.max() else None
+        )
     assert f"IoU = {fit.intercept:.3f} + {fit.slope:.3f} ln(points)" in made.conclusion
     assert f"200 bins up to {density.max():.0f} points" in made.basis
     low, high = rows["mean, above 100 points"].interval
@@ -80,7 +98,8 @@ def test_bins_are_written_and_drawn(stored_roundabout, tmp_path):
     made = iou_experiment(stored_roundabout, "roundabout", "")
     ((name, rows),) = made.curves
     assert (name, rows[0][2]) == ("iou_density_bins", "vehicles")
-    assert sum(row[2] for row in rows[1:]) == 8 * stored_roundabout.vehicles
+    density, _ = densities_and_ious(stored_roundabout, "roundabout")
+    assert sum(row[2] for row in rows[1:]) == (density > 0).sum()
     made.draw(tmp_path / "iou.svg")
     assert (tmp_path / "iou.svg").stat().st_size > 5000
     assert made.conclusion.endswith("T-junction alone.")
