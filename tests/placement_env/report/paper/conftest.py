@@ -44,8 +44,7 @@ def make_stored(site="tjunction", frames=12, seed=0):
         points = np.where(rng.random((count, len(sensors))) < 0.5, 0, rng.integers(1, 300, (count, len(sensors))))
         sent = np.sort(rng.integers(100, 900, (3, len(sensors))), axis=0)[::-1]
         truths.append(FrameTruth(cars(rng.uniform(low, high, (count, 2))), points, sent.copy()))
-    runs = dict.fromkeys(runs)
-    found = {run: tuple(frame_run(truth, run, rng) for truth in truths) for run in runs}
+    found = {run: tuple(frame_run(truth, run, rng) for truth in truths) for run in dict.fromkeys(runs)}
     return StoredDetections(place, sensors, tuple(truths), found, "made up", "made up")
 
 

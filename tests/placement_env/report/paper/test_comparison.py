@@ -23,7 +23,7 @@ def test_difference_and_when_it_is_large():
     assert Compared((), "AP", float("nan"), 0.5).difference is None
     assert not Compared((), "kbit", 500.0, 5.0).large
     assert Compared((), "AP", 0.6, 0.75).large
-    assert not Compared((), "AP", 0.75, 0.7).difference > 0.0501
+    assert Compared((), "AP", 0.75, 0.7).difference == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(

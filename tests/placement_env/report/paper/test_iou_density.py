@@ -77,7 +77,7 @@ def test_rows(stored):
         )
     assert f"IoU = {fit.intercept:.3f} + {fit.slope:.3f} ln(points)" in made.conclusion
     assert f"200 bins up to {density.max():.0f} points" in made.basis
-    low, high = rows["mean, above 100 points"].interval
+    low, high = rows["mean, above 100 points"].interval or (1.0, 0.0)
     assert low < iou[density > 100].mean() < high
 
 

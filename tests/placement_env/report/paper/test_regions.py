@@ -21,7 +21,7 @@ def test_rows_of_table_3(site, stored, stored_roundabout):
 
 def test_conclusion_has_the_gains(stored):
     made = region_experiment(stored, "tjunction", "")
-    ap = [row.ours for row in made.rows]
+    ap = [row.ours or 0.0 for row in made.rows]
     assert f"1,5 together {ap[2] - max(ap[:2]):+.3f} over the better of the two (paper +0.400)" in made.conclusion
     assert f"2,4 together {ap[5] - max(ap[3:5]):+.3f} over the better of the two (paper +0.162)" in made.conclusion
     helps = ap[2] > max(ap[:2]) and ap[5] > max(ap[3:5])
@@ -38,7 +38,7 @@ def test_rows_of_table_4(stored):
     assert (one.labels[1], two.labels[1]) == ("one sensor", "two sensors")
     assert seen.ours == score_run(stored, SchemeRun("early", (1,)), region=(1,)).ap
     assert seen.paper is None
-    assert f"{two.ours - one.ours:+.2f} here, +0.40 in the paper" in made.conclusion
+    assert f"{(two.ours or 0.0) - (one.ours or 0.0):+.2f} here, +0.40 in the paper" in made.conclusion
     assert "T-junction alone" not in made.conclusion
 
 

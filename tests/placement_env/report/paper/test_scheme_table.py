@@ -35,7 +35,7 @@ def test_conclusion_says_whether_the_order_holds(stored, stored_roundabout):
     said = {site: scheme_experiment(each, site, "") for site, each in
             (("tjunction", stored), ("roundabout", stored_roundabout))}  # fmt: skip
     for made in said.values():
-        ap = {row.labels: row.ours for row in made.rows if row.unit == "AP"}
+        ap = {row.labels: row.ours or 0.0 for row in made.rows if row.unit == "AP"}
         ordered = all(ap["early", at] >= ap["hybrid", at] >= ap["late", at] for at in ("AP@0.7", "AP@0.8", "AP@0.9"))
         assert made.conclusion.startswith("As in the paper, early" if ordered else "The paper's order")
     share = sum(t.sent[1].sum() for t in stored.truths) / sum(t.sent[0].sum() for t in stored.truths)
