@@ -16,13 +16,13 @@ from placement_env.report.paper.published import (
     sensor_sets,
     set_name,
 )
-from placement_env.report.paper.reasons import Evidence, reason_of
-from placement_env.report.paper.scoring import pr_curve, score_run, visible_share
+from placement_env.report.paper.reasons import RowEvidence, reason_of
+from placement_env.report.paper.scoring import pr_curve, published_ap, score_run, visible_share
 from placement_env.report.paper.stored import SchemeRun, StoredDetections
 from toolkit.arrays import Bool
 from toolkit.detection.metrics import Curve
 
-STEP = 0.001  # of recall, between the points of a curve that are written down
+RECALL_STEP = 0.001  # of recall, between the points of a curve that are written down
 
 
 def curve_runs(site: str) -> list[SchemeRun]:
@@ -34,7 +34,7 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
     """Ours beside the paper's."""
     curves = {run.sensors: pr_curve(stored, run) for run in curve_runs(site)}
     rows = [_ap_row(stored, site, sensors) for sensors in curves]
-    rows += [_statement_row(each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
+    rows += [_statement_row(stored, each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
     everyone = next(iter(curves.values()))
     fewest = list(curves)[-1]
 
@@ -73,20 +73,26 @@ def precision_from(curve: Curve, recall: float) -> float:
 
 def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
     """Which points of a curve are written down: the last one in each step of recall."""
-    number = np.floor(curve.recall / STEP)
+    number = np.floor(curve.recall / RECALL_STEP)
     return np.append(number[1:] != number[:-1], True)[: len(number)]
 
 
 def _ap_row(stored: StoredDetections, site: str, sensors: SensorSet) -> Compared:
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}[sensors]
-    ours = score_run(stored, SchemeRun("early", sensors))
-    reason = reason_of(ours.ap, paper, Evidence(visible_share(stored, sensors), ours.recall))
+    run = SchemeRun("early", sensors)
+    ours = score_run(stored, run)
+    reason = reason_of(
+        ours.ap, paper, RowEvidence(visible_share(stored, sensors), ours.recall, published=published_ap(stored, run))
+    )
     return Compared(("AP@0.7", set_name(sensors)), "AP", ours.ap, paper, ours.interval, reason=reason)
 
 
-def _statement_row(says: Statement, curve: Curve) -> Compared:
+def _statement_row(stored: StoredDetections, says: Statement, curve: Curve) -> Compared:
     ours = greatest_recall(curve) if says.of == "greatest recall" else precision_from(curve, 0.95)
-    return Compared((says.of, set_name(says.sensors)), "share", ours, says.value, relation=says.relation)
+    seen = visible_share(stored, says.sensors)
+    reason = f"{_percent(seen)} of the vehicles have a point here" if seen < says.value else ""
+    labels = says.of, set_name(says.sensors)
+    return Compared(labels, "share", ours, says.value, relation=says.relation, reason=reason)
 
 
 def _points(curves: dict[SensorSet, Curve]) -> list[tuple[str | float, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,12 +60,12 @@ def _share_below(stored: StoredDetections, sensors: SensorSet, below: int) -> tu
     """Share of the vehicles with fewer points than `below`, and its interval."""
     few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
     share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
-    return share, ratio_interval(few, stored.to_find)
+    return share, ratio_interval(few, list(stored.to_find))
 
 
-def _curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> list[tuple[str | float, ...]]:
+def _curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> list[tuple[Any, ...]]:
     points = [stored.points(sensors) for sensors in sets]
-    rows: list[tuple[str | float, ...]] = [("points, at most", *map(set_name, sets))]
+    rows: list[tuple[Any, ...]] = [("points, at most", *map(set_name, sets))]
     rows += [(at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points)) for at in AT]
     return rows
 

@@ -3,7 +3,9 @@
 Every scored vehicle counts once for each of the best sensor sets (early fusion): its point density in the fused cloud,
 and the IoU of the detection that overlaps it most, 0 where none does. The densities from 0 to the greatest are cut
 into 200 bins of equal width; a bin's IoU is the mean of its vehicles. The fit is IoU = a + b ln(points) by least
-squares over the bins, each weighing what it holds, at the mean density of its vehicles.
+squares over the bins, each weighing what it holds, at the mean density of its vehicles; vehicles without a point take
+no part in bins and fit. A log curve rises on where IoU no longer does, so that the density a wanted IoU needs is given
+twice: by the fit, and by the measured mean IoU, made monotone in the density (isotonic regression).
 """
 
 from __future__ import annotations
@@ -58,20 +60,23 @@ class LogFit(NamedTuple):
 def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Ours beside the paper's, which states no coefficients: below 70 points poor, much better above 100."""
     density, iou = densities_and_ious(stored, site)
-    bins = binned(density, iou)
+    bins = binned(density[density > 0], iou[density > 0])
     fit = log_fit(bins)
     greatest = float(density.max(initial=0))
     rows = []
     for name, low, high in (
-        (f"mean, below {POOR_BELOW} points", 0, POOR_BELOW),
-        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", POOR_BELOW, GOOD_ABOVE + 1),
-        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1, np.inf),
+        (f"mean, below {POOR_BELOW} points", 0.0, float(POOR_BELOW)),
+        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", float(POOR_BELOW), GOOD_ABOVE + 1.0),
+        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1.0, float("inf")),
     ):
         rows.append(_mean_row(stored, site, name, low, high))
     for wanted in WANTED_IOU:
         needed = fit.density_for(wanted)
-        ours = needed if needed <= greatest else None
+        ours = max(needed, 1.0) if needed <= greatest else None
         rows.append(Compared((f"density for IoU {wanted:g}, by the fit",), "points", ours, None))
+        rows.append(
+            Compared((f"density for IoU {wanted:g}, measured",), "points", needed_density(density, iou, wanted), None)
+        )
     poor, good = rows[0].ours, rows[2].ours
 
     def draw(out: Path) -> None:
@@ -122,6 +127,22 @@ def log_fit(bins: BinnedIou) -> LogFit:
         return LogFit(float("nan"), float("nan"))
     slope, intercept = np.polyfit(np.log(bins.density[above]), bins.iou[above], 1, w=np.sqrt(bins.vehicles[above]))
     return LogFit(float(intercept), float(slope))
+
+
+def needed_density(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float) -> float | None:
+    """The least density from which on the mean IoU, made monotone, is at least the wanted one; None where it never is.
+
+    >>> needed_density(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
+    2.0
+    """
+    at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
+    pooled: list[list[float]] = []  # first density, mean IoU, vehicles
+    for first, mean, count in zip(at, np.bincount(group, iou) / counts if len(at) else (), counts, strict=True):
+        pooled.append([float(first), float(mean), float(count)])
+        while len(pooled) > 1 and pooled[-2][1] >= pooled[-1][1]:
+            (low, a, m), (_, b, n) = pooled[-2:]
+            pooled[-2:] = [[low, (a * m + b * n) / (m + n), m + n]]
+    return next((first for first, mean, _ in pooled if mean >= wanted - 1e-12), None)
 
 
 def _mean_row(stored: StoredDetections, site: str, name: str, low: float, high: float) -> Compared:

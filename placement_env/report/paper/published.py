@@ -69,14 +69,14 @@ class BenchmarkRow(NamedTuple):
 
 SCHEME_TABLE: dict[str, dict[str, SchemeRow]] = {
     "tjunction": {
-        "late": SchemeRow((0.8181, 0.6259, 0.07072), 0.51, 298),
-        "hybrid": SchemeRow((0.8903, 0.7056, 0.07277), 64, 380),
-        "early": SchemeRow((0.9870, 0.9447, 0.3861), 516, 380),
+        "late": SchemeRow((0.8181, 0.6259, 0.07072), 0.51, 298.0),
+        "hybrid": SchemeRow((0.8903, 0.7056, 0.07277), 64.0, 380.0),
+        "early": SchemeRow((0.9870, 0.9447, 0.3861), 516.0, 380.0),
     },
     "roundabout": {
-        "late": SchemeRow((0.8143, 0.5986, 0.01762), 0.26, 214),
-        "hybrid": SchemeRow((0.8398, 0.6289, 0.02013), 372, 299),
-        "early": SchemeRow((0.9670, 0.8816, 0.04638), 674, 299),
+        "late": SchemeRow((0.8143, 0.5986, 0.01762), 0.26, 214.0),
+        "hybrid": SchemeRow((0.8398, 0.6289, 0.02013), 372.0, 299.0),
+        "early": SchemeRow((0.9670, 0.8816, 0.04638), 674.0, 299.0),
     },
 }
 

@@ -42,7 +42,7 @@ from toolkit.sites.files import load_site
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
 NOISE_SEED = 0
 PAGE, FIGURES = "index.html", "reproduction.json"
-Stages = Callable[[str, int, int | None], None]
+StageProgress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def reproduce(
     table: str | Path | None = None,
     recorded: int = TEST_FRAMES,
     workers: int = 1,
-    progress: Stages | None = None,
+    progress: StageProgress | None = None,
 ) -> Reproduction:
     """Run the paper's experiments at one of its sites and write them into a folder.
 
@@ -100,23 +100,27 @@ def reproduce(
     check_paper_site(site)
     check_whole("frames", frames, least=1)
     check_whole("recorded", recorded, least=1)
-    out, recorded = Path(out), max(frames, recorded)
     given = None if table is None else load_table(table)
+    out, recorded = Path(out), max(frames, recorded)
     with test_recording(site, out, recorded, workers=workers, progress=progress) as recording:
         detect = _shipped(site, recording) if detector is None else detector(recording)
         if given is not None:
             _check_table(given, recording, detect)
-        renders = Renders.of(recording, NOISE_SEED)
+        renders, memo = Renders.of(recording, NOISE_SEED), Cache(out / "detections.sqlite")
         stored = detect_runs(
             renders, detect, [*scheme_runs(len(recording.sensors)), *curve_runs(site), *region_runs(site)],
-            memo=Cache(out / "detections.sqlite"), frames=frames, workers=workers,
+            memo=memo, frames=frames, workers=workers,
             progress=_staged(progress, "frames detected"),
         )  # fmt: skip
         sets = given or _fitting(site, recording, detect)
         if sets is None:
             sets = _made(renders, detect, out, frames, workers, _staged(progress, "frames of all sensor sets"))
-        shipped = detector is None or stored.detector == getattr(_shipped(site, recording), "digest", None)
-    experiments = all_experiments(stored, sets, site)
+        shipped = detector is None or stored.detector == load_table(site).origin.detector
+        seen = detect_runs(
+            renders, detect, (), memo=memo, frames=min(sets.origin.frames, renders.frames), workers=workers,
+            progress=_staged(progress, "frames looked at"),
+        )  # fmt: skip
+    experiments = all_experiments(stored, seen, sets, site)
     write_experiments(out, experiments, stored, sets, site=site, shipped=shipped)
     return Reproduction(site, stored.frames, stored.vehicles, experiments, out / PAGE)
 
@@ -129,7 +133,7 @@ def check_paper_site(site: str) -> None:
 
 @contextmanager
 def test_recording(
-    site: str, out: Path, frames: int, *, workers: int, progress: Stages | None
+    site: str, out: Path, frames: int, *, workers: int, progress: StageProgress | None
 ) -> Iterator[CoopDataset]:
     """The test recording, simulated where it is not there yet."""
     path = out / f"recording_{frames}.hdf5"
@@ -144,12 +148,14 @@ def test_recording(
         yield recording
 
 
-def all_experiments(stored: StoredDetections, table: Table, site: str) -> tuple[Experiment, ...]:
-    """Every experiment, in the paper's order."""
+def all_experiments(
+    stored: StoredDetections, seen: StoredDetections, table: Table, site: str
+) -> tuple[Experiment, ...]:
+    """Every experiment, in the paper's order. seen: the frames of the table, without runs."""
     basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
         scheme_experiment(stored, site, basis),
-        set_experiment(table, stored, site),
+        set_experiment(table, seen, site),
         curve_experiment(stored, site, basis),
         region_experiment(stored, site, basis),
         density_experiment(stored, site, basis),
@@ -235,11 +241,11 @@ def _made(
     return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, workers=workers, progress=progress)
 
 
-def _staged(progress: Stages | None, stage: str) -> Callable[[int, int], None] | None:
+def _staged(progress: StageProgress | None, stage: str) -> Callable[[int, int], None] | None:
     return None if progress is None else partial(progress, stage)
 
 
-def _simulated(progress: Stages, frames: int, done: int) -> None:
+def _simulated(progress: StageProgress, frames: int, done: int) -> None:
     progress("frames simulated", done, frames)
 
 

@@ -8,7 +8,7 @@ from placement_env.fidelity.detector import IOUS
 from placement_env.report.paper.charts import draw_pairs
 from placement_env.report.paper.comparison import Compared, Experiment
 from placement_env.report.paper.published import PLACE_NAMES, SCHEME_TABLE, TABLE_1, SchemeRow
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import (
     kbit_per_sensor,
     ms_per_frame,
@@ -60,7 +60,7 @@ def _rows(stored: StoredDetections, run: SchemeRun, paper: SchemeRow) -> list[Co
     rows = []
     for iou, theirs in zip(IOUS, paper.ap, strict=True):
         ours = score_run(stored, run, iou)
-        evidence = Evidence(
+        evidence = RowEvidence(
             visible_share(stored, run.sensors), ours.recall, ours.hit_iou, published_ap(stored, run, iou)
         )
         reason = reason_of(ours.ap, theirs, evidence, iou=iou)
@@ -81,7 +81,7 @@ def _why_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
     if run.scheme == "hybrid":
         far = sum(int(truth.sent[2].sum()) for truth in stored.truths) / everyone * 96 / 1000
-        return f"{far:.0f} kbit of points where the radius is measured as in the published code, in the tilted plane"
+        return f"not for how the radius is measured: as the published code does it, points make {far:.0f} kbit"
     return ""
 
 

@@ -24,7 +24,7 @@ from placement_env.report.paper.published import (
     sensor_sets,
     set_name,
 )
-from placement_env.report.paper.reasons import Evidence, reason_of
+from placement_env.report.paper.reasons import RowEvidence, reason_of
 from placement_env.report.paper.scoring import visible_share
 from placement_env.report.paper.stored import StoredDetections
 from toolkit.arrays import Float64
@@ -32,16 +32,17 @@ from toolkit.arrays import Float64
 SET_SCHEMES = ("early", "late")
 
 
-def set_experiment(table: Table, stored: StoredDetections, site: str) -> Experiment:
-    """Ours beside the paper's; what is seen, of which the reasons speak, is taken from the stored frames."""
+def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
+    """Ours beside the paper's. seen: the table's frames, of whose points the reasons speak; no run is needed."""
     listed, origin = sensor_sets(site), table.origin
-    rows = [row for scheme in SET_SCHEMES for row in _listed_rows(table, stored, listed, scheme)]
-    paper = {scheme: {r.sensors: _figure(r, scheme) for r in listed.rows} for scheme in SET_SCHEMES}
+    rows = [row for scheme in SET_SCHEMES for row in _listed_rows(table, seen, listed, scheme)]
+    paper = {row.sensors for row in listed.rows}
     for scheme in SET_SCHEMES:
         for size, best in best_sets(table, scheme).items():
             for rank, each in enumerate(best, 1):
-                labels = (f"our best of {size}, number {rank}", scheme, set_name(each.sensors))
-                rows.append(Compared(labels, "AP", each.ap, paper[scheme].get(each.sensors)))
+                known = ", in the paper's list" if each.sensors in paper else ""
+                labels = (f"our best of {size}, number {rank}{known}", scheme, set_name(each.sensors))
+                rows.append(Compared(labels, "AP", each.ap, None))
     correlations = {scheme: _correlation(table, listed, scheme) for scheme in SET_SCHEMES}
     for scheme, value in correlations.items():
         labels = (f"order of the {len(listed.rows)} sets listed", scheme, "all listed")
@@ -83,12 +84,12 @@ def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in best}
 
 
-def _listed_rows(table: Table, stored: StoredDetections, listed: Listed, scheme: str) -> list[Compared]:
+def _listed_rows(table: Table, seen: StoredDetections, listed: Listed, scheme: str) -> list[Compared]:
     bold = {"early": listed.best_early, "late": listed.best_late}[scheme]
     rows = []
     for row in listed.rows:
         ours, recall, paper = _ap(table, scheme, row.sensors), _recall(table, scheme, row.sensors), _figure(row, scheme)
-        reason = reason_of(ours, paper, Evidence(visible_share(stored, row.sensors), recall))
+        reason = reason_of(ours, paper, RowEvidence(visible_share(seen, row.sensors), recall))
         kind = "paper's best of its size" if row.sensors in bold else "paper's list"
         rows.append(Compared((kind, scheme, set_name(row.sensors)), "AP", ours, paper, reason=reason))
     return rows
