@@ -44,14 +44,14 @@ class Finalists:
     def arrays(self) -> Arrays:
         """What a cache keeps of them."""
         names = np.array([json.dumps(each) for each in self.searches], np.str_)
-        return self.sets, self.predicted, names, np.array(self.considered)
+        return self.sets, self.predicted, names, np.array([self.considered])
 
     @staticmethod
     def of(arrays: Arrays) -> Finalists:
         """From what `arrays` gave."""
         sets, predicted, names, considered = arrays
         searches = tuple(tuple(json.loads(str(each))) for each in names)
-        return Finalists(sets, predicted, searches, int(considered))
+        return Finalists(sets, predicted, searches, int(considered[0]))
 
 
 def kept_finalists(
