@@ -9,14 +9,15 @@ from typing import Any
 
 from placement_env.report.content import Plan
 from placement_env.report.planning.planning import Planned
-from toolkit.runtime.files import write_text
+from toolkit.runtime.files import write_text, writing_together
 
 
 def write_plan(planned: Planned, out: Path) -> list[Path]:
-    """Write a plan's files into a folder, made if missing; their paths."""
-    path = out / "plan.json"
-    write_text(path, plan_json(planned.plan))
-    return [path]
+    """Write a plan's files into a folder, made if missing, all of them or none; their paths."""
+    with writing_together(out) as folder:
+        write_text(folder / "plan.json", plan_json(planned.plan))
+        names = sorted(path.name for path in folder.iterdir())
+    return [out / name for name in names]
 
 
 def plan_json(plan: Plan) -> str:
