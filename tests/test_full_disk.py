@@ -24,7 +24,7 @@ from toolkit.clouds import from_points, save
 from toolkit.detection.evaluation import Evaluation, save_evaluation
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.plots import draw_pr_curves
+from toolkit.plots.curves import draw_pr_curves
 from toolkit.sites.files import load_site, save_site
 
 class Figures:

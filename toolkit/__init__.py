@@ -41,7 +41,17 @@ if TYPE_CHECKING:
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
     from toolkit.objects import Detections as Detections, Detector as Detector, Objects as Objects
-    from toolkit.plots import draw_density_cdf as draw_density_cdf, draw_frame as draw_frame, draw_site as draw_site
+    from toolkit.plots.curves import (
+        draw_density_cdf as draw_density_cdf,
+        draw_pr_curves as draw_pr_curves,
+        draw_training as draw_training,
+    )
+    from toolkit.plots.palette import sensor_colour as sensor_colour
+    from toolkit.plots.plan_view import (
+        FrameOutcome as FrameOutcome,
+        draw_frame as draw_frame,
+        draw_site as draw_site,
+    )
     from toolkit.points import frame_points as frame_points, select_sensors as select_sensors
     from toolkit.rendering.renderer import Renderer as Renderer
     from toolkit.sensors.catalogue import model_named as model_named, register_sensor_model as register_sensor_model
@@ -80,7 +90,9 @@ else:
             "frame": ("Frame", "empty_scene"),
             "geometry": ("look", "pose"),
             "objects": ("Detections", "Detector", "Objects"),
-            "plots": ("draw_density_cdf", "draw_frame", "draw_site"),
+            "plots.curves": ("draw_density_cdf", "draw_pr_curves", "draw_training"),
+            "plots.palette": ("sensor_colour",),
+            "plots.plan_view": ("FrameOutcome", "draw_frame", "draw_site"),
             "points": ("frame_points", "select_sensors"),
             "rendering.renderer": ("Renderer",),
             "sensors.catalogue": ("model_named", "register_sensor_model"),

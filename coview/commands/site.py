@@ -104,7 +104,7 @@ class ShowSite:
 
     def __call__(self) -> int:
         """Load (and so validate), say what is there, draw."""
-        from toolkit.plots import draw_site
+        from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
 
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)

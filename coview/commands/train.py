@@ -25,7 +25,7 @@ def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, j
     """
     from models.train import run
     from models.training.log import LOG, curves
-    from toolkit.plots import draw_training
+    from toolkit.plots.curves import draw_training
 
     with progress_bar("step", hidden=json) as bar:
 

@@ -2,69 +2,99 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from placement_env.envs.scenario import area_of, poses
+from placement_env.envs.scenario import area_of
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
-from toolkit.plots import GROUND, SOLID
+from toolkit.plots.base_map import draw_area, draw_ground, draw_north, north, scale_length
+from toolkit.plots.canvas import blank_figure, drawn_pixels, house_style, shortened
+from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
+from toolkit.plots.symbols import draw_poles, draw_sensors, draw_wedges
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_VEHICLES = 300  # that are drawn
-WEDGE = 25.0  # m of a field of view that are drawn
 MARGIN = 6.0  # m round area and sensors
-WELL_SEEN = 1000.0  # points on a vehicle in the brightest colour
-INCHES, DPI = 6.4, 100
+INCHES, HEAD, FOOT, DPI = 6.4, 0.5, 0.42, 100  # of a square picture, and the strips above and below its map
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
-    """Lanes, solids and the detection area from above, vehicles coloured by the points on them (logarithmic, grey
-    without any), the chosen sensors with their fields of view. RGB, uint8; a square of the same size for every site."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """Lanes, solids and the detection area from above, vehicles coloured by the points on them (darker is more, pale
+    grey none), places where sensors may hang, the chosen sensors with their fields of view. RGB, uint8; a square of
+    the same size for every site."""
+    sensors = objective.candidates.sensors
+    places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), area_of(objective)
+    feet = np.concatenate([[area[:2], area[2:]], places])
+    side = INCHES - HEAD - FOOT
+    low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
+    middle, reach = (low + high) / 2, (high - low).max() / 2 * np.array([INCHES / side, 1.0])
+    scale = side / (2 * reach[1])  # inches a metre
+    with house_style():
+        figure = blank_figure(INCHES, INCHES)
+        axes = figure.add_axes((0, FOOT / INCHES, 1, side / INCHES))
+        axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
+        axes.set(xticks=[], yticks=[])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        if objective.site is not None:
+            draw_ground(axes, objective.site)
+        draw_area(axes, area)
+        vehicles = _draw_vehicles(axes, objective, members)
+        draw_poles(axes, np.unique(places, axis=0), size=3.5)
+        chosen = [sensors[member] for member in members]
+        draw_wedges(axes, chosen, objective.site.solids if objective.site is not None else ())
+        draw_sensors(axes, chosen, 72 * scale)
+        towards = north(objective.site) if objective.site is not None else np.array([0.0, 1.0])
+        strip = _draw_strips(figure, scale)
+        draw_north(strip, (1.85, FOOT / 2), towards)
+        name = objective.site.name if objective.site is not None else "a site"
+        title = f"{shortened(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
+        figure.text(0.02, 1 - 0.16 / INCHES, title, fontsize=10, fontweight="bold", va="center")
+        figure.text(0.02, 1 - 0.36 / INCHES, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
+        return drawn_pixels(figure)
+
+
+def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
+    """Some vehicles of all frames, coloured by the points that the members have on them, and what to say of them."""
     from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Wedge
 
-    position, heading, _, width, _ = poses(objective.candidates)
-    area = area_of(objective)
-    feet = np.concatenate([[area[:2], area[2:]], position[:, :2]])
-    middle, reach = (feet.min(axis=0) + feet.max(axis=0)) / 2, float(np.ptp(feet, axis=0).max()) / 2 + MARGIN
-    low, high = middle - reach, middle + reach
-    figure = Figure((INCHES, INCHES), DPI)
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    axes.set_axis_off()
-    if objective.site is not None:
-        axes.add_collection(PolyCollection(list(objective.site.lanes), facecolor=GROUND["lanes"]))
-        axes.add_collection(PolyCollection(list(objective.site.footways), facecolor=GROUND["footways"]))
-        solids = [solid for solid in objective.site.solids if solid.kind in SOLID]
-        colours = [SOLID[solid.kind] for solid in solids]
-        axes.add_collection(PolyCollection([solid.footprint for solid in solids], facecolor=colours))
-    axes.plot(area[[0, 2, 2, 0, 0]], area[[1, 1, 3, 3, 1]], color="black", linewidth=0.8)
-    if objective.visibility is not None and len(objective.visibility.boxes):
-        boxes = objective.visibility.boxes
-        some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
-        points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
-        axes.add_collection(PolyCollection(list(footprints(boxes[some])), facecolor=point_colours(points), alpha=0.6))
-    axes.scatter(position[:, 0], position[:, 1], s=6, color="#9a9a9a", zorder=3)
-    for member in members:
-        start, half = np.rad2deg(heading[member]), np.rad2deg(width[member]) / 2
-        x, y, _ = position[member].tolist()
-        axes.add_patch(Wedge((x, y), WEDGE, start - half, start + half, color="#d62728", alpha=0.15))
-        axes.scatter(x, y, s=40, color="#d62728", zorder=4)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
+    if objective.visibility is None or not len(objective.visibility.boxes):
+        return "no vehicles"
+    boxes = objective.visibility.boxes
+    some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
+    points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
+    shown = PolyCollection(
+        list(footprints(boxes[some])), facecolor=point_colours(points), edgecolor=INK, linewidth=0.3, zorder=2.1
+    )
+    axes.add_collection(shown, autolim=False)
+    drawn = f", {len(some)} drawn" if len(some) < len(boxes) else ""
+    return f"N = {len(boxes)} vehicles in {objective.visibility.frames} frames{drawn}"
 
 
-def point_colours(points: Shaped[np.ndarray, " n"]) -> Shaped[np.ndarray, "n 4"]:
-    """RGBA by how many points are on each vehicle; grey for none."""
-    from matplotlib import colormaps
-
-    share = np.log1p(points) / np.log1p(WELL_SEEN)
-    colours = np.asarray(colormaps["viridis"](np.clip(share, 0, 1)))
-    colours[points == 0] = (0.6, 0.6, 0.6, 1.0)
-    return colours
+def _draw_strips(figure: Figure, scale: float) -> Axes:
+    """Below the map, in inches: a scale bar and what the colours of vehicles mean."""
+    strip = figure.add_axes((0, 0, 1, FOOT / INCHES))
+    strip.set(xlim=(0, INCHES), ylim=(0, FOOT))
+    strip.set_axis_off()
+    length = scale_length(1.2 / scale)
+    for half, colour in ((0.0, INK), (0.5, PAPER_WHITE)):
+        left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
+        strip.fill([left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=INK, linewidth=0.8)
+    strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
+    strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
+    colours, _ = point_scale()
+    for step, name in enumerate(point_names()):
+        left = 3.0 + 0.42 * step
+        corners = [left, left + 0.42, left + 0.42, left]
+        strip.fill(corners, [0.22, 0.22, 0.36, 0.36], facecolor=colours(step), edgecolor=INK, linewidth=0.3)
+        strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")
+    return strip
 
 
 def summary(objective: Objective, members: list[int]) -> str:

@@ -224,9 +224,9 @@ class Plan:
 class Ground:
     """What each sensor sees of the area's ground, on a grid of square cells, by casting its rays at the empty site.
 
-    x, y: middles of columns and rows (m, site frame, ascending); seen: whether the middle of a cell is in view with
-    nothing in between; density: points that a frame puts on the cell's ground, per m²; open_ground: no solid stands
-    there; lanes, footways: what the cell is.
+    x, y: middles of columns and rows (m, site frame, ascending); seen: whether the middle of a cell of open ground is
+    in view with nothing in between; density: points that a frame puts on the cell's open ground, per m²; open_ground:
+    no solid stands there and no pond lies there; lanes, footways: what the cell is.
     """
 
     x: Float64[np.ndarray, " nx"]

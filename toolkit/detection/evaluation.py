@@ -184,7 +184,7 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
 
 
 def _write_evaluation(rows: Evaluation, folder: Path) -> None:
-    from toolkit.plots import draw_pr_curves
+    from toolkit.plots.curves import draw_pr_curves
 
     table = {"provenance": with_file_digest(rows.provenance), "rows": [row.as_dict() for row in rows]}
     write_text(folder / "table.json", json.dumps(table, indent=1))

@@ -6,17 +6,31 @@ from pathlib import Path
 
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.detection.fusion import early
-from toolkit.objects import Detector
-from toolkit.plots import draw_frame
-from toolkit.points import frame_points
+from toolkit.detection.metrics import match
+from toolkit.detection.provenance import detector_origin
+from toolkit.objects import Detections, Detector, Objects
+from toolkit.plots.plan_view import FrameOutcome, draw_frame
+from toolkit.points import centred_in, frame_points
+from toolkit.sites.site import Site
+
+IOU = 0.7  # at which a detection hits, in the paper's first column
 
 
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
-    """Draw the frame with the most objects from above; seed: of the sensors' noise."""
+    """Draw the frame with the most objects from above: hits, misses and false alarms of vehicles at `IOU`; seed: of
+    the sensors' noise."""
     site = recording.site
     frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
+    found = early(frame, detector, site=site).detections
+    sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
     draw_frame(
-        site, out, clouds=frame_points(frame, area=site), truth=frame.objects,
-        detections=early(frame, detector, site=site).detections,
-        title=f"{site.name}, frame {frame.index}: early fusion of {len(frame.sensors)} sensors",
+        site, out, clouds=frame_points(frame, area=site), truth=frame.objects, detections=found,
+        outcome=outcome_of(found, frame.objects, site), detector=str(detector_origin(detector)["detector"]),
+        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}",
     )  # fmt: skip
+
+
+def outcome_of(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:
+    """What became of the detections and vehicles of one frame; objects centred outside the area do not count."""
+    result = match(found, truth, iou, counted=centred_in(truth.boxes, site.area))
+    return FrameOutcome(iou, result.hit, ~result.scored, result.truth >= 0, result.ignored)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from placement_env.envs.registration import register
-from placement_env.envs.rendering import point_colours, summary
+from placement_env.envs.rendering import summary
+from toolkit.plots.palette import point_colours
 
 register()
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
@@ -45,10 +46,11 @@ def test_all_pictures_are_of_one_size() -> None:
     assert len(sizes) == 1
 
 
-def test_a_vehicle_without_points_is_grey_and_more_points_are_brighter() -> None:
-    colours = point_colours(np.array([0.0, 1.0, 50.0, 1e6]))
-    assert colours[0].tolist() == [0.6, 0.6, 0.6, 1.0]
-    assert (np.diff(colours[1:, :3].sum(axis=1)) > 0).all()
+def test_a_vehicle_without_points_is_pale_grey_and_more_points_are_darker() -> None:
+    red, green, blue, opaque = point_colours(np.array([0.0, 1.0, 5.0, 50.0, 1e6])).T
+    assert red[0] == green[0] == blue[0] > 0.9
+    assert (np.diff(0.2126 * red + 0.7152 * green + 0.0722 * blue) < -0.02).all()
+    assert (opaque == 1).all()
 
 
 def test_the_summary_names_what_is_chosen_and_its_reward(objective: Any) -> None:

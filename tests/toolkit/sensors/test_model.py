@@ -27,7 +27,7 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
 from toolkit.objects import Objects
-from toolkit.plots import draw_frame, draw_site
+from toolkit.plots.plan_view import draw_frame, draw_site
 from toolkit.points import beyond, frame_points, inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays

@@ -1,0 +1,174 @@
+"""What sensors see of a site's ground, by casting rays at the empty site: in view, behind nothing, how densely.
+
+The area is cut into square cells. A cell is seen by a sensor when a place `TARGET_HEIGHT` above the ground in its
+middle lies in the sensor's field of view and range, and nothing of the static scene is in between. Its density is
+counted in the frame that the sensor measures of the empty site, without noise and before any crop by height; a point
+is on the ground when it would be the same if there were nothing but ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from placement_env.report.content import Ground, GroundShares
+from toolkit.arrays import Bool, Float32, Float64
+from toolkit.geometry import invert, transform
+from toolkit.points import unproject
+from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.sight_lines import SightLines
+from toolkit.rendering.static_scene import ground as ground_mesh
+from toolkit.rendering.static_scene import scenery
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+TARGET_HEIGHT = 0.1  # m above the ground: the tread of a tyre, clear of the roughness between the ground's vertices
+SAME = 1e-3  # m between measurements of one place
+CLEARANCE = 1.0  # m of air that a solid leaves above open ground: crowns of trees and roofs do not stand on it
+SPECK = 1.0  # m²; smaller pieces and holes are left out of polygons: rays through leaves make them
+MOST_CELLS = 4_000_000  # of a grid
+
+
+def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
+    """What each of the sensors sees of the area's ground; cells where a solid stands or a pond lies are seen by none.
+
+    cell: side of a cell (m). Where it does not divide the area, the grid is centred on it and the outermost cells
+    stick out or fall short by a quarter of a cell at most.
+    Raises ValueError for a cell that is not positive, so large that a side has fewer than two, or far too small.
+    """
+    x, y = _grid(site.area, cell)
+    middles = np.stack(np.meshgrid(x, y), axis=-1)
+    targets = np.concatenate([middles, site.ground(middles)[..., None] + TARGET_HEIGHT], axis=-1)
+    open_ground = _open_ground(site, targets)
+    still = scenery(site)
+    lines = SightLines(still)
+    images = Renderer(site, (), sensors, still).background
+    bare = Renderer(site, (), sensors, ground_mesh(site)).background
+    shape = (len(sensors), len(y), len(x))
+    seen, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
+    for s, sensor in enumerate(sensors):
+        seen[s] = _in_sight(sensor, lines, targets, open_ground)
+        on_ground = np.where(np.abs(images[s] - bare[s]) < SAME, images[s], np.float32(0))
+        density[s] = np.where(open_ground, _density(sensor, on_ground, x, y), np.float32(0))
+    lanes, footways = (_covered(polygons, middles) for polygons in (site.lanes, site.footways))
+    return Ground(x, y, seen, density, open_ground, lanes, footways)
+
+
+def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
+    """The figures of the ground; names: of its sensors, in order. Without lanes none of them is blind: 0.
+
+    Raises ValueError for another number of names, names that are not distinct, or an area without open ground.
+    """
+    if len(names) != len(ground.seen) or len(set(names)) < len(names):
+        raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
+    if not ground.open_ground.any():
+        raise ValueError("the area has no open ground: solids cover all of it, so move the area or the solids")
+    views, square = views_of(ground)[ground.open_ground], ground.cell**2
+    lanes = (views_of(ground) == 0)[ground.open_ground & ground.lanes]
+    blind = float((views == 0).mean())
+    return GroundShares(
+        seen_by=(float((views >= 1).mean()), float((views >= 2).mean()), float((views >= 3).mean())),
+        blind=blind,
+        blind_lanes=float(lanes.mean()) if len(lanes) else 0.0,
+        sensor_m2={
+            name: float((each & ground.open_ground).sum() * square)
+            for name, each in zip(names, ground.seen, strict=True)
+        },
+        open_m2=float(len(views) * square),
+        blind_m2=float((views == 0).sum() * square),
+    )
+
+
+def views_of(ground: Ground) -> np.ndarray:
+    """How many sensors see each cell, (ny, nx)."""
+    return ground.seen.sum(axis=0, dtype=np.int64)
+
+
+def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
+    """The open ground that no sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    return _polygons(ground, ground.open_ground & (views_of(ground) == 0))
+
+
+def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
+    """For each sensor the ground that it sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
+
+
+def _grid(area: Float64[np.ndarray, "4"], cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of columns and rows."""
+    sides = area[2:] - area[:2]
+    if not 0 < cell <= sides.min() / 1.5:
+        raise ValueError(
+            f"cell must be positive and fit twice into the area of {sides[0]:g} x {sides[1]:g} m, got {cell:g}"
+        )
+    if (sides / cell).prod() > MOST_CELLS:
+        raise ValueError(
+            f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m: "
+            f"take cells of {np.sqrt(sides.prod() / MOST_CELLS):.2g} m or more"
+        )
+    middle = (area[:2] + area[2:]) / 2
+    x, y = (m + (np.arange(n) - (n - 1) / 2) * cell for m, n in zip(middle, np.rint(sides / cell), strict=True))
+    return x, y
+
+
+def _in_sight(
+    sensor: Sensor, lines: SightLines, targets: Float64[np.ndarray, "ny nx 3"], wanted: Bool[np.ndarray, "ny nx"]
+) -> Bool[np.ndarray, "ny nx"]:
+    """Which of the wanted targets the sensor sees."""
+    in_view = wanted & sensor.model.in_view(transform(invert(sensor.pose), targets))
+    in_view[in_view] = lines.clear(sensor.position, targets[in_view])
+    return in_view
+
+
+def _density(
+    sensor: Sensor, image: Float32[np.ndarray, "_ _"], x: np.ndarray, y: np.ndarray
+) -> Float32[np.ndarray, "ny nx"]:
+    """Points of an image in each cell, per m²."""
+    xyz, valid = unproject(sensor, image)
+    cell = x[1] - x[0]
+    columns, rows = (np.floor((p - m[0]) / cell + 0.5) for p, m in zip(xyz[:2, valid], (x, y), strict=True))
+    within = (columns >= 0) & (columns < len(x)) & (rows >= 0) & (rows < len(y))
+    flat = (rows * len(x) + columns)[within].astype(np.int64)
+    return (np.bincount(flat, minlength=len(x) * len(y)) / cell**2).astype(np.float32).reshape(len(y), len(x))
+
+
+def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np.ndarray, "ny nx"]:
+    """Where nothing stands and no pond lies."""
+    open_ground = np.ones(targets.shape[:2], bool)
+    if not site.solids:
+        return open_ground
+    flat = targets.reshape(-1, 3)
+    solids = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in site.solids])
+    place, which = solids.query(shapely.points(flat[:, :2]), predicate="intersects")
+    base, top = (np.array([getattr(solid, end) for solid in site.solids])[which] for end in ("base", "top"))
+    water = np.array([solid.kind == "pond" for solid in site.solids])[which]
+    height = flat[place, 2]
+    stands = (base < height - TARGET_HEIGHT + CLEARANCE) & (top >= height)
+    open_ground.ravel()[place[water | stands]] = False
+    return open_ground
+
+
+def _covered(polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx 2"]) -> Bool[np.ndarray, "ny nx"]:
+    """Which places lie on one of the polygons."""
+    whole = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons])
+    shapely.prepare(whole)
+    return np.asarray(shapely.intersects_xy(whole, middles[..., 0], middles[..., 1]))
+
+
+def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
+    """Cells merged along their edges, the stairs of slanting edges smoothed to about half a cell."""
+    half = ground.cell / 2
+    edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (rows, first), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    runs = shapely.box(
+        ground.x[first] - half, ground.y[rows] - half, ground.x[end - 1] + half, ground.y[rows] + half
+    )  # one for each run of cells in a row
+    merged = shapely.simplify(shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half)
+    kept = []
+    for part in shapely.get_parts(merged):
+        holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= SPECK]
+        if part.area >= SPECK:
+            kept.append(shapely.Polygon(part.exterior, holes))
+    return kept

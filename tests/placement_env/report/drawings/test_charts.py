@@ -1,0 +1,177 @@
+"""Charts of a plan: sound SVG for one item and for thirty, with names of any kind, that say what they are given."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from placement_env.report.content import (
+    BuildStep,
+    FailureCase,
+    Judgement,
+    LinkLoad,
+    PlanOption,
+    SchemeFigures,
+    SensorWorth,
+)
+from placement_env.report.drawings.charts import (
+    failure_chart,
+    front_chart,
+    interval_bars,
+    link_chart,
+    order_chart,
+    scheme_chart,
+    worth_chart,
+)
+
+NAMES = ["d0", "north-east pole_3 $5 <b>&amp;", "_hidden", "x" * 90, "\\frac{", "日本", "a\x07b"]
+MANY = [f"{NAMES[k % 7]}{k}" for k in range(30)]
+
+
+def judged(ap=0.9, vehicles=412):
+    return Judgement(ap, max(0.0, ap - 0.05), min(1.0, ap + 0.03), ap, 0.97, vehicles, 60)
+
+
+def option(k, judgement=None):
+    return PlanOption((f"d{k}",), float(k % 5), 100.0 + 20 * k, 300.0, 0.3 + 0.02 * k, judgement)
+
+
+def bars(names):
+    return interval_bars([(name, judged(0.5 + 0.01 * k)) for k, name in enumerate(names)], "AP by <zone> & $x_1$")
+
+
+def front(names):
+    options = [option(k, judged(0.3 + 0.02 * k) if k % 2 else None) for k in range(len(names))]
+    return front_chart(options, options[0], "EUR")
+
+
+def schemes(names):
+    return scheme_chart([SchemeFigures(name, 0.7, judged(), 812.3) for name in names])
+
+
+def links(names):
+    return link_chart([LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17) for k, name in enumerate(names)])
+
+
+def worth(names):
+    return worth_chart(
+        [
+            SensorWorth(one, 0.3 - 0.02 * k, {other: 0.01 * (j - k) for j, other in enumerate(names) if other != one})
+            for k, one in enumerate(names)
+        ]
+    )
+
+
+def failures(names):
+    return failure_chart(judged(), [FailureCase((name, "d1"), judged(0.5)) for name in names])
+
+
+def order(names):
+    return order_chart([BuildStep(name, 1.5 * (k + 1), judged(0.02 * k)) for k, name in enumerate(names)], "$")
+
+
+CHARTS = [bars, front, schemes, links, worth, failures, order]
+
+
+@pytest.mark.parametrize("chart", CHARTS)
+@pytest.mark.parametrize("names", [MANY[:1], MANY], ids=["one", "thirty"])
+def test_charts_are_sound_small_and_the_same_each_time(chart, names):
+    text = chart(names)
+    root = ElementTree.fromstring(text)
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.get("role") == "img"
+    assert len(text) < 300_000
+    assert "<text" not in text
+    assert chart(names) == text
+
+
+@pytest.mark.parametrize("chart", [bars, schemes, links, worth, failures, order])
+def test_nothing_to_show_is_a_chart_too(chart):
+    ElementTree.fromstring(chart([]))
+
+
+def shown(monkeypatch, draw):
+    """Every text of a chart, and its axes."""
+    import placement_env.report.drawings.axes as drawing
+
+    figures = []
+    monkeypatch.setattr(drawing, "svg_text", lambda figure, title="": figures.append(figure) or "")
+    draw()
+    (figure,) = figures
+    texts = [text.get_text() for text in figure.texts]
+    for axes in figure.axes:
+        texts += [text.get_text() for text in (*axes.texts, *axes.get_yticklabels(), *axes.get_xticklabels())]
+        texts += [axes.get_xlabel(), axes.get_ylabel()]
+    return texts, figure
+
+
+def widths(axes):
+    return [round(float(bar.get_width()), 6) for bar in axes.patches]
+
+
+def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
+    texts, figure = shown(monkeypatch, lambda: interval_bars([("a", judged(0.9)), ("b", judged(0.5, 7))], "AP by zone"))
+    (axes,) = figure.axes
+    assert widths(axes) == [0.9, 0.5]
+    ends = [line.get_xdata() for line in axes.get_lines()]
+    assert {tuple(round(float(x), 6) for x in end) for end in ends} == {(0.85, 0.93), (0.45, 0.53)}
+    assert {"AP by zone", "a", "b", "AP", "0.900, N = 412", "0.500, N = 7"} <= set(texts)
+    assert any("up to 412 vehicles in 60 frames" in text and "95% intervals" in text for text in texts)
+    assert axes.get_xlim() == (0, 1)
+    assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
+
+
+def test_schemes_say_what_they_send(monkeypatch):
+    texts, _ = shown(monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)]))
+    assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
+
+
+def test_links_that_carry_too_much_are_hatched(monkeypatch):
+    fits, not_so = LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True), LinkLoad("q", 25.0, 30.0, 20.0, 1.25, False)
+    texts, figure = shown(monkeypatch, lambda: link_chart([fits, not_so]))
+    (axes,) = figure.axes
+    assert widths(axes) == [3.0, 25.0]
+    assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
+    assert {"3 of 20 Mbit/s, 15%: fits", "25 of 20 Mbit/s, 125%: TOO MUCH", "Mbit/s"} <= set(texts)
+    assert axes.get_xlim()[1] == pytest.approx(33)
+
+
+def test_a_capacity_far_beyond_the_load_does_not_squeeze_it(monkeypatch):
+    _, figure = shown(monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True)]))
+    assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
+
+
+def test_failures_stand_beside_the_whole_set(monkeypatch):
+    cases = [FailureCase(("d0", "d1"), judged(0.4))]
+    texts, figure = shown(monkeypatch, lambda: failure_chart(judged(0.9), cases))
+    (axes,) = figure.axes
+    assert widths(axes) == [0.9, 0.4]
+    assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
+    assert {"all work", "without d0, d1"} <= set(texts)
+    assert [0.9, 0.9] in [list(line.get_xdata()) for line in axes.get_lines()]
+
+
+def test_the_order_climbs_with_what_is_spent(monkeypatch):
+    steps = [BuildStep("d1", 2.0, judged(0.6)), BuildStep("d0", 5.0, judged(0.8))]
+    texts, figure = shown(monkeypatch, lambda: order_chart(steps, "EUR"))
+    first = figure.axes[0].get_lines()[0]
+    assert list(first.get_xdata()) == [0, 2, 5]
+    assert list(first.get_ydata()) == [0, 0.6, 0.8]
+    assert {"price (EUR), spent", "1  d1: 2, AP 0.600, N = 412", "2  d0: 5, AP 0.800, N = 412"} <= set(texts)
+
+
+def test_the_front_marks_the_chosen_set_once(monkeypatch):
+    options = [option(1), option(2, judged(0.8)), option(3, judged(0.7))]
+    texts, figure = shown(monkeypatch, lambda: front_chart(options, replace(options[1]), ""))
+    for axes, value in zip(figure.axes, (140.0, 2.0), strict=True):
+        marks = [
+            (line.get_marker(), line.get_xydata()[0].tolist())
+            for line in axes.get_lines()
+            if len(line.get_xdata()) == 1
+        ]
+        assert [place for marker, place in marks if marker == "*"] == [[value, 0.8]]
+        assert len(marks) == 3
+        hollow = [line for line in axes.get_lines() if line.get_markerfacecolor() == "white"]
+        assert [line.get_ydata()[0] for line in hollow] == [0.32]
+    assert {"kbit per sensor and frame", "price (ordinary poles)", "AP"} <= set(texts)
+    assert any(text.startswith("N = 3 sensor sets") for text in texts)

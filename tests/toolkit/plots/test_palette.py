@@ -1,0 +1,115 @@
+"""Colours are told apart by readers of every colour vision and in grey; scales grow darker."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from toolkit.objects import LABELS
+from toolkit.plots.palette import (
+    BLIND,
+    CLASS,
+    GROUND,
+    LINES,
+    OUTCOME,
+    POINT_STEPS,
+    SENSORS,
+    SOLID,
+    VIEW_COLOURS,
+    point_colours,
+    point_names,
+    sensor_colour,
+)
+
+# Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
+VISION = {
+    "normal": np.eye(3),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopia": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+XYZ_OF_RGB = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+WHITE = XYZ_OF_RGB.sum(axis=1)  # D65
+MEANINGS = [*SENSORS, *CLASS.values(), *(OUTCOME[name].colour for name in ("hit", "missed", "false alarm"))]
+
+
+def cielab(colours, vision=VISION["normal"]):
+    srgb = np.array([to_rgb(colour) for colour in colours])
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    xyz = np.clip(linear @ vision.T, 0, 1) @ XYZ_OF_RGB.T / WHITE
+    f = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+
+
+def distances(one, other, vision):
+    return np.linalg.norm(cielab(one, vision)[:, None] - cielab(other, vision)[None], axis=2)
+
+
+def test_the_measure_is_cielab():
+    assert cielab(["#ffffff", "#000000", "#ff0000"]) == pytest.approx(
+        np.array([[100, 0, 0], [0, 0, 0], [53.24, 80.09, 67.20]]), abs=0.02
+    )
+
+
+@pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
+def test_sensors_classes_and_outcomes_differ_for_every_reader(vision):
+    apart = distances(MEANINGS, MEANINGS, vision)
+    assert apart[np.triu_indices(len(MEANINGS), 1)].min() >= 18
+
+
+@pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
+def test_sensors_stand_out_from_the_ground(vision):
+    ground = [*GROUND.values(), "#ffffff", SOLID["island"]]
+    assert distances(SENSORS, ground, vision).min() >= 20
+    assert distances([OUTCOME["hit"].colour, OUTCOME["missed"].colour], ground, vision).min() >= 30
+
+
+def test_outcomes_differ_by_line_and_by_mark_too():
+    shown = [OUTCOME[name] for name in ("hit", "missed", "false alarm", "not scored")]
+    assert len({str(style.line) for style in shown}) == len({style.colour for style in shown}) == 4
+    assert [style.marker for style in shown] == ["", "X", "^", ""]
+
+
+def test_every_class_has_a_colour_and_no_sensor_has_it():
+    assert tuple(CLASS) == LABELS
+    assert not set(CLASS.values()) & set(SENSORS)
+
+
+@pytest.mark.parametrize("scale", [VIEW_COLOURS, tuple(BLIND.values())[::-1]])
+def test_map_colours_grow_darker_in_grey(scale):
+    assert (np.diff(cielab(scale)[:, 0]) <= -12).all()
+
+
+def test_counts_grow_darker_in_grey_up_to_a_hundred():
+    steps = point_colours(np.array([0.0, *POINT_STEPS]))
+    lightness = cielab([tuple(colour) for colour in steps])[:, 0]
+    assert (np.diff(lightness) <= -1.5).all()
+    assert (np.diff(lightness[1:]) <= -8).all()
+    assert lightness[0] - lightness[-1] > 70
+
+
+@pytest.mark.parametrize(
+    ("count", "step"), [(0, 0), (0.9, 0), (1, 1), (1.9, 1), (2, 2), (19.9, 4), (20, 5), (99, 6), (100, 7), (1e6, 7)]
+)
+def test_the_step_of_a_count(count, step):
+    steps = point_colours(np.array([0.0, *POINT_STEPS]))
+    assert point_colours(np.array([float(count)]))[0].tolist() == steps[step].tolist()
+    assert len(point_names()) == len(steps)
+
+
+def test_sensors_share_a_colour_only_when_far_apart():
+    assert [sensor_colour(k) for k in range(8)] == list(SENSORS)
+    assert len(set(SENSORS)) == 8
+    assert sensor_colour(11) == SENSORS[3]
+
+
+def test_lines_of_one_colour_have_other_dashes():
+    assert len({(colour, str(dashes)) for colour, dashes in LINES}) == 16
+    assert len({str(dashes) for _, dashes in LINES[:4]}) >= 3

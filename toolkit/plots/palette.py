@@ -1,0 +1,92 @@
+"""The colours of all pictures: sensors, classes, outcomes, ground, and scales for counts.
+
+Sensors, classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and
+for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it.
+No meaning hangs on a colour alone: sensors carry labels, outcomes lines and marks of their own, scales grow darker.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+
+if TYPE_CHECKING:
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+INK, PAPER_WHITE, FAINT = "#1a1a1a", "#ffffff", "#6b6b6b"
+SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
+CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
+GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
+SOLID = {
+    "pond": "#cfe4ee",
+    "island": "#d9d9d2",
+    "kerb": "#bdb9b0",
+    "building": "#c9c2b8",
+    "hedge": "#cfe0c3",
+    "tree": "#cfe0c3",
+}  # by kind, lowest first
+OTHER_SOLID = "#9a958c"
+POLE = "#1a1a1a"
+BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where it matters more
+
+Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
+
+
+class LineStyle(NamedTuple):
+    """How the outlines of one outcome are drawn, and its mark; `order` is matplotlib's z order."""
+
+    colour: str
+    line: Any
+    width: float
+    marker: str = ""
+    size: float = 0.0
+    order: float = 4.0
+
+
+OUTCOME: dict[Outcome, LineStyle] = {
+    "hit": LineStyle("#004a3a", "solid", 1.7, order=4.0),
+    "missed": LineStyle("#f21c09", (0, (3.5, 1.6)), 2.1, "X", 10.0, 4.4),
+    "false alarm": LineStyle("#5600f4", (0, (7, 1.6, 1.2, 1.6)), 1.9, "^", 9.0, 4.2),
+    "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
+    "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
+}
+LINES: tuple[tuple[str, Any], ...] = tuple(
+    (SENSORS[k % 8], ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4])
+    for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
+)  # of curves: neighbours differ in colour and in dashes
+POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # where the colour of a count of points changes
+VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
+
+
+def sensor_colour(index: int) -> str:
+    """The colour of a sensor's points, the same in every picture; those `len(SENSORS)` apart share one."""
+    return SENSORS[index % len(SENSORS)]
+
+
+def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
+    """Colour map and norm for counts of points: a step for none, then those of `POINT_STEPS`, ever darker."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
+    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm([0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1)
+
+
+def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
+    """RGBA by a count of points."""
+    colours, norm = point_scale()
+    return np.asarray(colours(norm(points)), np.float64)
+
+
+def point_names() -> list[str]:
+    """What the steps of the scale are called.
+
+    >>> point_names()[:3], point_names()[-1]
+    (['0', '1', '2–4'], '100+')
+    """
+    ends = [f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)]
+    return ["0", *ends, f"{POINT_STEPS[-1]}+"]

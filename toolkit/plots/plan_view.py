@@ -1,0 +1,191 @@
+"""The junction from above: the site with its poles and sensors, and one frame with clouds, truth and detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float
+from toolkit.objects import LABELS, Detections, Objects
+from toolkit.plots.base_map import Entry, map_sheet
+from toolkit.plots.canvas import house_style, shortened, write_figure
+from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, sensor_colour
+from toolkit.plots.symbols import (
+    draw_objects,
+    draw_outcome,
+    draw_poles,
+    draw_sensors,
+    draw_wedges,
+    pole_style,
+    sensor_labels,
+)
+from toolkit.sensors.sensor import Sensor
+
+if TYPE_CHECKING:
+    from toolkit.sites.site import Site
+
+POINT_SIZE = 1.3  # square points of 1/72 inch
+
+
+class FrameOutcome(NamedTuple):
+    """What became of a frame's n truths and m detections, by `toolkit.detection.metrics.match`: which hit, and which
+    do not count; `iou`: at which a detection hits."""
+
+    iou: float
+    truth_hit: Bool[np.ndarray, " n"]
+    truth_ignored: Bool[np.ndarray, " n"]
+    detection_hit: Bool[np.ndarray, " m"]
+    detection_ignored: Bool[np.ndarray, " m"]
+
+
+def draw_site(site: Site, out: Path | str) -> None:
+    """The site from above: streets, solids, poles, sensors and their fields of view. PNG or SVG by the ending."""
+    poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
+    with house_style():
+        sheet = map_sheet(
+            site, f"Site {shortened(site.name, 60)}", _counted(len(site.sensors), len(site.mounts)),
+            holds=np.concatenate([poles, _places(site.sensors)]),
+            legend=[*ground_entries(site), *pole_entries(unused=len(poles)), *sensor_entries(site.sensors)],
+        )  # fmt: skip
+        draw_wedges(sheet.axes, site.sensors, site.solids)
+        draw_poles(sheet.axes, poles)
+        draw_sensors(sheet.axes, site.sensors, sheet.points_per_metre)
+        write_figure(sheet.figure, out)
+
+
+def draw_frame(
+    site: Site,
+    out: Path | str,
+    *,
+    clouds: Sequence[Float[np.ndarray, "_ 3"]] = (),
+    sensors: Sequence[Sensor] = (),
+    truth: Objects | None = None,
+    detections: Detections | None = None,
+    outcome: FrameOutcome | None = None,
+    detector: str = "",
+    title: str = "",
+) -> None:
+    """One frame from above: clouds coloured by sensor, truth filled by class, and where the `outcome` is given hits,
+    misses and false alarms, each with a line and a mark of its own. PNG or SVG by the ending.
+
+    detector: who detected, in words. Raises ValueError where the outcome is of other truths or detections.
+    """
+    shown = sensors or site.sensors
+    truth, found = truth or Objects.empty(), detections or Detections.empty()
+    outlines = _outlines(truth, found, outcome)
+    scored = "" if outcome is None else f" ({(~outcome.truth_ignored).sum()} scored)"
+    said = [f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"] if len(truth) or len(clouds) else []
+    said += [f"detector: {shortened(detector, 60)}"] if detector else []
+    legend = [*_class_entries(truth), *_outcome_entries(outlines, outcome), *sensor_entries(shown)]
+    with house_style():
+        sheet = map_sheet(
+            site, shortened(title or f"Site {site.name}", 110), "; ".join(said), holds=_places(shown), legend=legend
+        )
+        for index, points in enumerate(clouds):
+            sheet.axes.scatter(
+                points[:, 0], points[:, 1], s=POINT_SIZE, color=[sensor_colour(index)], linewidths=0, rasterized=True,
+                zorder=3,
+            )  # fmt: skip
+        draw_wedges(sheet.axes, shown, site.solids)
+        draw_objects(sheet.axes, truth)
+        for name, boxes in outlines.items():
+            draw_outcome(sheet.axes, boxes, name)
+        draw_sensors(sheet.axes, shown, sheet.points_per_metre)
+        write_figure(sheet.figure, out)
+
+
+def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
+    """The legend of sensors whose discs carry numbers; none where the discs carry the names themselves."""
+    from matplotlib.lines import Line2D
+
+    names = [sensor.name for sensor in sensors]
+    return [
+        (
+            Line2D([], [], color=sensor_colour(index), marker="o", markersize=8, markeredgecolor=INK, linestyle="none"),
+            f"{label}  {shortened(name, 34)}",
+        )
+        for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True))
+        if name != label
+    ]
+
+
+def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
+    """The legend of poles that carry sensors and of others, with how many there are."""
+    from matplotlib.lines import Line2D
+
+    kinds = ((used, True, "pole with a sensor"), (unused, False, "pole without a sensor" if used else "pole"))
+    return [(Line2D([], [], **pole_style(filled)), f"{name} ({count})") for count, filled, name in kinds if count]
+
+
+def ground_entries(site: Site) -> list[Entry]:
+    """The legend of what the ground is, and of the area's outline."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    from toolkit.plots.palette import GROUND, SOLID
+
+    kinds = {solid.kind for solid in site.solids}
+    there: list[tuple[str, str, object]] = [("lane", GROUND["lanes"], site.lanes)]
+    there += [("footway", GROUND["footways"], site.footways)]
+    there += [(kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")]
+    there += [("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"})]
+    return [
+        (Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"),
+        *((Patch(facecolor=colour, edgecolor="#b0b0b0", linewidth=0.5), name) for name, colour, some in there if some),
+    ]
+
+
+def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -> dict[Outcome, Any]:
+    """Boxes to outline, by outcome."""
+    if outcome is None:
+        return {"detection": found.boxes} if len(found) else {}
+    if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
+        raise ValueError(
+            f"the outcome is of {len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections, but there "
+            f"are {len(truth)} and {len(found)}: match the same frame"
+        )
+    return {
+        "hit": found.boxes[outcome.detection_hit],
+        "missed": truth.boxes[~outcome.truth_hit & ~outcome.truth_ignored],
+        "false alarm": found.boxes[~outcome.detection_hit & ~outcome.detection_ignored],
+        "not scored": found.boxes[outcome.detection_ignored],
+    }
+
+
+def _class_entries(truth: Objects) -> list[Entry]:
+    from matplotlib.patches import Patch
+
+    counts = np.bincount(truth.labels, minlength=len(LABELS)) if len(truth) else np.zeros(len(LABELS), int)
+    return [
+        (Patch(facecolor=CLASS[name], edgecolor=INK, linewidth=0.5), f"{name} ({count})")
+        for name, count in zip(LABELS, counts, strict=True)
+        if count
+    ]
+
+
+def _outcome_entries(outlines: dict[Outcome, Any], outcome: FrameOutcome | None) -> list[Entry]:
+    """What became of how many; an outcome that nothing met is named too, unless it is that nothing counts."""
+    from matplotlib.lines import Line2D
+
+    names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}
+    if outcome is not None:
+        names["hit"] = f"hit, IoU ≥ {outcome.iou:g} ({len(outlines['hit'])})"
+    entries = []
+    for name, label in names.items():
+        style = OUTCOME[name]
+        mark: dict[str, Any] = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
+        line = Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark)
+        entries.append((line, label))
+    return entries
+
+
+def _places(sensors: Sequence[Sensor]) -> np.ndarray:
+    return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
+
+
+def _counted(sensors: int, poles: int) -> str:
+    """So many sensors and poles, in words."""
+    return ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in ((sensors, "sensor"), (poles, "pole")))
