@@ -16,40 +16,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
+from placement_env.report.content import Ground, Moment, Plan, PlannedSensor
+from placement_env.report.pages import scene_shapes as shapes
 from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, extrude, merge, tube
+from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from placement_env.report.content import Ground, Moment, Plan, PlannedSensor
-from placement_env.report.pages import scene_shapes as shapes
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
-Colour = tuple[int, int, int]
-
 MOST_POINTS = 240_000  # of all clouds of all frames together
-SOLID_COLOURS: dict[str, Colour] = {
-    "building": (201, 192, 180),
-    "tree": (158, 186, 142),
-    "hedge": (146, 176, 130),
-    "trunk": (122, 101, 84),
-    "pond": (160, 200, 220),
-}
-OTHER_SOLID: Colour = (170, 170, 168)
-GROUND: Colour = (223, 226, 216)
-LANE: Colour = (186, 188, 192)
-FOOTWAY: Colour = (240, 233, 219)
-POLE: Colour = (60, 60, 60)
-SENSORS: tuple[Colour, ...] = (
-    *((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)),
-    *((86, 180, 233), (213, 94, 0), (120, 94, 240), (140, 140, 0)),
-)
-TRUTH: Colour = (90, 90, 90)
-HIT: Colour = (0, 120, 60)
-MISSED: Colour = (213, 60, 0)
-FALSE_ALARM: Colour = (150, 0, 150)
+FREE_POLE = "#8c8c8c"
+POND = "#a0c8dc"  # darker than on maps, to stand out from the white around
+LANE = "#b4b6ba"
+TRUTH = FAINT
+HIT, MISSED, FALSE_ALARM = (OUTCOME[each].colour for each in ("hit", "missed", "false alarm"))
+BARE_GROUND = "#dfe2d8"
 
 CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
 addEventListener("message", function (event) {
@@ -95,7 +80,7 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
     with _scene_of_viser() as (api, start_at, as_html):
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
-            _add_sensor(api, site, sensor, index, seen=ground and shapes_of(site, ground, index))
+            _add_sensor(api, site, sensor, index, seen=None if ground is None else shapes_of(site, ground, index))
             for index, sensor in enumerate(plan.sensors)
         ]
         _add_views(api, site, plan.sensors)
@@ -114,9 +99,10 @@ def shapes_of(site: Site, ground: Ground, index: int) -> Mesh:
     return shapes.visible_ground(site, ground, ground.seen[index], lift=0.08 + 0.03 * index)
 
 
-def sensor_rgb(index: int) -> Colour:
-    """The colour of a sensor of the plan in the scene and beside it."""
-    return SENSORS[index % len(SENSORS)]
+def _rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of #rrggbb."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
 
 
 @contextmanager
@@ -159,13 +145,13 @@ def _viewpoint(site: Site) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return (x - 0.15 * size, y - 0.75 * size, 0.65 * size), (x, y, 0.0)
 
 
-def _add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: Colour, *, opacity: float | None = None) -> None:
+def _add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
     if len(mesh.triangles):
         api.add_mesh_simple(
             name,
             mesh.vertices.astype(np.float32),
             mesh.triangles.astype(np.uint32),
-            color=colour,
+            color=_rgb(colour),
             opacity=opacity,
             flat_shading=True,
             side="double",
@@ -175,26 +161,26 @@ def _add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: Colour, *, opacity: 
 
 
 def _add_lines(
-    api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: Colour, *, width: float, visible: bool
+    api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
 ) -> None:
     if len(segments):
         api.add_line_segments(
-            name, segments.astype(np.float32), colour, thickness=width, thickness_units="screen", visible=visible
+            name, segments.astype(np.float32), _rgb(colour), thickness=width, thickness_units="screen", visible=visible
         )
 
 
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
-    _add_mesh(api, "/site/ground", shapes.ground_mesh(site), GROUND)
-    for layer, lift, colour in (("lanes", 0.03, LANE), ("footways", 0.04, FOOTWAY)):
+    _add_mesh(api, "/site/ground", shapes.ground_mesh(site), BARE_GROUND)
+    for layer, lift, colour in (("lanes", 0.03, LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
         _add_mesh(api, f"/site/{layer}", shapes.draped(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
-        _add_mesh(api, f"/site/{kind}", merge(meshes), SOLID_COLOURS.get(kind, OTHER_SOLID))
+        _add_mesh(api, f"/site/{kind}", merge(meshes), {**SOLID, "pond": POND}.get(kind, OTHER_SOLID))
     for name, radius, colour, mounts in (
-        ("free poles", 0.06, (150, 150, 150), [m for m in site.mounts if m.name not in used]),
+        ("free poles", 0.06, FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE, [m for m in site.mounts if m.name in used]),
     ):
         tubes = [tube(np.stack([m.position, m.position + [0.0, 0, m.max_height]]), radius) for m in mounts]
@@ -202,7 +188,7 @@ def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
 
 
 def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
-    colour, node = sensor_rgb(index), f"/sensors/{index}"
+    colour, node = sensor_colour(index), f"/sensors/{index}"
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
@@ -212,7 +198,7 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
     api.add_label(f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center")
     if seen is not None:
         _add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
-    return Layer(sensor.name, node, "#{:02x}{:02x}{:02x}".format(*colour), "points, field of view and visible ground")
+    return Layer(sensor.name, node, colour, "points, field of view and visible ground")
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
@@ -224,7 +210,7 @@ def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> N
     renderer = Renderer(site, (), [sensor for _, sensor in found])
     for (index, sensor), background in zip(found, renderer.background, strict=True):
         edges = shapes.view_edges(sensor, background)
-        _add_lines(api, f"/sensors/{index}/view", edges, sensor_rgb(index), width=1.5, visible=True)
+        _add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
 
 
 def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
@@ -234,7 +220,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
             api.add_point_cloud(
                 f"/sensors/{index}/points {frame}",
                 shapes.thinned(points, most),
-                sensor_rgb(index),
+                _rgb(sensor_colour(index)),
                 point_size=0.09,
                 point_shape="square",
                 point_shading="flat",
@@ -245,10 +231,10 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
     """Truth and detections, told apart by colour, line and mark."""
     layers = {
-        "truth": Layer("Vehicles that were there", "/truth", "#5a5a5a", "thin solid boxes"),
-        "hit": Layer("Detections that hit", "/hit", "#00783c", "thick solid boxes"),
-        "missed": Layer("Vehicles that were missed", "/missed", "#d53c00", "dashed boxes, a cross on the roof"),
-        "false": Layer("False alarms", "/false", "#960096", "dotted boxes under a mast"),
+        "truth": Layer("Vehicles that were there", "/truth", TRUTH, "thin solid boxes"),
+        "hit": Layer("Detections that hit", "/hit", HIT, "thick solid boxes"),
+        "missed": Layer("Vehicles that were missed", "/missed", MISSED, "dashed boxes, a cross on the roof"),
+        "false": Layer("False alarms", "/false", FALSE_ALARM, "dotted boxes under a mast"),
     }
     for layer in layers.values():
         api.add_frame(layer.node, show_axes=False)

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from placement_env.report.content import Ground
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.boxes import corners
 from toolkit.mesh import Mesh, triangulate
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from placement_env.report.content import Ground
 
 MARGIN = 25.0  # m of ground that is drawn around the area
 TILE = 4.0  # m, edge of the tiles that ground and streets are cut into, to follow the relief
 LONGEST_RUN = 8  # cells of visible ground that one rectangle covers
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+NO_RETURN = 12.0  # m that a ray is drawn which meets nothing
 SPIKE = 2.5  # m, height of the mark on a false alarm
 
 Segments = Float64[np.ndarray, "n 2 3"]
@@ -65,7 +66,7 @@ def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], 
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
     picked = ring[np.linspace(0, len(ring), min(len(ring), 240), endpoint=False).astype(np.int64)]
     lengths = background.ravel()[picked].astype(np.float64)
-    lengths = np.where(lengths > 0, lengths, sensor.model.max_range)
+    lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN))
     ends = sensor.position + sensor.world_rays.T[picked] * lengths[:, None]
     outline = np.stack([ends, np.roll(ends, -1, axis=0)], 1)
     jumps = np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths  # from one thing to one behind it

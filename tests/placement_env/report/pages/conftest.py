@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.objects import Detections, Objects
-from toolkit.sites.files import load_site
 from placement_env.report.content import (
     BreakdownRow,
     BuildStep,
@@ -26,6 +24,8 @@ from placement_env.report.content import (
     SensorWorth,
     Verdict,
 )
+from toolkit.objects import Detections, Objects
+from toolkit.sites.files import load_site
 
 CHOSEN = ("d0", "d1", "d3", "d5")
 HOSTILE = '<script>document.title="owned"</script>#eval("1") $x^2$ `raw` \\ @ref'
@@ -91,18 +91,31 @@ def example_plan(site, ground):
             for scheme, ap, kbit in (("early", 0.97, 1480.0), ("late", 0.962, 312.0), ("hybrid", 0.968, 610.0))
         ),
         by_zone=(BreakdownRow("middle of the junction", judged(0.99), 812.0), BreakdownRow("west arm", judged(0.91))),
-        by_range=(BreakdownRow("0–15 m", judged(0.98)), BreakdownRow("15–30 m", judged(0.95)), BreakdownRow(">30 m", None)),
+        by_range=(
+            BreakdownRow("0–15 m", judged(0.98)),
+            BreakdownRow("15–30 m", judged(0.95)),
+            BreakdownRow(">30 m", None),
+        ),
         by_approach=(BreakdownRow("from the west", judged(0.95)), BreakdownRow("from the east", judged(0.97))),
-        by_class=(ClassSeen("vehicle", 412, 10, 0.98), ClassSeen("cyclist", 61, 10, 0.83), ClassSeen("heavy", 0, 10, None)),
+        by_class=(
+            ClassSeen("vehicle", 412, 10, 0.98),
+            ClassSeen("cyclist", 61, 10, 0.83),
+            ClassSeen("heavy", 0, 10, None),
+        ),
         worth=worth,
         failures=failures,
-        links=tuple(LinkLoad(s.pole, 3.12, 4.02, 20.0 if i else 4.0, 0.156 if i else 0.78, bool(i)) for i, s in enumerate(sensors)),
+        links=tuple(
+            LinkLoad(s.pole, 3.12, 4.02, 20.0 if i else 4.0, 0.156 if i else 0.78, bool(i))
+            for i, s in enumerate(sensors)
+        ),
         materials=(MaterialItem("depth camera", 4, 0.5, 2.0), MaterialItem("pole with power and link", 4, 1.0, 4.0)),
         order=tuple(
             BuildStep(name, 1.5 * (i + 1), judged(ap))
             for i, (name, ap) in enumerate(zip(("d3", "d0", "d1", "d5"), (0.71, 0.88, 0.934, 0.962), strict=True))
         ),
-        ground=GroundShares(shares, 1 - shares[0], 0.04, {s.name: 900.0 + i for i, s in enumerate(sensors)}, 2950.0, 181.0),
+        ground=GroundShares(
+            shares, 1 - shares[0], 0.04, {s.name: 900.0 + i for i, s in enumerate(sensors)}, 2950.0, 181.0
+        ),
         poles_unused=("post07", "post11"),
         assumptions=("Traffic is simulated.", "Sensors hang still."),
         unknown=("How rain changes the figures.",),
