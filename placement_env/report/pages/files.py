@@ -18,13 +18,24 @@ class PlanWithGround(Protocol):
     """A plan with what its pages are made from. site: with the chosen sensors mounted; ground: what they see of it."""
 
     @property
-    def plan(self) -> Plan: ...
+    def plan(self) -> Plan:
+        """What it says."""
+        ...
+
     @property
-    def site(self) -> Site: ...
+    def site(self) -> Site:
+        """With the chosen sensors mounted."""
+        ...
+
     @property
-    def ground(self) -> Ground | None: ...
+    def ground(self) -> Ground | None:
+        """What they see of it, None without any."""
+        ...
+
     @property
-    def moments(self) -> tuple[Moment, ...]: ...
+    def moments(self) -> tuple[Moment, ...]:
+        """Frames for the scene."""
+        ...
 
 
 def write_report(planned: PlanWithGround, out: Path) -> None:

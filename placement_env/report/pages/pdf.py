@@ -22,9 +22,7 @@ def pdf_of(document: Document) -> bytes:
         try:
             pages = typst.compile(str(Path(folder, "report.typ")), root=folder, ignore_system_fonts=True, timestamp=0)
         except typst.TypstError as error:
-            raise ValueError(
-                f"the PDF cannot be set: {error.message}; the page report.html does not need it"
-            ) from error
+            raise ValueError(f"the PDF cannot be set: {error.message}: the drawings must be SVG") from error
     assert isinstance(pages, bytes)
     return pages
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -110,11 +111,12 @@ def _scene_of_viser() -> Iterator[tuple[SceneApi, Any, Any]]:
     """An empty scene, what sets the camera it opens with, and what writes it as HTML. Says nothing on the screen, and
     does not let viser build its viewer again, for which it would ask the network."""
     import rich
-    from viser import ViserServer, _viser
+    from viser import ViserServer
 
-    console, build = rich.get_console(), _viser._client_autobuild.ensure_client_is_built
+    builder: Any = import_module("viser._client_autobuild")
+    console, build = rich.get_console(), builder.ensure_client_is_built
     quiet, console.quiet = console.quiet, True
-    _viser._client_autobuild.ensure_client_is_built = lambda: None
+    builder.ensure_client_is_built = lambda: None
     try:
         server = ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
@@ -135,7 +137,7 @@ def _scene_of_viser() -> Iterator[tuple[SceneApi, Any, Any]]:
             server.stop()
     finally:
         console.quiet = quiet
-        _viser._client_autobuild.ensure_client_is_built = build
+        builder.ensure_client_is_built = build
 
 
 def _viewpoint(site: Site) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -183,7 +185,7 @@ def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
         ("free poles", 0.06, FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE, [m for m in site.mounts if m.name in used]),
     ):
-        tubes = [tube(np.stack([m.position, m.position + [0.0, 0, m.max_height]]), radius) for m in mounts]
+        tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
         _add_mesh(api, f"/site/{name}", merge(tubes), colour)
 
 

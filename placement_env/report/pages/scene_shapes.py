@@ -19,6 +19,7 @@ TILE = 4.0  # m, edge of the tiles that ground and streets are cut into, to foll
 LONGEST_RUN = 8  # cells of visible ground that one rectangle covers
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 NO_RETURN = 12.0  # m that a ray is drawn which meets nothing
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
 SPIKE = 2.5  # m, height of the mark on a false alarm
 
 Segments = Float64[np.ndarray, "n 2 3"]
@@ -54,7 +55,7 @@ def visible_ground(site: Site, ground: Ground, seen: Bool[np.ndarray, "ny nx"], 
     x0, y0, x1, y1 = np.array(boxes, np.float64).T
     flat = np.stack([np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1).reshape(-1, 2)
     first_corner = 4 * np.arange(len(boxes))[:, None]
-    triangles = np.concatenate([first_corner + [0, 1, 2], first_corner + [0, 2, 3]]).astype(np.int64)
+    triangles = np.concatenate([first_corner + half_square for half_square in HALVES]).astype(np.int64)
     return _lifted(site, Mesh(np.column_stack([flat, np.zeros(len(flat))]), triangles), lift)
 
 
@@ -88,7 +89,7 @@ def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
     """An upright line with a cross bar above each box: the mark of a false alarm."""
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
-    tip, bar = top + [0.0, 0, SPIKE], top + [0.0, 0, 0.7 * SPIKE]
+    tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
     upright = np.stack([top, tip], 1)
     bars = [np.stack([bar - side, bar + side], 1) for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))]
     return np.concatenate([upright, *bars]).astype(np.float64)

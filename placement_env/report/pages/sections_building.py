@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from placement_env.report.content import RATE, Plan
 from placement_env.report.drawings.charts import link_chart
-from placement_env.report.pages.document import Column, Drawing, Paragraph, Section, table
+from placement_env.report.pages.document import Block, Column, Drawing, Paragraph, Section, table
 from placement_env.report.pages.sections_answer import NOTHING_CHOSEN
 from placement_env.report.pages.wording import (
     counted,
@@ -27,7 +27,8 @@ def links(plan: Plan) -> Section:
     narrow = [each for each in plan.links if not each.fits]
     fullest = max(plan.links, key=lambda each: each.share)
     conclusion = (
-        f"{counted(len(narrow), 'link')} of {len(plan.links)} cannot carry the greatest frames: {listed([n.pole for n in narrow])}."
+        f"{counted(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: "
+        f"{listed([each.pole for each in narrow])}."
         if narrow
         else f"Every link carries what is sent; the fullest, of {fullest.pole}, is used to {percent(fullest.share)}: "
         f"{number(fullest.mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
@@ -50,8 +51,10 @@ def links(plan: Plan) -> Section:
     alt = "Mbit/s of each link against its capacity: " + "; ".join(
         f"{each.pole}: {number(each.mbit_s, 2)} of {number(each.capacity_mbit_s, 2)}" for each in plan.links
     )
-    blocks = (
-        Drawing(link_chart(plan.links), conclusion, alt),
+    total = sum(each.mbit_s for each in plan.links)
+    said = f"All links together carry {number(total, 2)} Mbit/s to the place where detections are fused."
+    blocks: tuple[Block, ...] = (
+        Drawing(link_chart(plan.links), said, alt),
         *table(f"Load at {RATE:g} frames a second", columns, rows),
     )
     return Section(key, title, conclusion, blocks)

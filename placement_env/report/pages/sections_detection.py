@@ -51,7 +51,8 @@ def _weakest(judged: Sequence[BreakdownRow]) -> str:
         return (
             f"No part of the site is clearly worse than another: the weakest, “{low.name}”, has {ap_text(low.judged)}."
         )
-    return f"Detection is weakest at “{low.name}”, {ap_text(low.judged)}, and best at “{high.name}”, {ap_text(high.judged)}."
+    best = f"best at “{high.name}”, {ap_text(high.judged)}"
+    return f"Detection is weakest at “{low.name}”, {ap_text(low.judged)}, and {best}."
 
 
 def _part(name: str, rows: Sequence[BreakdownRow]) -> tuple[Block, ...]:
@@ -82,8 +83,8 @@ def _classes(plan: Plan) -> tuple[Block, ...]:
     if seen:
         low = min(seen, key=lambda row: row.share or 0.0)
         said = (
-            f"Of all classes, {low.label} is covered least: {percent(low.share)} of {counted(low.objects, 'road user')} "
-            f"had at least {counted(low.least_points, 'point')} on them. These are shares of coverage, not AP: the "
+            f"Of all classes, {low.label} is covered least: {percent(low.share)} of "
+            f"{counted(low.objects, 'road user')} had at least {counted(low.least_points, 'point')} on them. These are shares of coverage, not AP: the "
             "detector knows vehicles only."
         )
     columns = (
@@ -124,7 +125,7 @@ def schemes(plan: Plan) -> Section:
         conclusion,
         (
             Paragraph(SCHEMES_EXPLAINED),
-            Drawing(scheme_chart(plan.schemes), conclusion, alt),
+            Drawing(scheme_chart(plan.schemes), _price_of_points(plan.schemes), alt),
             *table("The chosen sensors under each scheme of fusion", columns, rows),
         ),
     )
@@ -144,3 +145,12 @@ def _compared(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
         f"against {number(mine.judged.ap)} ({interval(mine.judged)}) of {mine.scheme} fusion as planned, and {apart}; "
         f"{sent}."
     )
+
+
+def _price_of_points(judged: Sequence[SchemeFigures]) -> str:
+    """What the scheme that sends most costs the links."""
+    most, least = (pick(judged, key=lambda each: each.kbit_per_sensor) for pick in (max, min))
+    if least.kbit_per_sensor <= 0 or most is least:
+        return f"A sensor sends {number(most.kbit_per_sensor, 0)} kbit of a frame under {most.scheme} fusion."
+    times = most.kbit_per_sensor / least.kbit_per_sensor
+    return f"{most.scheme.capitalize()} fusion sends {times:.1f} times as much as {least.scheme} fusion."

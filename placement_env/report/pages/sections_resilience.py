@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from placement_env.report.content import FailureCase, Plan
+from collections.abc import Sequence
+
+from placement_env.report.content import BuildStep, FailureCase, Plan
 from placement_env.report.drawings.charts import failure_chart, order_chart
 from placement_env.report.drawings.worth import worth_chart
 from placement_env.report.pages.document import Cell, Column, Drawing, Paragraph, Section, table
@@ -17,13 +19,15 @@ from placement_env.report.pages.wording import (
     listed,
     money,
     number,
+    overlap,
+    percent,
     price_column,
     text_cell,
 )
 
 SHAPLEY = (
-    "The worth of a sensor (its Shapley value) is the AP that it adds, on average over every order in which the sensors "
-    "could be built; the values of all sensors add up to the AP of the whole set. Two sensors have a synergy above 0 "
+    "The worth of a sensor (its Shapley value) is the AP that it adds, on average over every order in which the "
+    "sensors could be built; the values of all sensors add up to the AP of the whole set. Two sensors have a synergy above 0 "
     "where they add more together than each alone, and below 0 where they see much the same."
 )
 
@@ -58,7 +62,9 @@ def worth(plan: Plan) -> Section:
         for each in plan.worth
     ]
     alt = "Worth of each sensor in AP: " + "; ".join(f"{each.sensor} {number(each.shapley)}" for each in plan.worth)
-    blocks = (Paragraph(SHAPLEY), Drawing(worth_chart(plan.worth), conclusion, alt))
+    total = sum(each.shapley for each in plan.worth)
+    said = f"{most.sensor} accounts for {percent(most.shapley / total if total else None)} of what all sensors add."
+    blocks = (Paragraph(SHAPLEY), Drawing(worth_chart(plan.worth), said, alt))
     return Section(
         key, title, conclusion, (*blocks, *table("Worth, and synergy with each other sensor", columns, rows))
     )
@@ -80,19 +86,25 @@ def failures(plan: Plan) -> Section:
         min((each for each in plan.failures if len(each.failed) == count), key=lambda each: each.judged.ap)
         for count in counts
     ]
-    conclusion = f"With all sensors it is {ap_text(intact)}. " + " ".join(_loss(each) for each in worst)
+    conclusion = f"All sensors together give {ap_text(intact)}. " + " ".join(_loss(each) for each in worst)
+    harmless = [each for each in plan.failures if overlap(each.judged, intact)]
+    said = (
+        f"{len(harmless)} of {counted(len(plan.failures), 'case')} cost so little that the interval still overlaps that "
+        "of the whole set."
+    )
     columns = (Column("Failed", number=False), *JUDGED_COLUMNS, Column("lost", "AP"))
     rows = [
         (text_cell(listed(each.failed)), *judged_cells(each.judged), figure_cell(intact.ap - each.judged.ap, 3))
         for each in plan.failures
     ]
     alt = "AP left: " + "; ".join(f"without {listed(each.failed)}: {ap_text(each.judged)}" for each in plan.failures)
-    drawing = Drawing(failure_chart(intact, plan.failures), " ".join(_loss(each) for each in worst), alt)
+    drawing = Drawing(failure_chart(intact, plan.failures), said, alt)
     return Section(key, title, conclusion, (drawing, *table("What is left, case by case", columns, rows)))
 
 
 def _loss(case: FailureCase) -> str:
-    return f"Where {counted(len(case.failed), 'sensor')} may fail, {listed(case.failed)} hurts most: {ap_text(case.judged)} is left."
+    which = f"{listed(case.failed)} {'hurts' if len(case.failed) == 1 else 'hurt'} most"
+    return f"When {counted(len(case.failed), 'sensor')} may fail, {which}: {ap_text(case.judged)} is left."
 
 
 def build_order(plan: Plan) -> Section:
@@ -111,5 +123,14 @@ def build_order(plan: Plan) -> Section:
         for i, each in enumerate(plan.order, 1)
     ]
     alt = "AP after each sensor built: " + "; ".join(f"{each.sensor}: {ap_text(each.judged)}" for each in plan.order)
-    drawing = Drawing(order_chart(plan.order, plan.currency), conclusion, alt)
+    drawing = Drawing(order_chart(plan.order, plan.currency), _gains(plan.order), alt)
     return Section(key, title, conclusion, (drawing, *table("In this order, after each sensor", columns, rows)))
+
+
+def _gains(order: Sequence[BuildStep]) -> str:
+    """From which sensor on building no longer pays for certain."""
+    last = order[-1].judged
+    enough = next(i for i, each in enumerate(order, 1) if overlap(each.judged, last))
+    if enough == len(order):
+        return "Every sensor adds more than the intervals leave open."
+    return f"From {counted(enough, 'sensor')} on, the interval overlaps that of all: what more adds is uncertain."

@@ -10,7 +10,7 @@ from placement_env.report.pages.document import Cell, Column
 
 NONE = "–"  # where a figure is undefined
 JUDGED_COLUMNS = (
-    Column("AP", "0–1"),
+    Column("AP"),
     Column(f"{CONFIDENCE:.0%} interval"),
     Column("found", "%"),
     Column("vehicles"),
@@ -42,13 +42,13 @@ def percent(share: float | None) -> str:
     """A share in percent: a share that is not 0 or 1 is never rounded to it.
 
     >>> percent(0.934), percent(0.0004), percent(1.0)
-    ('93 %', 'under 1 %', '100 %')
+    ('93%', 'under 1%', '100%')
     """
     if share is None or not math.isfinite(share):
         return NONE
     if 0 < share < 0.01:
-        return "under 1 %"
-    return "over 99 %" if 0.99 < share < 1 else f"{100 * share:.0f} %"
+        return "under 1%"
+    return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
 
 
 def share_cell(share: float | None) -> Cell:

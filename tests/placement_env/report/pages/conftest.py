@@ -66,9 +66,8 @@ def example_plan(site, ground):
         SensorWorth(name, value, {other: round(0.02 - 0.01 * i, 3) for other in CHOSEN if other != name})
         for i, (name, value) in enumerate(zip(CHOSEN, (0.18, 0.21, 0.41, 0.16), strict=True))
     )
-    failures = tuple(
-        FailureCase((name,), judged(ap)) for name, ap in zip(CHOSEN, (0.91, 0.93, 0.78, 0.934), strict=True)
-    ) + (FailureCase(("d0", "d3"), judged(0.52)), FailureCase(("d1", "d5"), judged(0.88)))
+    left = {("d0",): 0.91, ("d1",): 0.93, ("d3",): 0.78, ("d5",): 0.934, ("d0", "d3"): 0.52, ("d1", "d5"): 0.88}
+    failures = tuple(FailureCase(failed, judged(ap)) for failed, ap in left.items())
     open_cells = ground.open_ground
     count = ground.seen.sum(0)[open_cells]
     shares = tuple(float((count >= k).mean()) for k in (1, 2, 3))
@@ -150,7 +149,7 @@ def example_moment(ground, frame, count=900):
         clouds.append(np.column_stack([xy, rng.uniform(0, 0.1, count)]).astype(np.float32))
     boxes = np.array([[-20 + 4 * frame, 1.5, 0.8, 4.4, 1.8, 1.6, 0], [12 - 4 * frame, -2, 0.8, 4.6, 1.9, 1.6, np.pi]])
     boxes = np.concatenate([boxes, [[0, -14 + 3 * frame, 0.8, 4.5, 1.8, 1.6, np.pi / 2]]])
-    found = np.concatenate([boxes[:2] + [0.1, 0, 0, 0, 0, 0, 0.02], [[25.0, 8, 0.8, 4, 1.8, 1.5, 0.4]]])
+    found = np.concatenate([boxes[:2] + np.array([0.1, 0, 0, 0, 0, 0, 0.02]), [[25.0, 8, 0.8, 4, 1.8, 1.5, 0.4]]])
     return Moment(
         tuple(clouds),
         Objects(boxes),
