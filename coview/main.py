@@ -11,14 +11,15 @@ from coview import __version__
 from coview.hidden_packages import refuse_hidden_packages
 
 COMMANDS = (
-    "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "table",
+    "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "plan", "table",
+    "reproduce",
 )  # fmt: skip
 DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction, and search which to build.
 
 --version prints the version; --debug, with any command, shows the traceback of every error.
 
-Exit codes: 0 done, 1 the doctor suspects something, 2 bad input, 3 a package is missing, 4 a worker died, 70 a fault of
-coview itself, 130 stopped, 141 nobody reads the output any more.
+Exit codes: 0 done, 1 the answer is no: the doctor suspects something, a plan's requirement cannot be met; 2 bad input,
+3 a package is missing, 4 a worker died, 70 a fault of coview itself, 130 stopped, 141 nobody reads the output any more.
 """
 
 

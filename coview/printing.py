@@ -9,13 +9,13 @@ from typing import Any
 
 def print_result(result: Any, text: str, *, as_json: bool) -> None:
     """Print the text, or the result as JSON."""
-    print(json.dumps(_finite(result), allow_nan=False) if as_json else text)
+    print(json.dumps(finite(result), allow_nan=False) if as_json else text)
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """null for the numbers that JSON has not: an infinite bound, the AP of nothing to find."""
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
+        return [finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

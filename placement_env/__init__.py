@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates as Candidates
     from placement_env.candidates.poles import load_keep_out as load_keep_out, load_poles as load_poles
     from placement_env.candidates.pool import paper_candidates as paper_candidates, pool as pool
+    from placement_env.candidates.sensor_catalogue import (
+        SensorCatalogue as SensorCatalogue,
+        load_sensor_catalogue as load_sensor_catalogue,
+    )
     from placement_env.envs.config import (
         PoseConfig as PoseConfig,
         SelectConfig as SelectConfig,
@@ -46,6 +50,10 @@ if TYPE_CHECKING:
     from placement_env.fidelity.visibility import Visibility as Visibility, see as see
     from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
     from placement_env.racing import Race as Race, Verified as Verified
+    from placement_env.report.content import Judgement as Judgement, Plan as Plan, PlanOption as PlanOption
+    from placement_env.report.planning.files import write_plan as write_plan
+    from placement_env.report.planning.planning import Planned as Planned, plan as plan
+    from placement_env.report.planning.question import Question as Question
     from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
     from placement_env.rl.training import (
         Learning as Learning,
@@ -74,6 +82,7 @@ else:
             "candidates.candidates": ("Candidates",),
             "candidates.poles": ("load_keep_out", "load_poles"),
             "candidates.pool": ("paper_candidates", "pool"),
+            "candidates.sensor_catalogue": ("SensorCatalogue", "load_sensor_catalogue"),
             "envs.config": ("PoseConfig", "SelectConfig", "SubsetConfig"),
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),
@@ -88,6 +97,10 @@ else:
             "fidelity.visibility": ("Visibility", "see"),
             "objective": ("Objective", "Score", "Scores", "Weights"),
             "racing": ("Race", "Verified"),
+            "report.content": ("Judgement", "Plan", "PlanOption"),
+            "report.planning.files": ("write_plan",),
+            "report.planning.planning": ("Planned", "plan"),
+            "report.planning.question": ("Question",),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),

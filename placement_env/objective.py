@@ -2,12 +2,15 @@
 
 kbit per sensor is the paper's measure of communication (section IV-A): what the sensors of a set send in a frame, its
 mean over frames and sensors. What the whole set sends is reported beside it. A set is feasible when no two of its
-sensors hang on one mount and, where the scheme sends points, no sensor sends more than the link of its mount carries.
+sensors hang on one mount, no sensor sends more than the link of its mount carries (where the scheme sends points), and
+the set costs no more than the money there is. Its price is that of its mounts and of its sensors.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
+ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
 
@@ -91,7 +95,7 @@ class Objective:
     makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
     how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
     detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
-    processes, or address of a Ray cluster, that render and detect.
+    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -115,6 +119,7 @@ class Objective:
         workers: int = 1,
         ray: str | None = None,
         progress: Stages | None = None,
+        most_price: float = math.inf,
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, site_candidates
 
@@ -138,7 +143,7 @@ class Objective:
         visibility = None if fidelity == "table" else preparation.look(progress)
         scored_by = preparation.fidelity(fidelity)
         self._progress = progress
-        self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec)
+        self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec, most_price=most_price)
         self._know(site, visibility, preparation)
 
     @classmethod
@@ -152,17 +157,28 @@ class Objective:
         site: Site | None = None,
         visibility: Visibility | None = None,
         codec: Codec = PAPER,
+        most_price: float = math.inf,
     ) -> Objective:
         """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that.
         scheme and codec: those by which `fidelity` scores."""
         objective = cls.__new__(cls)
-        objective._hold(candidates, fidelity, weights, scheme_of(scheme), check_codec(codec))
+        objective._hold(candidates, fidelity, weights, scheme_of(scheme), check_codec(codec), most_price=most_price)
         objective._know(site, visibility, None)
         return objective
 
     def _hold(
-        self, candidates: Candidates, scored_by: Fidelity, weights: Weights, scheme: Scheme, codec: Codec
+        self,
+        candidates: Candidates,
+        scored_by: Fidelity,
+        weights: Weights,
+        scheme: Scheme,
+        codec: Codec,
+        *,
+        most_price: float,
     ) -> None:
+        if not most_price >= 0:
+            raise ValueError(f"most_price must be 0 or more, got {most_price}: leave it out for any price")
+        self.most_price = float(most_price)
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
         self.scheme, self.codec, self._scored = scheme, codec, 0
         self._known = self._of_none()
@@ -172,6 +188,12 @@ class Objective:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": self._of_none(), "_progress": None}
+
+    def weighed(self, weights: Weights) -> Objective:
+        """The same objective with other weights; it has its own memory."""
+        other = copy(self)
+        other.weights, other._known, other._scored = weights, dict(self._known), 0
+        return other
 
     def forget(self) -> None:
         """Empty the memory of sets that were scored."""
@@ -272,23 +294,30 @@ class Objective:
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-        """Price of the mounts of each set; a mount that carries two sensors is paid once."""
+        """Price of the mounts and sensors of each set; a mount that carries two sensors is paid once."""
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
-        return built @ self.candidates.mount_prices
+        return built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices
+
+    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Which prices are within `most_price`; what rounding adds to a sum does not count."""
+        return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Which sets may be built: at most one sensor on a mount, and each within the capacity of its mount's link."""
+        """Which sets may be built: at most one sensor on a mount, each within the capacity of its mount's link, all
+        together for no more than `most_price`."""
         one_each = (self.candidates.per_mount(subsets) <= 1).all(axis=1)
-        return np.asarray(one_each & ~(subsets & ~self.linked).any(axis=1))
+        return np.asarray(one_each & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Which candidates may join a set and leave it feasible, those on mounts that are free."""
+        """Which candidates may join a set and leave it feasible: on mounts that are free, for what is left of the
+        money."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         taken = np.zeros(len(self.candidates.mounts), np.bool_)
         taken[self.candidates.mount[row]] = True
-        return np.asarray(~taken[self.candidates.mount] & self.linked)
+        affordable = self.affordable(self.price(row[None])[0] + self.candidates.prices)
+        return np.asarray(~taken[self.candidates.mount] & self.linked & affordable)
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
         """A set, given as indices or names of candidates, as a row of booleans."""

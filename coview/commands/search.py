@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes
+from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
-from coview.exits import OK
-from coview.outputs import check_writable
-from coview.printing import print_result
+from coview.exits import NOT_MET, OK
+from coview.outputs import check_folder, check_writable
+from coview.printing import finite, print_result
 from coview.progress_bar import progress_bar
 
 Method = Literal[
@@ -42,6 +42,8 @@ def search(
     cache: Path | None = Path("out/cache"),
     workers: int = 1,
     ray: str | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> int:
     """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
@@ -71,12 +73,17 @@ def search(
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
         ray: Address of a Ray cluster that does it instead; local for this machine.
+        out: Folder for what is handed over: the site with the sensors (coview simulate takes it), mounting schedule
+            (CSV), map for GIS tools (GeoJSON), picture, and search.json, where it comes from.
+        overwrite: Replace these files.
         json: Print as JSON.
     """
     from placement_env.candidates.choice import chosen_candidates
     from placement_env.fidelity.preparation import check_fidelity_for
     from placement_env.objective import Objective, Weights
-    from placement_env.search.description import described_score, described_sensors
+    from placement_env.report.planning.refusals import exclusions
+    from placement_env.report.search_answer import ANSWER_FILES, check_georeference, write_answer
+    from placement_env.search.description import described_empty, described_score, described_sensors
     from placement_env.search.methods import check_search, search_of
     from placement_env.search.verification import verified_best
     from toolkit.sites.files import load_site
@@ -93,6 +100,11 @@ def search(
     if cache is not None:
         check_writable(cache.resolve(), cache)
     place = load_site(site)
+    if out is not None:
+        check_georeference(place)
+        read = [*site_file(site), *([] if candidates in ("pool", "paper") else [Path(candidates)])]
+        for name in ANSWER_FILES:
+            check_folder(out, holds=name, inputs=read, overwrite=overwrite)
     if fidelity == "table" and candidates != "paper":
         raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
     if candidates == "paper" and not place.sensors:
@@ -115,6 +127,10 @@ def search(
     with progress_bar("", hidden=json) as bar:
         settings["progress"] = bar.stage
         objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+        if not objective.allowed([]).any():
+            reasons = exclusions(objective)
+            print_result({"sensors": [], "reasons": reasons}, f"none may be built: {' '.join(reasons)}", as_json=json)
+            return NOT_MET
         result = search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
         best, names, certificate = result.best, objective.names, result.certificate
         if verify is not None and best.subset:
@@ -131,6 +147,13 @@ def search(
         summary["verified"] = {**asdict(checked), "sensors": there, "provenance": exact.provenance}
         lines += [f"by the {verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {name}" for name in there), described_score(checked)]
+    if not best.subset:
+        print_result(summary, f"no sensors: {described_empty(objective)}", as_json=json)
+        return NOT_MET
+    if out is not None:
+        handed_over = best.subset if verify is None else checked.subset
+        write_answer(out, objective, result, finite(summary), chosen=handed_over)
+        lines.append(f"written to {out}: {', '.join(ANSWER_FILES)}")
     print_result(summary, "\n".join(line for line in lines if line), as_json=json)
     return OK
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 class ImportMap:
     """Make a site from a real map: roads and footways through SUMO's netconvert, buildings from OpenStreetMap.
 
+    The site has no sensors, unless --sensors says how many: coview plan and coview search say which to build.
+
     Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
 
     Attributes:
@@ -31,6 +33,7 @@ class ImportMap:
         osm: OpenStreetMap file (.osm, .osm.gz).
         heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
         lefthand: Traffic keeps left (OpenStreetMap only).
+        sensors: Place so many cameras by greedy coverage, to try the site with.
         overwrite: Replace a file that is there.
     """
 
@@ -41,6 +44,7 @@ class ImportMap:
     osm: Path | None = None
     heading_deg: float = 0.0
     lefthand: bool = False
+    sensors: int | None = None
     overwrite: bool = False
 
     def __call__(self) -> int:
@@ -53,12 +57,53 @@ class ImportMap:
         if self.opendrive is not None and self.lefthand:
             raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
+        check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
         if self.opendrive is not None:
             imported = import_opendrive(self.opendrive, **place)
         else:
             imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
-        return _saved(imported, self.out)
+        if self.sensors is None:
+            code = _saved(imported, self.out)
+            print(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
+            print("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
+            return code
+        from placement_env.report.first_sensors import with_first_sensors
+
+        placed = with_first_sensors(imported, self.sensors)
+        code = _saved(placed.site, self.out)
+        print(placed)
+        return code
+
+
+@dataclass(frozen=True)
+class ExportSite:
+    """Write a site as GeoJSON in longitude and latitude, which QGIS and other GIS tools show where it is on earth.
+
+    The site file itself is GeoJSON in metres, for coview.
+
+    Example: coview site export my-junction.json --out my-junction.geojson
+
+    Attributes:
+        site: tjunction, roundabout, or a site file.
+        out: GeoJSON file to write.
+        overwrite: Replace a file that is there.
+    """
+
+    site: Positional[str]
+    out: Path
+    overwrite: bool = False
+
+    def __call__(self) -> int:
+        """Load, write, say what was written."""
+        from toolkit.runtime.files import write_text
+        from toolkit.sites.files import load_site
+        from toolkit.sites.gis import site_geojson
+
+        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
+        write_text(self.out, site_geojson(load_site(self.site)))
+        print(f"written to {self.out}, in longitude and latitude (WGS84)")
+        return OK
 
 
 @dataclass(frozen=True)
@@ -118,7 +163,8 @@ class ShowSite:
 def site(
     command: Annotated[ImportMap, subcommand("import")]
     | Annotated[RandomSite, subcommand("random")]
-    | Annotated[ShowSite, subcommand("show")],
+    | Annotated[ShowSite, subcommand("show")]
+    | Annotated[ExportSite, subcommand("export")],
 ) -> int:
     """Make, draw and check sites."""
     return command()

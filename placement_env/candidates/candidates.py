@@ -22,12 +22,27 @@ from toolkit.sites.site import Mount
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """What the factors after the mount count: heights (m), headings and tilts (rad), sensor models."""
+    """What the factors after the mount count: heights (m), headings and tilts (rad), sensor models.
+
+    prices: of each model, in the unit of the mounts' prices; empty where sensors cost nothing beside their mounts.
+    Raises ValueError unless there is one, finite and not negative, for each model.
+    """
 
     heights: Float64[np.ndarray, " H"]
     headings: Float64[np.ndarray, " Y"]
     tilts: Float64[np.ndarray, " T"]
     models: tuple[SensorModel, ...]
+    prices: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.prices and len(self.prices) != len(self.models):
+            raise ValueError(f"need a price for each of {len(self.models)} models, got {len(self.prices)}")
+        if not all(0 <= price < np.inf for price in self.prices):
+            raise ValueError(f"prices of models must be finite and not negative, got {self.prices}")
+
+    def prices_of(self, models: Sequence[SensorModel]) -> tuple[float, ...]:
+        """`prices` for some of the models, in the order given."""
+        return tuple(self.prices[self.models.index(model)] for model in models) if self.prices else ()
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -77,9 +92,15 @@ class Candidates:
         return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
+    def model_prices(self) -> Float64[np.ndarray, " C"]:
+        """Price of the sensor of each candidate, without its mount."""
+        each = np.array(self.axes.prices or np.zeros(len(self.axes.models)), np.float64)
+        return each[self.factors[:, 4]]
+
+    @cached_property
     def prices(self) -> Float64[np.ndarray, " C"]:
-        """Price of the mount of each candidate."""
-        return self.mount_prices[self.mount]
+        """Price of each candidate built alone: its mount and its sensor."""
+        return self.mount_prices[self.mount] + self.model_prices
 
     @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
@@ -122,6 +143,7 @@ class Candidates:
             sha.update(repr((rest, mount.position.tolist())).encode())
         axes = (self.axes.heights, self.axes.headings, self.axes.tilts)
         sha.update(repr([[axis.tolist() for axis in axes], self.axes.models, self.factors.tolist()]).encode())
+        sha.update(repr(self.axes.prices).encode() if any(self.axes.prices) else b"")
         return sha.hexdigest()
 
     @cached_property

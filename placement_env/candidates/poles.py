@@ -1,8 +1,10 @@
 """Poles of a city as mounts: a GeoJSON of points, and of the areas that must be kept free of sensors.
 
-Point features are poles. Properties, all optional: name, height or max_height and min_height (m above the foot), price
-(in units of one ordinary mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out:
-true` or `kind: "keep_out"` are keep-out areas. All else is ignored.
+Point features are poles, and so is every point of a MultiPoint; of several in one feature the names are numbered from
+1. Properties, all optional: name, height or max_height and min_height (m above the foot), price (in units of one
+ordinary mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind:
+"keep_out"` are keep-out areas. Other geometries are ignored; other properties too, with a warning that names them.
+Sensors and parking bays of files that coview wrote (`layer`) are no poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84), whose altitude is not used: poles stand on the ground of the
 site. A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
@@ -21,10 +23,10 @@ import numpy as np
 import shapely
 from shapely.geometry import shape
 
+from placement_env.candidates.pole_properties import not_understood
 from toolkit.arrays import Float64
-from toolkit.geometry import invert, transform
 from toolkit.runtime.json_files import read_json
-from toolkit.sites import osm
+from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
@@ -36,15 +38,17 @@ Json = dict[str, Any]
 def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
     """The poles in `path` where sensors may hang at `site`; unnamed ones are called pole and their number in the file.
 
-    Poles in a keep-out area of the file or on the carriageway are left out with a warning that names them. A "/" in a
-    name becomes "-".
+    A warning names the properties that were not understood. Poles in a keep-out area of the file or on the carriageway
+    are left out with a warning that names them. A "/" in a name becomes "-".
     Raises ValueError in one line where the file is damaged, holds no pole, one twice, or one that is not near the site;
     ImportError where a map's projection other than coview's own needs pyproj.
     """
     collection, where = _read(Path(path)), str(path)
-    points = [(i, f) for i, f in _features(collection, where) if f["geometry"].get("type") == "Point"]
+    features = list(_features(collection, where))
+    points = [single for i, f in features for single in _points(i, f, f"{where}: features[{i}]")]
+    _say_not_understood(features, where)
     if not points:
-        raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point features")
+        raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     coordinates = np.array([_coordinates(f["geometry"], f"{where}: features[{i}]") for i, f in points])
     places = _in_site(coordinates[:, :2], collection, site, where)
     mounts = [
@@ -73,15 +77,44 @@ def _read(path: Path) -> Json:
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Number and feature, its geometry and properties being objects; of a saved site without sensors and bays."""
+    """Number and feature, its geometry and properties being objects; without the sensors and bays of a site."""
     for i, feature in enumerate(collection["features"]):
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
             raise ValueError(f"{where}: features[{i}].geometry must be an object {{...}}: remove what has no place")
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
             raise ValueError(f"{where}: features[{i}].properties must be an object {{...}}, got {str(properties)[:60]}")
-        if not (_is_local(collection) and properties.get("layer") in ("sensor", "parking")):
+        if properties.get("layer") not in ("sensor", "parking"):
             yield i, {**feature, "properties": {k: v for k, v in properties.items() if v is not None}}
+
+
+def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
+    """Number and feature of each pole of a feature: itself if it is a Point, one for each point of a MultiPoint."""
+    geometry = feature["geometry"]
+    if geometry.get("type") == "Point":
+        yield number, feature
+    if geometry.get("type") != "MultiPoint":
+        return
+    places = geometry.get("coordinates")
+    if not isinstance(places, list):
+        raise ValueError(f"{where}.geometry.coordinates of a MultiPoint must be a list, got {str(places)[:60]}")
+    name = _name(number, feature)
+    for k, place in enumerate(places, 1):
+        properties = {**feature["properties"], "name": name if len(places) == 1 else f"{name}-{k}"}
+        yield number, {**feature, "properties": properties, "geometry": {"type": "Point", "coordinates": place}}
+
+
+def _say_not_understood(features: Sequence[tuple[int, Json]], where: str) -> None:
+    """Warn of properties and geometries that were meant to say something, once each."""
+    kinds = [feature["geometry"].get("type") for _, feature in features]
+    poles = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if kind in ("Point", "MultiPoint")]
+    areas = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if "Polygon" in str(kind)]
+    for unknown in (not_understood(poles), not_understood(areas, areas=True)):
+        if unknown:
+            warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=3)
+    if "GeometryCollection" in kinds:
+        number = features[kinds.index("GeometryCollection")][0]
+        warnings.warn(f"{where}: features[{number}] is a GeometryCollection, not used: export its points", stacklevel=3)
 
 
 def _is_local(collection: Json) -> bool:
@@ -112,26 +145,12 @@ def _in_site(
             f"{where}: coordinates must be longitude and latitude (degrees), got {coordinates[wrong[0]].tolist()}: "
             'export the file as EPSG:4326, or give the site\'s metres and add "coview_site": 1 beside "features"'
         )
-    on_map = np.column_stack([_on_map(coordinates, site, where), np.zeros(len(coordinates))])
-    return transform(invert(site.map_SE3_site), on_map)[:, :2]
-
-
-def _on_map(lon_lat: Float64[np.ndarray, "n 2"], site: Site, where: str) -> Float64[np.ndarray, "n 2"]:
-    """Longitude and latitude in metres of the site's map."""
     if site.geo_reference is None:
         raise ValueError(
             f"{where}: site {site.name!r} does not say where on earth it is (geo_reference): give the poles in the"
             ' site\'s metres and add "coview_site": 1 beside "features"'
         )
-    zero = re.search(r"\+lat_0=(\S+) \+lon_0=(\S+)", site.geo_reference)
-    if zero and site.geo_reference == osm.projection(centre_x := float(zero[2]), centre_y := float(zero[1])):
-        return osm.project(lon_lat, (centre_x, centre_y))
-    try:
-        from pyproj import Transformer
-    except ImportError:
-        raise ImportError(f"the map of site {site.name!r} ({site.geo_reference}) needs: pip install pyproj") from None
-    to_map = Transformer.from_crs("EPSG:4326", site.geo_reference, always_xy=True)
-    return np.stack(to_map.transform(*lon_lat.T), axis=1)
+    return site_metres(site, coordinates)
 
 
 def _feet(places: np.ndarray, z: np.ndarray, collection: Json, site: Site) -> Float64[np.ndarray, "n 3"]:

@@ -24,6 +24,10 @@ CELLS = 16  # the area is taken as CELLS x CELLS places, to tell which poses see
 CELL_HEIGHT = 1.0  # m above the street
 
 
+class NoCandidates(ValueError):
+    """There is no place, or no pose, where a sensor may be built."""
+
+
 def paper_candidates(site: Site) -> Candidates:
     """The sensors that hang at `site` now, each on a mount of its own: the site's where it has one that near, of which
     the second sensor gets a copy, else one made where the sensor is. Raises ValueError where the site has no sensors.
@@ -50,6 +54,7 @@ def pool(
     headings: int = 8,
     tilts: Sequence[float] = TILTS,
     models: Sequence[SensorModel] = (DepthCamera(),),
+    prices: Sequence[float] = (),
     keep_out: Sequence[shapely.Geometry] = (),
     mounts: Sequence[Mount] | None = None,
     blind: bool = False,
@@ -57,14 +62,14 @@ def pool(
     """Every model on every mount, at every height, heading and tilt.
 
     heights (m) are clipped to the range of the mount, those that thereby coincide kept once; headings: how many,
-    evenly spaced from +x on; tilts: rad below the horizon; keep_out: no mount that stands within these is used;
-    mounts: None for the site's; blind: keep also the poses whose field of view misses the whole detection area
-    (whatever stands in between), which are left out otherwise.
+    evenly spaced from +x on; tilts: rad below the horizon; prices: of the models, none where only mounts cost;
+    keep_out: no mount that stands within these is used; mounts: None for the site's; blind: keep also the poses whose
+    field of view misses the whole detection area (whatever stands in between), which are left out otherwise.
 
-    Raises ValueError where an argument does not fit, or nothing is left.
+    Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
     """
     chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
-    axes = _axes(heights, headings, tilts, models)
+    axes = _axes(heights, headings, tilts, models, prices)
     feet = np.array([mount.position for mount in chosen])
     mounted = _heights(chosen, axes.heights)
     shape = (len(chosen), *axes.shape)
@@ -75,7 +80,9 @@ def pool(
         kept = _sees_area(site, position, factors, rotations, axes.models)
         factors, position = factors[kept], position[kept]
     if not len(factors):
-        raise ValueError(f"no pose sees the area of site {site.name!r}: give other heights, headings, tilts or mounts")
+        raise NoCandidates(
+            f"no pose sees the area of site {site.name!r}: give other heights, headings, tilts or mounts"
+        )
     poses = np.tile(np.eye(4), (len(factors), 1, 1))
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
@@ -102,11 +109,17 @@ def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site:
     spots = shapely.points([mount.position[:2] for mount in mounts]) if len(mounts) else np.zeros(0, object)
     free = ~shapely.intersects(shapely.union_all(list(keep_out)), spots)
     if not np.any(free):
-        raise ValueError(f"site {site!r} has no mount outside the keep-out areas (of {len(mounts)}): give some poles")
+        raise NoCandidates(f"site {site!r} has no mount outside the keep-out areas (of {len(mounts)}): give some poles")
     return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
 
 
-def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Sequence[SensorModel]) -> Axes:
+def _axes(
+    heights: Sequence[float],
+    headings: int,
+    tilts: Sequence[float],
+    models: Sequence[SensorModel],
+    prices: Sequence[float],
+) -> Axes:
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
     if not (np.isfinite(heights).all() and min(heights) >= 0):
@@ -115,7 +128,10 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
         raise ValueError(f"tilts must lie in -pi/2..pi/2 rad, got {list(tilts)}: give degrees as np.deg2rad(10)")
     around = np.arange(headings) * 2 * np.pi / headings
     up, down = np.unique(np.asarray(heights, np.float64)), np.unique(np.asarray(tilts, np.float64))
-    return Axes(up, around, down, tuple(dict.fromkeys(models)))
+    different = tuple(dict.fromkeys(models))
+    if prices and len(different) < len(models):
+        raise ValueError("two of the priced models are equal: leave one of them out")
+    return Axes(up, around, down, different, tuple(float(price) for price in prices))
 
 
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:

@@ -62,7 +62,8 @@ class Rig:
             aimed(s, np.array([*s.position[:2], foot + h]), float(y), float(t))
             for s, foot, h, y, t in zip(self.candidates.sensors, feet, height, heading, tilt, strict=True)
         )
-        return Candidates(sensors, mount, self.candidates.mounts, factors, Axes(height, heading, tilt, models))
+        axes = Axes(height, heading, tilt, models, self.candidates.axes.prices_of(models))
+        return Candidates(sensors, mount, self.candidates.mounts, factors, axes)
 
 
 @dataclass(frozen=True, eq=False)

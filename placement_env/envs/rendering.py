@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MOST_VEHICLES = 300  # that are drawn
 MARGIN = 6.0  # m round area and sensors
-INCHES, HEAD, FOOT, DPI = 6.4, 0.5, 0.42, 100  # of a square picture, and the strips above and below its map
+_SIDE, _HEAD, _FOOT = 6.4, 0.5, 0.42  # inches of a square picture, and of the strips above and below its map
 
 
 def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "height width 3"]:
@@ -31,13 +31,13 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     sensors = objective.candidates.sensors
     places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), area_of(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])
-    side = INCHES - HEAD - FOOT
+    side = _SIDE - _HEAD - _FOOT
     low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
-    middle, reach = (low + high) / 2, (high - low).max() / 2 * np.array([INCHES / side, 1.0])
+    middle, reach = (low + high) / 2, (high - low).max() / 2 * np.array([_SIDE / side, 1.0])
     scale = side / (2 * reach[1])  # inches a metre
     with house_style():
-        figure = blank_figure(INCHES, INCHES)
-        axes = figure.add_axes((0, FOOT / INCHES, 1, side / INCHES))
+        figure = blank_figure(_SIDE, _SIDE)
+        axes = figure.add_axes((0, _FOOT / _SIDE, 1, side / _SIDE))
         axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
         axes.set(xticks=[], yticks=[])
         for spine in axes.spines.values():
@@ -52,11 +52,11 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         draw_sensors(axes, chosen, 72 * scale)
         towards = north(objective.site) if objective.site is not None else np.array([0.0, 1.0])
         strip = _draw_strips(figure, scale)
-        draw_north(strip, (1.85, FOOT / 2), towards)
+        draw_north(strip, (1.85, _FOOT / 2), towards)
         name = objective.site.name if objective.site is not None else "a site"
         title = f"{shortened(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
-        figure.text(0.02, 1 - 0.16 / INCHES, title, fontsize=10, fontweight="bold", va="center")
-        figure.text(0.02, 1 - 0.36 / INCHES, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
+        figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
+        figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
         return drawn_pixels(figure)
 
 
@@ -79,8 +79,8 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
 
 def _draw_strips(figure: Figure, scale: float) -> Axes:
     """Below the map, in inches: a scale bar and what the colours of vehicles mean."""
-    strip = figure.add_axes((0, 0, 1, FOOT / INCHES))
-    strip.set(xlim=(0, INCHES), ylim=(0, FOOT))
+    strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
+    strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
     strip.set_axis_off()
     length = scale_length(1.2 / scale)
     for half, colour in ((0.0, INK), (0.5, PAPER_WHITE)):

@@ -184,6 +184,13 @@ class Detected:
                 kept[chosen][place] = outcome
         return {chosen: [Outcome(*arrays) for arrays in row] for chosen, row in kept.items()}
 
+    def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
+        """What a set (ascending indices) detects together in frame k, in the order of its `Outcome`."""
+        frame = _Frame(self, k)
+        found = frame.fused(chosen).detections
+        self.memo.put(frame.new)
+        return found
+
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
         """What a value of frame k depends on, for a set of sensors."""
         return key_of(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
@@ -239,10 +246,14 @@ class _Frame:
         measure = partial(renders.clouds, k)
         self._view = View(renders.site, renders.sensors, measure=measure, run=self._detections, codec=rules.codec)
 
+    def fused(self, chosen: tuple[int, ...]) -> Fused:
+        """What the sensors of a set detect together, and what they sent."""
+        nothing = Fused(Detections.empty(), np.zeros(0, np.int64))
+        return self._rules.scheme.fuse(self._view, chosen) if chosen else nothing
+
     def outcome(self, chosen: tuple[int, ...]) -> Outcome:
         """What the sensors of a set detect together, matched."""
-        nothing = Fused(Detections.empty(), np.zeros(0, np.int64))
-        fused = self._rules.scheme.fuse(self._view, chosen) if chosen else nothing
+        fused = self.fused(chosen)
         objects, counted = self._rules.renders.objects(self._k), self._rules.scored(self._k)
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
         truth = np.empty((len(self._rules.ious), len(fused.detections)), np.int16)

@@ -29,7 +29,7 @@ class Judgement:
     low: float
     high: float
     recall: float
-    precision: float
+    precision: float | None
     vehicles: int
     frames: int
 

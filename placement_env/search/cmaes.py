@@ -137,7 +137,7 @@ def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
-        candidates = as_candidates(sensors, mounts)
+        candidates = as_candidates(sensors, mounts, preparation.candidates.axes)
         seen = see(preparation.traffic, candidates, workers=preparation.workers, ray=preparation.ray)
         scored_by = preparation.at(candidates, seen).fidelity(fidelity)
         parts = (candidates, scored_by, preparation.scheme, weights)
@@ -155,8 +155,9 @@ def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE
     return score_poses
 
 
-def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candidates:
-    """Any sensors as candidates, each on the mount whose foot is nearest seen from above; names are numbered."""
+def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: Axes | None = None) -> Candidates:
+    """Any sensors as candidates, each on the mount whose foot is nearest seen from above; names are numbered. priced:
+    what their models cost, None for nothing."""
     feet = np.array([mount.position[:2] for mount in mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
@@ -166,7 +167,8 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...]) -> Candi
     model = np.array([models.index(sensor.model) for sensor in sensors])
     factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
     numbered = tuple(replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors))
-    return Candidates(numbered, factors[:, 0].copy(), mounts, factors, Axes(heights, headings, tilts, models))
+    axes = Axes(heights, headings, tilts, models, () if priced is None else priced.prices_of(models))
+    return Candidates(numbered, factors[:, 0].copy(), mounts, factors, axes)
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:

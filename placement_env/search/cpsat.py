@@ -9,6 +9,7 @@ nothing which another on its mount does not see.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
-from placement_env.objective import Objective
+from placement_env.objective import ROUNDING, Objective
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Int64
@@ -25,6 +26,7 @@ from toolkit.arrays import Bool, Int64
 if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpModel, CpSolver, IntVar
 
+FINEST = 1 << 40  # units of the highest price
 SECONDS = 60.0  # of solving, where no limit is given
 
 
@@ -41,6 +43,23 @@ class Cover(NamedTuple):
     solved: float
 
 
+class Prices(NamedTuple):
+    """What each candidate costs, its mount with it, and what all may cost together, in whole units small enough that
+    nothing is lost; a candidate's price is rounded down, the sum up, so that no set within the money is excluded."""
+
+    each: Int64[np.ndarray, " C"]
+    most: int
+
+    @staticmethod
+    def of(objective: Objective) -> Prices | None:
+        """Of an objective whose sets may not cost any price."""
+        if math.isinf(objective.most_price):
+            return None
+        each = objective.candidates.prices
+        unit = max(float(each.max(initial=0.0)), objective.most_price, 1e-300) / FINEST
+        return Prices(np.floor(each / unit).astype(np.int64), math.floor(objective.most_price * (1 + ROUNDING) / unit))
+
+
 def search(
     objective: Objective,
     budget: int,
@@ -52,13 +71,15 @@ def search(
     least: float = LEAST,
     views: int = 1,
     workers: int = 1,
+    effort: float | None = None,
 ) -> Result:
     """The set that covers most, whatever else the objective asks for, and its score there.
 
     The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
-    make a view; views: k; workers: threads of the solver; seconds: 60 if None; `evaluations` is not used, the answer
-    alone is scored. One worker finds the same set for the same seed as long as it is not cut short. Raises ValueError
-    where the objective has no visibility and none is given, and ImportError without OR-Tools.
+    make a view; views: k; workers: threads of the solver; effort: of solving, in OR-Tools' deterministic seconds, None
+    for any: one worker that it cuts short answers the same again; seconds: 60 if None; `evaluations` is not used, the
+    answer alone is scored. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
+    Raises ValueError where the objective has no visibility and none is given, and ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:
@@ -66,7 +87,18 @@ def search(
     progress = Progress(objective, budget, seconds, evaluations)
     seen, mount, may_stand = visibility.points >= least, objective.candidates.mount, objective.allowed([])
     left = SECONDS if seconds is None else seconds
-    cover = cover_most(seen, mount, budget, views=views, may_stand=may_stand, seconds=left, workers=workers, seed=seed)
+    cover = cover_most(
+        seen,
+        mount,
+        budget,
+        views=views,
+        may_stand=may_stand,
+        seconds=left,
+        workers=workers,
+        seed=seed,
+        effort=effort,
+        prices=Prices.of(objective),
+    )
     progress.settle(cover.chosen)
     objects = max(1, seen.shape[1])
     certificate = Certificate(
@@ -91,10 +123,13 @@ def cover_most(
     seconds: float = SECONDS,
     workers: int = 1,
     seed: int = 0,
+    effort: float | None = None,
+    prices: Prices | None = None,
 ) -> Cover:
     """At most `budget` candidates, one per mount, so that as many objects as can be have at least `views` of them.
 
-    seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all.
+    seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all;
+    effort: see `search`; prices: what they cost together, None for no matter what.
     The solver starts from greedy's set, so the answer covers no less.
 
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
@@ -104,12 +139,15 @@ def cover_most(
     check_whole("views", views, least=1)
     began = time.monotonic()
     rows = np.ones(len(seen), bool) if may_stand is None else may_stand
-    kept = useful(np.where(rows[:, None], seen, False), mount)
+    kept = useful(np.where(rows[:, None], seen, False), mount, None if prices is None else prices.each)
+    cost = None if prices is None else Prices(prices.each[kept], prices.most)
     objects, weight = merged(seen[kept], mount[kept], views)
-    start = greedy_cover(objects, weight, mount[kept], budget, views)
+    start = greedy_cover(objects, weight, mount[kept], budget, views, prices=cost)
     bound = bound_at(objects, weight, mount[kept], budget, views=views, chosen=start)
     model, built = _model(objects, weight, mount[kept], budget, views=views, start=start, bound=bound)
-    solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed)
+    if cost is not None:
+        model.add(_cp_model().LinearExpr.weighted_sum(built, cost.each.tolist()) <= cost.most)
+    solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
     times = (ready - began, time.monotonic() - ready)
@@ -121,8 +159,11 @@ def cover_most(
     return Cover(chosen, covered, max(bound, covered), bound <= covered, len(weight), *times)
 
 
-def useful(seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"]) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something and whose mount has none that sees all of it and more, so would do in their place.
+def useful(
+    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], prices: Int64[np.ndarray, " C"] | None = None
+) -> Int64[np.ndarray, " k"]:
+    """Candidates that see something and whose mount has none that sees all of it and more, for no higher a price, so
+    would do in their place.
 
     Of several on a mount that see the same the first is kept.
 
@@ -136,7 +177,11 @@ def useful(seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"]) -> Int
         size = views.sum(axis=1)
         within = (views @ views.T) == size[:, None]  # all that i sees, j sees
         earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
-        beaten = within & ((size[None] > size[:, None]) | ((size[None] == size[:, None]) & earlier))
+        price = np.zeros(len(poses), np.int64) if prices is None else prices[poses]
+        cheaper = price[None] < price[:, None]
+        more = (size[None] > size[:, None]) | cheaper
+        equal = (size[None] == size[:, None]) & (price[None] == price[:, None])
+        beaten = within & (price[None] <= price[:, None]) & (more | (equal & earlier))
         keep[poses[beaten.any(axis=1)]] = False
     return np.flatnonzero(keep)
 
@@ -165,13 +210,18 @@ def greedy_cover(
     mount: Int64[np.ndarray, " C"],
     budget: int,
     views: int,
+    *,
+    prices: Prices | None = None,
 ) -> list[int]:
-    """One candidate after another, each on a free mount, that gives most views to objects that have fewer than `views`.
+    """One candidate after another, each on a free mount and for the money that is left, that gives most views to
+    objects that have fewer than `views`.
 
     >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
     [1]
     """
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
+    if prices is not None:
+        free &= prices.each <= prices.most
     chosen: list[int] = []
     while len(chosen) < budget and free.any():
         needed = (missing > 0).astype(np.float64) * weight
@@ -179,6 +229,8 @@ def greedy_cover(
         chosen.append(best)
         missing = missing - seen[best]
         free &= mount != mount[best]
+        if prices is not None:
+            free &= prices.each <= prices.most - prices.each[chosen].sum()
     return chosen
 
 
@@ -229,9 +281,11 @@ def _model(
     return model, built
 
 
-def _solver(seconds: float, workers: int, seed: int) -> CpSolver:
+def _solver(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
     solver = _cp_model().CpSolver()
     solver.parameters.max_time_in_seconds = seconds
+    if effort is not None:
+        solver.parameters.max_deterministic_time = effort
     solver.parameters.num_workers = workers
     solver.parameters.random_seed = seed
     solver.parameters.linearization_level = 2

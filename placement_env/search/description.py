@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_env.candidates.aim import aims
-from placement_env.objective import Score
+from placement_env.objective import Objective, Score
 from toolkit.sensors.sensor import Sensor
 
 
@@ -27,3 +27,20 @@ def described_score(score: Score) -> str:
         f"AP {score.ap:.4f}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
         f"{score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
     )
+
+
+def described_empty(objective: Objective) -> str:
+    """Why a search may have answered with no sensor, and what to change."""
+    linked = objective.linked
+    if not linked.any():
+        least, most = float(objective.sent.min()), float(objective.candidates.capacity.max())
+        return (
+            f"none of the {len(linked)} candidates fits its link: they send {least:.0f} kbit per frame or more, and no "
+            f"link carries more than {most:.0f}: raise capacity, or take scheme late, which sends boxes"
+        )
+    alone = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
+    if float(alone.ap.max()) <= 0:
+        return "no candidate that fits its link detects a vehicle in these frames: take more frames or other candidates"
+    if float(alone.reward.max()) <= 0:
+        return "no sensor is worth what it costs: lower the weights of kbit and price"
+    return "the search stopped before it had scored a set that may be built: give it more seconds or evaluations"

@@ -42,7 +42,7 @@ def search(
 
 def grow(progress: Progress) -> tuple[list[int], float]:
     """Greedy's set of `progress.budget` sensors, fewer where no more fit or a limit came first, in the order they were
-    taken; and by how much the gain of any candidate was seen to grow as others with_each."""
+    taken; and by how much the gain of any candidate was seen to grow as others joined."""
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
@@ -172,7 +172,7 @@ def _certificate(
         return theory.certificate(progress, chosen, ratio if len(chosen) == progress.budget else 0.0, rise)
     if rise > theory.TOLERANCE:
         return progress.unknown(
-            f"gains grew by up to {rise:.2g} as sensors with_each: not submodular, nothing is promised"
+            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
         )
     return progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
 

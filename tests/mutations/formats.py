@@ -253,10 +253,10 @@ def _read_poles(path: Path) -> None:
 
 
 def _osm(path: Path) -> None:
-    from toolkit.sites.osm import longitude_latitude
+    from toolkit.sites.georeference import inverse_project
 
     places = [(-90, 0), (0, 0), (90, 0), (0, -90), (5, 90), (20, 20), (40, 20), (40, 40), (20, 40), (12, 9), (-9, 12)]
-    degrees = longitude_latitude(np.array(places, float), (13.4, 52.5))
+    degrees = inverse_project(np.array(places, float), (13.4, 52.5))
     nodes = [f'<node id="{i}" lat="{lat:.7f}" lon="{lon:.7f}"/>' for i, (lon, lat) in enumerate(degrees.tolist(), 1)]
     nodes[9] = nodes[9].replace("/>", '><tag k="highway" v="street_lamp"/><tag k="height" v="7 m"/></node>')
     nodes[10] = nodes[10].replace("/>", '><tag k="natural" v="tree"/></node>')
@@ -280,17 +280,17 @@ def _read_osm(path: Path) -> None:
     """All of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
     import shapely
 
-    from toolkit.sites import osm, osm_roads, osm_solids
+    from toolkit.sites.osm import extract, roads, solids
 
-    extract, window = osm.read(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
-    pieces, _ = osm_roads.roads(extract, window)
-    osm_roads.written(pieces, extract)
-    osm_roads.paths(extract, window)
+    town, window = extract.read(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    pieces, _ = roads.roads(town, window)
+    roads.written(pieces, town)
+    roads.paths(town, window)
     street = shapely.box(-60, -4, 60, 4)
-    osm_solids.buildings(extract, window, street)
-    osm_solids.barriers(extract, window, street)
-    osm_solids.trees(extract, window, street)
-    osm_solids.furniture(extract, window, street)
+    solids.buildings(town, window, street)
+    solids.barriers(town, window, street)
+    solids.trees(town, window, street)
+    solids.furniture(town, window, street)
 
 
 def _opendrive(path: Path) -> None:

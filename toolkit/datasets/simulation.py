@@ -105,7 +105,10 @@ class Job:
         if self.frames < 1 or self.seed < 0:
             raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
         if not self.sensors:
-            raise ValueError(f"site {self.site.name!r} has no sensors: pass some, or add them to the site")
+            remedy = (
+                "coview plan or coview search --out says which to build, coview site import --sensors N places some"
+            )
+            raise ValueError(f"site {self.site.name!r} has no sensors: {remedy}")
         names = [sensor.name for sensor in self.sensors]
         for name in names:
             if names.count(name) > 1 or "/" in name or name in ("", "."):

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from toolkit.sites.site import Site
 
-MARGIN = 10.0  # m round the area
+AROUND = 10.0  # m round the area
 MOST_INCHES = 10.0  # of the map, either way
-LEFT, RIGHT, HEAD, AXIS, ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches round the map, and of a row of the legend
+LEFT, RIGHT, HEAD, AXIS, LEGEND_ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches round the map, and of a row of the legend
 SCALE_WIDTH = 2.6  # inches that scale bar and north arrow take
 
 Entry = tuple[Any, str]  # of a legend: what it shows, an artist of matplotlib, and its name
@@ -54,7 +54,7 @@ def map_sheet(
     width, height = ((high - low) * scale).tolist()
     full = max(width + LEFT + RIGHT, 6.5)
     columns, rows = _legend_grid([label for _, label in legend], full - LEFT - RIGHT - SCALE_WIDTH)
-    strip = AXIS + max(0.55, ROW * rows + 0.1)
+    strip = AXIS + max(0.55, LEGEND_ROW * rows + 0.1)
     figure = blank_figure(full, HEAD + height + strip)
     left = LEFT + (full - LEFT - RIGHT - width) / 2
     axes = _part(figure, left, strip, width, height)
@@ -135,9 +135,9 @@ def north(site: Site) -> Float64[np.ndarray, "2"]:
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corner of what is drawn: the area and places with a margin."""
-    low, high = site.area[:2] - MARGIN, site.area[2:] + MARGIN
+    low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
-        low, high = np.minimum(low, holds.min(axis=0) - MARGIN / 2), np.maximum(high, holds.max(axis=0) + MARGIN / 2)
+        low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
     return low, high
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ROW = 0.19  # inches of a row of the legend
+_ROW = 0.19  # inches of a row of the legend
 FEW = 100.0  # points on an object up to which the axis is linear
 
 
@@ -76,7 +76,7 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 
 def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
     """A figure with one axes, and room below it for a legend of so many curves in rows of one."""
-    figure = blank_figure(6.0, 4.2 + ROW * curves, constrained=True)
+    figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
     axes.grid()

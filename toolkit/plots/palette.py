@@ -30,7 +30,7 @@ SOLID = {
     "tree": "#cfe0c3",
 }  # by kind, lowest first
 OTHER_SOLID = "#9a958c"
-POLE = "#1a1a1a"
+POLE_INK = "#1a1a1a"
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where it matters more
 
 Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]

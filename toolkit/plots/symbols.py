@@ -17,7 +17,7 @@ from toolkit.arrays import Float64, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Objects
 from toolkit.plots.canvas import shortened
-from toolkit.plots.palette import CLASS, INK, OUTCOME, PAPER_WHITE, POLE, Outcome, sensor_colour
+from toolkit.plots.palette import CLASS, INK, OUTCOME, PAPER_WHITE, POLE_INK, Outcome, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def name_poles(
 
 
 def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
 
 
 def pole_style(used: bool) -> dict[str, Any]:
@@ -152,8 +152,8 @@ def pole_style(used: bool) -> dict[str, Any]:
     return {
         "marker": "s",
         "markersize": 6.0,
-        "markerfacecolor": POLE if used else PAPER_WHITE,
-        "markeredgecolor": POLE,
+        "markerfacecolor": POLE_INK if used else PAPER_WHITE,
+        "markeredgecolor": POLE_INK,
         "markeredgewidth": 1.3,
         "linestyle": "none",
     }

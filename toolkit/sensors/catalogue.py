@@ -38,10 +38,10 @@ def register_sensor_model(model: Model) -> Model:
         known = (each for each in dir(SensorModel) if not each.startswith("_"))
         lacks = ", ".join(each for each in known if not hasattr(model, each))
         raise ValueError(f"{name} is no SensorModel, it lacks {lacks}: see toolkit.sensors.model")
-    before = MODELS.get(_in_words(name), model)
+    before = MODELS.get(name_in_words(name), model)
     if (before.__module__, before.__qualname__) != (model.__module__, model.__qualname__):
         raise ValueError(f"there is a sensor model {name} already, in {before.__module__}: name this one otherwise")
-    MODELS[_in_words(name)] = model
+    MODELS[name_in_words(name)] = model
     return model
 
 
@@ -55,9 +55,9 @@ def model_named(name: str) -> SensorModel:
 
 def model_class(name: str) -> type[Any]:
     """The class of that name, as files write it or in words. Raises ValueError that lists what there is."""
-    if _in_words(str(name)) not in MODELS:
+    if name_in_words(str(name)) not in MODELS:
         raise ValueError(f"no sensor model {str(name)[:60]!r}: there are {', '.join(class_names())}")
-    return MODELS[_in_words(str(name))]
+    return MODELS[name_in_words(str(name))]
 
 
 def class_names() -> list[str]:
@@ -82,7 +82,7 @@ def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
         raise ValueError(f"{model.__name__} cannot have {numbers} ({error})") from None
 
 
-def _in_words(name: str) -> str:
+def name_in_words(name: str) -> str:
     """SolidStateLidar as solid-state-lidar."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).replace("_", "-").lower()
 

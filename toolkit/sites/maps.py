@@ -1,11 +1,13 @@
 """Sites from real maps: a piece of an OpenDRIVE or OpenStreetMap file, its roads made by SUMO's netconvert.
 
 The site frame is centred at the given place, x along `heading`; `map_SE3_site` leads back to the map's coordinates:
-those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre.
+those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre. No
+sensor hangs there yet; mounts on lamp posts are real, mounts along the kerbs are suggestions, all at the price of one.
 """
 
 from __future__ import annotations
 
+import re
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -17,18 +19,20 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.sensor import Sensor
+from toolkit.geometry import pose
 from toolkit.sites import furniture as f
-from toolkit.sites import osm, osm_roads, osm_solids
+from toolkit.sites.georeference import projection
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
+from toolkit.sites.osm import extract as osm
+from toolkit.sites.osm import roads as osm_roads
+from toolkit.sites.osm import solids as osm_solids
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.sites.surroundings import POLE, Road, place_mounts
 
 REACH = 80.0  # m of road kept around the area, for traffic to enter
 SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
+NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in degrees there is no map in metres
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
 _LANE_TYPES = f"""<types>
@@ -75,12 +79,12 @@ def import_opendrive(
     """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
 
     Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Mounts are made along the
-    kerbs, and up to six cameras on them.
+    kerbs. A georeference that names no projection is left out with a warning.
     Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
-    geo_reference = opendrive_header(path, (x, y))
+    geo_reference = _usable(opendrive_header(path, (x, y)), path)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
     with tempfile.TemporaryDirectory() as folder:
@@ -117,8 +121,8 @@ def import_osm(
     along `heading` (rad counter-clockwise from east).
 
     Roads, footways, buildings with heights, walls, fences, hedges, trees and lamp posts come from the map; mounts are
-    on its lamp posts, or else along the kerbs, and up to six cameras on them. `lefthand`: traffic keeps left. What the
-    map holds and the site cannot (tunnels, bridges over a road, buildings over a road) is left out with a warning.
+    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. What the map holds and the site cannot
+    (tunnels, bridges over a road, buildings over a road) is left out with a warning.
     Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".osm")
@@ -132,8 +136,8 @@ def import_osm(
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
         streets.write_text(osm_roads.written(pieces, extract), encoding="utf-8")
         types.write_text(osm_roads.road_types(), encoding="utf-8")
-        projection = osm.projection(longitude, latitude)
-        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={projection}", *_OSM_OPTIONS]
+        on_earth = projection(longitude, latitude)
+        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS]
         network = _converted([*options, *(["--lefthand"] if lefthand else [])], path, (longitude, latitude))
     map_SE3_site = pose(yaw=heading)
     site = Site(
@@ -141,7 +145,7 @@ def import_osm(
         area=area,
         network=_in_site_frame(network, map_SE3_site),
         map_SE3_site=map_SE3_site,
-        geo_reference=projection,
+        geo_reference=on_earth,
     )
     window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
     lanes, footways = road_polygons(site.network, area)
@@ -168,7 +172,7 @@ def _finished(
     lamps: np.ndarray,
     squares: Sequence[np.ndarray] = (),
 ) -> Site:
-    """`site` with its roads' surface, kerbs, mounts and cameras."""
+    """`site` with its roads' surface, kerbs and mounts."""
     lanes, footways = road_polygons(site.network, site.area)
     carriageway = _union(lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
@@ -181,7 +185,9 @@ def _finished(
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0) if len(lamps) else shapely.Polygon()
-        mounts += [mount for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))]
+        mounts += [
+            replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
+        ]
     poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
     stones = f.kerbs(lanes, footways)
     return replace(
@@ -190,7 +196,6 @@ def _finished(
         footways=footways,
         solids=f.settle([*solids, *poles, *stones], Relief()),
         mounts=tuple(mounts),
-        sensors=_cameras(mounts, site.area, walls),
     )
 
 
@@ -205,31 +210,6 @@ def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geome
         if near.contains(spot) and not occupied.intersects(shapely.Point(place)):
             mounts.append(Mount(f"lamp{len(mounts):02}", np.array([*place.round(3), 0.0]), 3.0, 8.0))
     return mounts
-
-
-def _cameras(mounts: Sequence[Mount], area: Float[np.ndarray, "4"], walls: shapely.Geometry) -> tuple[Sensor, ...]:
-    """Up to six cameras, 6 m up and 10° down, spread round the middle of the area, which they look at; farther down
-    where they hang so near to it that they would look over it."""
-    middle = (area[:2] + area[2:]) / 2
-    seen = [m for m in mounts if not walls.crosses(shapely.LineString([m.position[:2], middle]))] or list(mounts)
-    offsets = np.array([m.position[:2] - middle for m in seen])
-    headings, distances = np.arctan2(*offsets.T[::-1]), np.hypot(*offsets.T)
-    tilts = np.maximum(np.deg2rad(10.0), np.arctan2(6.0, distances) - np.deg2rad(30.0))
-    far = np.abs(distances - 0.35 * (area[2:] - area[:2]).min())
-    chosen: list[int] = []
-    while len(chosen) < min(6, len(seen)):
-        gaps = np.abs(np.angle(np.exp(1j * (headings[:, None] - headings[chosen]))))
-        apart = gaps.min(axis=1) if chosen else np.zeros(len(seen))
-        apart[chosen] = -np.inf
-        chosen.append(int(np.argmax(np.minimum(apart, np.pi / 3) - 0.02 * far)))
-    return tuple(
-        Sensor(
-            f"d{i}",
-            DepthCamera(),
-            look((*seen[k].position[:2], seen[k].position[2] + 6.0), headings[k] + np.pi, tilts[k]),
-        )
-        for i, k in enumerate(chosen)
-    )
 
 
 def _file(path: str | Path, suffix: str) -> Path:
@@ -277,6 +257,15 @@ def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
             f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
         )
     return reference
+
+
+def _usable(geo_reference: str | None, path: Path) -> str | None:
+    """The projection, None for a text that names none, of which a warning is given."""
+    if geo_reference is None or re.search(NAMES_PROJECTION, geo_reference, re.IGNORECASE):
+        return geo_reference
+    said = f"its geoReference names no projection ({geo_reference[:90]!r})"
+    warnings.warn(f"{path.name}: {said}, so the site does not say where on earth it is", stacklevel=3)
+    return None
 
 
 def _no_road(path: Path, centre: tuple[float, float]) -> str:

@@ -62,13 +62,13 @@ def draw_intervals(axes: Axes, judged: Sequence[Judgement | None], *, hatched: S
         beside(axes, row, ap_words(each))
 
 
-def draw_interval(axes: Axes, judged: Judgement, row: float) -> None:
+def draw_interval(axes: Axes, judged: Judgement, row: int) -> None:
     """The interval of an AP, lying at a row, with a cross line at its ends."""
     axes.plot([judged.low, judged.high], [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt")
     axes.plot([judged.low, judged.high], [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
 
 
-def beside(axes: Axes, row: float, text: str) -> None:
+def beside(axes: Axes, row: int, text: str) -> None:
     """Text right of the axes at a row."""
     axes.annotate(
         text, (1, row), xycoords=("axes fraction", "data"), xytext=(8, 0), textcoords="offset points",

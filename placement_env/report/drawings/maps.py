@@ -24,7 +24,7 @@ from toolkit.plots.symbols import draw_poles, draw_sensors, draw_wedges, name_po
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-INCHES = 7.0  # of a map's greater side
+MAP_INCHES = 7.0  # of a map's greater side
 SMOOTHED = 1.5  # m: sides of the square over which density is averaged
 ENLARGED = 3  # pixels of a cell's side, where viewers smooth images
 NAMED = 30  # poles that are named at most
@@ -130,7 +130,7 @@ def _sheet(
     site: Site, sensors: Sequence[Sensor], title: str, said: str, legend: list[Entry], places: Sequence[np.ndarray] = ()
 ) -> MapSheet:
     holds = np.concatenate([_hanging(sensors), *places])
-    return map_sheet(site, shortened(title, 70), said, holds=holds, legend=legend, inches=INCHES)
+    return map_sheet(site, shortened(title, 70), said, holds=holds, legend=legend, inches=MAP_INCHES)
 
 
 def _hanging(sensors: Sequence[Sensor]) -> np.ndarray:
@@ -161,7 +161,9 @@ def _draw_cells(
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
     """What each sensor sees, in its colour, without slivers: where most of the ground about a cell is seen."""
     calm = [ground.open_ground & (smoothed(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
-    for index, polygons in enumerate(visible_polygons(replace(ground, seen=np.array(calm).reshape(ground.seen.shape)))):
+    for index, polygons in enumerate(
+        visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))
+    ):
         fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from placement_env.report.content import SensorWorth
-from placement_env.report.drawings.axes import BAR, WIDTH, chart_text, head_lines
+from placement_env.report.drawings.axes import BAR, ROW, WIDTH, chart_text, head_lines
 from toolkit.plots.canvas import blank_figure, house_style, shortened
 from toolkit.plots.palette import INK
 from toolkit.plots.symbols import sensor_labels
@@ -16,7 +16,6 @@ from toolkit.plots.symbols import sensor_labels
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ROW = 0.27  # inches of a sensor
 MOST_FIGURES = 14  # sensors up to which the cells of the table hold figures
 
 

@@ -100,4 +100,103 @@ def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
     start = ("search", "tjunction", *arguments, "--detector", "search_detectors:nothing")
     assert "needs an attribute digest" in refused(*start)
     code, out, err = run(*start, "--cache", "None", "--json")
-    assert (code, json.loads(out)["reward"], json.loads(out)["fidelity"]) == (0, 0.0, "detector"), err
+    assert (code, json.loads(out)["reward"], json.loads(out)["fidelity"]) == (1, 0.0, "detector"), err
+
+
+FEW = ("--candidates", "paper", "--budget", 2, "--frames", 2)
+ANSWER = ["plan.geojson", "schedule.csv", "search.json", "site.json", "site.png"]
+
+
+def test_what_is_handed_over_is_taken_by_simulate(run, refused, tmp_path):
+    out = tmp_path / "answer"
+    code, printed, _ = run("search", "tjunction", *FEW, "--cache", tmp_path / "c", "--out", out, "--json")
+    summary = json.loads(printed)
+    assert code == 0
+    assert sorted(path.name for path in out.iterdir()) == ANSWER
+    assert json.loads((out / "search.json").read_text()) == summary
+    names = [sensor.name for sensor in load_site(out / "site.json").sensors]
+    assert names == summary["sensors"]
+    assert [line.split(",")[1] for line in (out / "schedule.csv").read_text().splitlines()[1:]] == names
+    assert run("simulate", out / "site.json", "--frames", 2, "--out", tmp_path / "r.hdf5", "--workers", 1)[0] == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert "schedule.csv exists" in refused("search", "tjunction", *FEW, "--cache", tmp_path / "c", "--out", out)
+    again = ("--cache", tmp_path / "c", "--out", out, "--overwrite")
+    assert run("search", "tjunction", *FEW, *again)[0] == 0
+    same = [name for name in ANSWER if name != "search.json"]  # which says how many seconds it took
+    assert [(out / name).read_bytes() for name in same] == [before[name] for name in same]
+
+
+def test_moved_sensors_are_handed_over_where_they_are_now(run, tmp_path):
+    pytest.importorskip("cma")
+    arguments = (*FEW, "--method", "cmaes", "--evaluations", 12, "--cache", tmp_path / "c", "--out", tmp_path / "o")
+    code, printed, _ = run("search", "tjunction", *arguments, "--json")
+    assert code == 0
+    moved = load_site(tmp_path / "o" / "site.json").sensors
+    assert len(moved) == len(json.loads(printed)["sensors"]) == 2
+    for sensor, said in zip(moved, json.loads(printed)["sensors"], strict=True):
+        x, y, z = sensor.position
+        assert f"moved to x {x:.2f} y {y:.2f} z {z:.2f} m" in said
+
+
+def test_poles_of_ones_own_from_search_to_recording(run, tmp_path):
+    poles, out = tmp_path / "poles.geojson", tmp_path / "answer"
+    where = {"=cmd()": [-20.0, 24.0], "b": [20.0, 24.0], "c": [-20.0, -6.0]}
+    features = [
+        {"type": "Feature", "properties": {"name": n}, "geometry": {"type": "Point", "coordinates": at}}
+        for n, at in where.items()
+    ]
+    poles.write_text(json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features}))
+    arguments = ("--candidates", poles, "--budget", 1, "--frames", 1, "--fidelity", "coverage", "--cache", "None")
+    code, _, err = run("search", "tjunction", *arguments, "--out", out)
+    assert code == 0, err
+    site, unused = load_site(out / "site.json"), json.loads((out / "plan.geojson").read_text())["features"]
+    (used,) = {mount.name for mount in site.mounts} - {mount.name for mount in load_site("tjunction").mounts}
+    left = [each["properties"]["name"] for each in unused if each["properties"]["layer"] == "mount"]
+    assert sorted([used, *left]) == sorted(where)
+    row = (out / "schedule.csv").read_text().splitlines()[1]
+    assert row.startswith("'=" if used.startswith("=") else used)
+
+
+def test_an_answer_without_sensors_is_one_line_and_no_folder(run, tmp_path):
+    out = tmp_path / "answer"
+    arguments = (*FEW, "--cache", tmp_path / "c", "--out", out)
+    code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9)
+    assert (code, printed) == (
+        1, "no sensors: no sensor is worth what it costs: lower the weights of kbit and price\n"
+    )  # fmt: skip
+    assert not out.exists()
+    code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9, "--json")
+    assert (code, json.loads(printed)["sensors"]) == (1, [])
+
+
+@pytest.mark.parametrize("name", ANSWER)
+def test_files_of_others_are_not_replaced(name, refused, tmp_path):
+    (tmp_path / name).write_text("mine")
+    assert f"{name} exists" in refused("search", "tjunction", *FEW, "--out", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_the_site_that_is_read_is_never_replaced(refused, tmp_path):
+    save_site(load_site("tjunction"), tmp_path / "site.json")
+    line = refused("search", tmp_path / "site.json", *FEW, "--out", tmp_path, "--overwrite")
+    assert "site.json is what is read" in line
+
+
+def test_a_georeference_that_is_none_is_refused_before_the_search(refused, tmp_path):
+    pytest.importorskip("pyproj")
+    save_site(replace(load_site("tjunction"), geo_reference="+lat_0=49 +lon_0=8"), tmp_path / "lost.json")
+    line = refused("search", tmp_path / "lost.json", *FEW, "--out", tmp_path / "o", "--cache", tmp_path / "c")
+    assert "names no projection that PROJ knows" in line
+    assert not (tmp_path / "c").exists()
+
+
+def test_links_too_small_for_every_candidate_are_named(tmp_path, run):
+    site = load_site("tjunction")
+    poor = tmp_path / "poor.geojson"
+    save_site(replace(site, mounts=tuple(replace(mount, capacity=50.0) for mount in site.mounts)), poor)
+    arguments = ("--method", "exhaustive", "--candidates", "paper", "--frames", 1, "--cache", "None")
+    code, out, _ = run("search", poor, *arguments)
+    assert code == 1
+    assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
+    code, out, _ = run("search", poor, *arguments, "--json")
+    assert json.loads(out)["sensors"] == []

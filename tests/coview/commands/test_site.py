@@ -1,6 +1,12 @@
 """coview site: show, draw, import."""
 
+import json
+from pathlib import Path
+
+import numpy as np
 import pytest
+
+from toolkit.sites.files import load_site
 
 
 def test_show(run, tmp_path):
@@ -35,3 +41,50 @@ def test_a_site_is_replaced_only_when_told(run, refused, tmp_path):
     assert mine.read_bytes() == before
     assert run("site", "random", "--seed", 2, "--out", mine, "--overwrite")[0] == 0
     assert mine.read_bytes() != before
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+OWN = ("--osm", DOCS / "own-junction.osm", "--centre", 8.0, 49.5, "--size", 70, 50)
+
+
+def test_an_import_has_no_sensors_and_says_so(run, refused, tmp_path):
+    site = tmp_path / "own.json"
+    code, out, _ = run("site", "import", *OWN, "--out", site)
+    assert code == 0
+    assert "sensors none" in out
+    assert f"it has no sensors yet: coview plan {site} says which to build" in out
+    assert load_site(site).sensors == ()
+    line = refused("simulate", site, "--frames", 2, "--out", tmp_path / "own.hdf5")
+    assert "site 'own-junction' has no sensors: coview plan or coview search --out says which to build" in line
+    assert list(tmp_path.iterdir()) == [site]
+    assert "has no sensors of its own" in refused("search", site, "--candidates", "paper", "--frames", 1)
+
+
+def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_path, monkeypatch):
+    monkeypatch.setattr("placement_env.report.first_sensors.FIRST_FRAMES", 2)
+    monkeypatch.setattr("placement_env.report.first_sensors.HEADINGS", 4)
+    site = tmp_path / "own.json"
+    code, out, _ = run("site", "import", *OWN, "--sensors", 2, "--out", site)
+    assert code == 0
+    assert "2 sensors placed by coverage: of" in out
+    assert len(load_site(site).sensors) == 2
+    assert "--sensors must be at least 1, got 0" in refused("site", "import", *OWN, "--sensors", 0, "--out", "x.json")
+    assert "own.json exists" in refused("site", "import", *OWN, "--out", site)
+
+
+def test_an_export_lies_where_the_map_does(run, refused, tmp_path):
+    run("site", "import", *OWN, "--out", tmp_path / "own.json")
+    code, out, _ = run("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson")
+    assert (code, "longitude and latitude" in out) == (0, True)
+    collection = json.loads((tmp_path / "own.geojson").read_text(encoding="utf-8"))
+    (area,) = [each for each in collection["features"] if each["properties"]["layer"] == "area"]
+    corners = np.array(area["geometry"]["coordinates"][0])
+    # 35 m east and 25 m north of 8.0 49.5, where a degree is 72,437 m of longitude and 111,228 m of latitude
+    assert corners.max(axis=0) == pytest.approx([8 + 35 / 72437, 49.5 + 25 / 111228], abs=1e-7)
+    assert "own.geojson exists" in refused(
+        "site", "export", tmp_path / "own.json", "--out", tmp_path / "own.geojson"
+    )  # fmt: skip
+    assert "is what is read" in refused("site", "export", tmp_path / "own.json", "--out", tmp_path / "own.json")
+    nowhere = refused("site", "export", "tjunction", "--out", tmp_path / "t.geojson")
+    assert "does not say where on earth it is" in nowhere
+    assert not (tmp_path / "t.geojson").exists()

@@ -12,9 +12,10 @@ import shapely
 from placement_env.candidates.poles import load_keep_out, load_poles
 from placement_env.candidates.pool import pool
 from toolkit.geometry import pose
-from toolkit.sites import osm
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.site import Relief, Site
+from toolkit.sites.georeference import inverse_project, projection
+from toolkit.sites.gis import site_geojson
+from toolkit.sites.site import Mount, Relief, Site
 
 CENTRE = (13.4, 52.505)
 AREA = np.array([-40.0, -30.0, 40.0, 30.0])
@@ -26,13 +27,13 @@ def site() -> Site:
     road = np.array([[-90.0, -4.0], [90.0, -4.0], [90.0, 4.0], [-90.0, 4.0]])
     turn = pose(yaw=np.pi / 4)
     return Site(
-        "berlin", AREA, lanes=(road,), map_SE3_site=turn, geo_reference=osm.projection(*CENTRE), relief=Relief(0.1, 1)
+        "berlin", AREA, lanes=(road,), map_SE3_site=turn, geo_reference=projection(*CENTRE), relief=Relief(0.1, 1)
     )
 
 
 def degrees(places: list[list[float]]) -> list[list[float]]:
     on_map = np.array(places) @ pose(yaw=np.pi / 4)[:2, :2].T
-    return osm.longitude_latitude(on_map, CENTRE).tolist()
+    return inverse_project(on_map, CENTRE).tolist()
 
 
 def point(coordinates: list[Any], **properties) -> dict:
@@ -64,7 +65,8 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
         {**point(lon_lat[2], min_height=4, max_height=5), "id": 17},
         {"type": "Feature", "properties": None, "geometry": {"type": "LineString", "coordinates": lon_lat}},
     )
-    mounts = load_poles(path, site)
+    with pytest.warns(UserWarning, match="not used: owner"):
+        mounts = load_poles(path, site)
     feet = np.array([mount.position for mount in mounts])
     assert np.abs(feet[:, :2] - places).max() < 2e-3
     assert np.allclose(feet[:, 2], site.ground(feet[:, :2]))
@@ -210,3 +212,87 @@ def test_damaged_files_are_told_in_one_line(site, tmp_path, content, message):
         assert "\n" not in str(error.value)
     with pytest.raises(FileNotFoundError, match="no file"):
         load_poles(tmp_path / "none", site)
+
+
+def test_properties_that_are_not_understood_are_named_once(site, tmp_path):
+    path = write(
+        tmp_path,
+        point(degrees([[10.0, 12.0]])[0], Height=9.0, cost_eur=900, name="a"),
+        point(degrees([[-10.0, 12.0]])[0], Height=None, owner="tram", cost_eur=100, name="b"),
+        polygon(degrees([[-5.0, 5.0], [20.0, 5.0], [20.0, 20.0]]), KeepOut=True, colour="red"),
+    )
+    with pytest.warns(UserWarning, match="not understood") as caught:
+        mounts = load_poles(path, site)
+    assert [str(w.message) for w in caught] == [
+        f"{path}: properties that are not understood, so not used: Height: height (m above the foot)?, "
+        "cost_eur: price (1: that of an ordinary pole)?, owner",
+        f"{path}: properties that are not understood, so not used: KeepOut: keep_out (true or false, of a polygon)?",
+    ]
+    assert [(mount.max_height, mount.price) for mount in mounts] == [(8.0, 1.0), (8.0, 1.0)]
+
+
+def multipoint(places: list[Any], **properties) -> dict:
+    return {"type": "Feature", "properties": properties, "geometry": {"type": "MultiPoint", "coordinates": places}}
+
+
+def test_a_multipoint_is_several_poles(site, tmp_path):
+    path = local(
+        tmp_path,
+        multipoint([[0.0, 10.0], [5.0, 10.0, 0.2]], name="row", height=6.0),
+        multipoint([[10.0, 10.0], [15.0, 10.0]]),
+        multipoint([[20.0, 10.0]], name="alone"),
+        multipoint([]),
+    )
+    mounts = load_poles(path, site)
+    assert [m.name for m in mounts] == ["row-1", "row-2", "pole01-1", "pole01-2", "alone"]
+    assert [m.position[0] for m in mounts] == [0.0, 5.0, 10.0, 15.0, 20.0]
+    assert mounts[1].position[2] == 0.2
+    assert [m.max_height for m in mounts] == [6.0, 6.0, 8.0, 8.0, 8.0]
+    lon_lat = write(tmp_path, multipoint(degrees([[0.0, 10.0], [5.0, 10.0]]), name="row"))
+    assert np.abs(np.array([m.position[:2] for m in load_poles(lon_lat, site)]) - [[0, 10], [5, 10]]).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("features", "message"),
+    [
+        ([multipoint([[0.0, 10.0], [0.0, float("nan")]])], r"features\[0\].geometry.coordinates must be two or three"),
+        ([multipoint([[0.0, 10.0, 0.0, 1.0]])], "two or three finite numbers"),
+        ([multipoint([0.0, 10.0])], "two or three finite numbers, got 0.0"),
+        ([multipoint(3)], "of a MultiPoint must be a list, got 3"),
+        ([multipoint([])], "holds no pole"),
+        ([multipoint([[0.0, 10.0], [0.0, 10.0]])], "'pole00-1' and 'pole00-2' stand at the same place"),
+        ([multipoint([[0.0, 10.0], [5.0, 10.0]], name="a"), point([9.0, 10.0], name="a-2")], "2 poles are named 'a-2'"),
+        ([point([0.0, 10.0, 0.0, 7.0])], "two or three finite numbers"),
+        ([{"type": "Feature", "properties": {}, "geometry": {"type": "point", "coordinates": [0, 10]}}], "no pole"),
+    ],
+)
+def test_damaged_multipoints_are_one_line(features, message, site, tmp_path):
+    with pytest.raises(ValueError, match=message) as caught:
+        load_poles(local(tmp_path, *features), site)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_geometry_collection_is_not_passed_over_in_silence(site, tmp_path):
+    inside = {"type": "Point", "coordinates": [9.0, 10.0]}
+    geometry = {"type": "GeometryCollection", "geometries": [inside]}
+    path = local(tmp_path, point([0.0, 10.0]), {"type": "Feature", "properties": {}, "geometry": geometry})
+    with pytest.warns(UserWarning, match=r"features\[1\] is a GeometryCollection, not used: export its points"):
+        assert len(load_poles(path, site)) == 1
+
+
+def test_mounts_of_an_exported_site_come_back(site, tmp_path):
+    mounts = tuple(
+        Mount(n, np.array([x, 12.0, site.ground(np.array([x, 12.0]))]), 2.0, 9.0, 0.5, 800.0)
+        for n, x in [("a", 5.0), ("b", 9.0)]
+    )
+    (tmp_path / "site.geojson").write_text(
+        site_geojson(replace(site, mounts=mounts, parking=np.array([[0.0, 20.0, 0.0]])))
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = load_poles(tmp_path / "site.geojson", site)
+    assert [(m.name, m.min_height, m.max_height, m.price, m.capacity) for m in found] == [
+        ("a", 2.0, 9.0, 0.5, 800.0),
+        ("b", 2.0, 9.0, 0.5, 800.0),
+    ]
+    assert np.abs(np.array([m.position for m in found]) - [m.position for m in mounts]).max() < 2e-3

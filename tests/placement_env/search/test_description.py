@@ -1,12 +1,18 @@
 """A search's result in words."""
 
-import numpy as np
+from dataclasses import replace
 
-from placement_env.objective import Score
-from placement_env.search.description import described_score, described_sensors
+import numpy as np
+import pytest
+
+from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.protocol import Estimate
+from placement_env.objective import Objective, Score, Weights
+from placement_env.search.description import described_empty, described_score, described_sensors
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
 
 
 def test_sensors_are_named_and_those_that_were_moved_with_where_to():
@@ -18,3 +24,31 @@ def test_sensors_are_named_and_those_that_were_moved_with_where_to():
 def test_all_figures_of_a_score_are_said():
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert described_score(score) == ("AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (coverage)")
+
+
+@pytest.mark.parametrize(
+    ("kbit", "ap", "comm", "reason"),
+    [
+        (
+            2500.0,
+            0.5,
+            0.0,
+            "none of the 6 candidates fits its link: they send 2500 kbit per frame or more, and no link",
+        ),
+        (100.0, 0.0, 0.0, "no candidate that fits its link detects a vehicle in these frames"),
+        (100.0, 0.5, 0.01, "no sensor is worth what it costs"),
+        (100.0, 0.5, 0.0, "the search stopped before it had scored a set"),
+    ],
+)
+def test_why_there_is_no_sensor(kbit, ap, comm, reason):
+    class Constant:
+        name = "constant"
+
+        def __call__(self, subsets, /):
+            detected = np.where(subsets.any(axis=1), ap, 0.0)
+            return Estimate(detected, detected.copy(), subsets.sum(axis=1) * kbit)
+
+    candidates = paper_candidates(load_site("tjunction"))
+    assert described_empty(Objective.of(candidates, Constant(), weights=Weights(comm))).startswith(reason)
+    roomy = replace(candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts))
+    assert "fits its link:" not in described_empty(Objective.of(roomy, Constant(), weights=Weights(comm)))

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from toolkit.geometry import pose
-from toolkit.plots.base_map import MARGIN, draw_north, extent, fill_polygons, map_sheet, north, scale_length
+from toolkit.plots.base_map import AROUND, draw_north, extent, fill_polygons, map_sheet, north, scale_length
 from toolkit.plots.canvas import blank_figure, drawn_pixels, house_style
 from toolkit.plots.palette import GROUND, SOLID
 from toolkit.plots.plan_view import ground_entries
@@ -33,8 +33,8 @@ def test_the_map_is_to_scale(site):
     metres = np.array([np.ptp(sheet.axes.get_xlim()), np.ptp(sheet.axes.get_ylim())])
     assert np.array([box.width, box.height]) / 100 * 72 / metres == pytest.approx(sheet.points_per_metre)
     strip = sheet.figure.axes[1]
-    bars = [patch for patch in strip.patches if patch.get_path().vertices[:, 1].max() < 0]
-    inches = max(patch.get_path().vertices[:, 0].max() for patch in bars)
+    bars = [patch for patch in strip.patches if np.asarray(patch.get_path().vertices)[:, 1].max() < 0]
+    inches = max(np.asarray(patch.get_path().vertices)[:, 0].max() for patch in bars)
     (label,) = [text.get_text() for text in strip.texts if text.get_text().endswith(" m")]
     assert float(label[:-2]) * sheet.points_per_metre == pytest.approx(72 * inches)
     assert strip.get_window_extent().width / 100 == pytest.approx(np.ptp(strip.get_xlim()))  # its unit is the inch
@@ -94,7 +94,7 @@ def test_the_arrow_points_north():
 
 def test_the_extent_holds_what_it_must():
     low, high = extent(SITE)
-    assert (*low, *high) == (-20 - MARGIN, -10 - MARGIN, 20 + MARGIN, 10 + MARGIN)
+    assert (*low, *high) == (-20 - AROUND, -10 - AROUND, 20 + AROUND, 10 + AROUND)
     low, high = extent(SITE, np.array([[50.0, 0], [0, -31]]))
     assert (*low, *high) == (-30, -36, 55, 20)
 

@@ -15,8 +15,8 @@ from toolkit.geometry import look, pose
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
-from toolkit.sites import osm
 from toolkit.sites.files import load_site, save_site
+from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import import_osm
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
@@ -37,7 +37,7 @@ class Draft:
         if xy not in self.nodes:
             self.count += 1
             self.nodes[xy] = self.count
-            ((longitude, latitude),) = osm.longitude_latitude(np.array([xy], float), CENTRE)
+            ((longitude, latitude),) = inverse_project(np.array([xy], float), CENTRE)
             self.text.append(f'<node id="{self.count}" lat="{latitude:.7f}" lon="{longitude:.7f}">{_tags(tags)}</node>')
         return self.nodes[xy]
 
@@ -99,17 +99,19 @@ def _on_lanes(site, x, y) -> bool:
 
 
 def _check(site: Site, tmp_path) -> None:
-    """What every imported site promises: clear lanes, usable mounts and sensors, a round trip, traffic that moves."""
+    """What every imported site promises: clear lanes, usable mounts of one price, no sensor that nobody asked for, a
+    round trip, traffic that moves."""
     lanes = _union(site.lanes)
     for solid in site.solids:
         assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
     assert _union(site.footways).intersection(lanes).area < 0.1
     assert len(site.mounts) >= 6
-    assert 4 <= len(site.sensors) <= 6
-    for sensor in site.sensors:
-        spot, z = shapely.Point(sensor.position[:2]), sensor.position[2]
+    assert site.sensors == ()
+    for mount in site.mounts:
+        assert mount.price == 1.0
+        spot, z = shapely.Point(mount.position[:2]), mount.position[2] + 6.0
         inside = [s for s in site.solids if shapely.Polygon(s.footprint).contains(spot) and s.base < z < s.top]
-        assert not inside, sensor.name
+        assert not inside, mount.name
     save_site(site, tmp_path / "saved.json")
     assert load_site(tmp_path / "saved.json") == site
     assert _drives(site, tmp_path) > 1.0

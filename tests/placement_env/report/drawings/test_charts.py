@@ -95,7 +95,12 @@ def shown(monkeypatch, draw):
     import placement_env.report.drawings.axes as drawing
 
     figures = []
-    monkeypatch.setattr(drawing, "svg_text", lambda figure, title="": figures.append(figure) or "")
+
+    def keep(figure, title=""):
+        figures.append(figure)
+        return ""
+
+    monkeypatch.setattr(drawing, "svg_text", keep)
     draw()
     (figure,) = figures
     texts = [text.get_text() for text in figure.texts]

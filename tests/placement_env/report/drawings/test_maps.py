@@ -42,7 +42,7 @@ MAPS = [coverage_map, density_map, blind_map]
 
 
 def drawn_cells(text):
-    """The picture of cells in a map, one pixel for each, from the top."""
+    """The picture of cells in a map, from the bottom up: it is turned over where it is shown."""
     (image,) = [each for each in ElementTree.fromstring(text).iter() if each.tag.endswith("image")]
     (data,) = [value for key, value in image.attrib.items() if key.endswith("href")]
     return imread(BytesIO(base64.b64decode(data.partition(",")[2])))
@@ -53,8 +53,7 @@ def cells_of(text):
     rows, columns = pixels.shape[0] // 6, pixels.shape[1] // 10
     assert rows >= ENLARGED
     assert columns >= ENLARGED
-    cells = pixels[rows // 2 :: rows, columns // 2 :: columns][:6, :10]
-    return cells  # from the bottom: the image is turned over where it is shown
+    return pixels[rows // 2 :: rows, columns // 2 :: columns][:6, :10]
 
 
 @pytest.mark.parametrize("draw", MAPS)
@@ -134,7 +133,9 @@ def test_no_sensors_and_no_open_ground():
 
 def test_thirty_sensors_are_all_numbered_and_the_file_is_small():
     site = load_site("roundabout")
-    many = [Sensor(f"north-east pole {k}", DepthCamera(), look((k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)]
+    many = [
+        Sensor(f"north-east pole {k}", DepthCamera(), look((1.0 * k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)
+    ]
     x = np.arange(96) + 0.5 - 48
     seen = np.array([np.hypot(x - k, x[:, None] + k) < 20 for k in range(30)])
     free = np.ones((96, 96), bool)

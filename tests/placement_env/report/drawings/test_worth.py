@@ -16,7 +16,12 @@ WORTH = [
 @pytest.fixture
 def figure_of(monkeypatch):
     figures = []
-    monkeypatch.setattr(drawing, "chart_text", lambda figure, title: figures.append(figure) or "")
+
+    def keep(figure, title):
+        figures.append(figure)
+        return ""
+
+    monkeypatch.setattr(drawing, "chart_text", keep)
 
     def drawn(worth):
         drawing.worth_chart(worth)

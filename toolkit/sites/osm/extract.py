@@ -13,18 +13,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedIOBase
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.sites.georeference import inverse_project, project
 
 Tags = Mapping[str, str]
 
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
-_EQUATOR, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS84: radius (m), first eccentricity squared
 
 
 @dataclass(frozen=True)
@@ -53,36 +52,6 @@ class Extract:
     ways: tuple[Way, ...]
     areas: tuple[tuple[shapely.Polygon, Tags], ...]
     places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]
-
-
-def projection(longitude: float, latitude: float) -> str:
-    """PROJ string of the transverse Mercator map whose zero is there, true to scale near it."""
-    return (
-        f"+proj=tmerc +lat_0={latitude:.9g} +lon_0={longitude:.10g} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
-    )
-
-
-def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Degrees → metres of `projection(*centre)`, to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15,
-    cut after the terms of third order)."""
-    longitude, latitude = np.deg2rad(lon_lat).T
-    longitude_0, latitude_0 = np.deg2rad(centre)
-    sine, cosine = np.sin(latitude), np.cos(latitude)
-    normal = _EQUATOR / np.sqrt(1 - _ECCENTRICITY2 * sine**2)
-    a = (longitude - longitude_0) * cosine
-    t, c = np.tan(latitude) ** 2, _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
-    x = normal * (a + (1 - t + c) * a**3 / 6)
-    y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
-    return np.stack([x, y], axis=1)
-
-
-def longitude_latitude(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Metres of `projection(*centre)` → degrees, by Newton's method on `project`."""
-    guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
-    for _ in range(5):
-        radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
-        guess += np.rad2deg((metres - project(guess, centre)) / radius)
-    return guess
 
 
 def read(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
@@ -123,7 +92,7 @@ def read(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extra
 
 def degrees_of(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Longitude and latitude of points of the extract."""
-    return longitude_latitude(points @ _turn(extract.heading).T, extract.centre)
+    return inverse_project(points @ _turn(extract.heading).T, extract.centre)
 
 
 def metres(text: str) -> float | None:
@@ -195,17 +164,6 @@ def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, 
             f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
             f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
         )
-
-
-def _meridian(latitude: Any) -> Any:
-    """Distance along the meridian from the equator (Snyder, equation 3-21)."""
-    e2 = _ECCENTRICITY2
-    return _EQUATOR * (
-        (1 - e2 / 4 - 3 * e2**2 / 64 - 5 * e2**3 / 256) * latitude
-        - (3 * e2 / 8 + 3 * e2**2 / 32 + 45 * e2**3 / 1024) * np.sin(2 * latitude)
-        + (15 * e2**2 / 256 + 45 * e2**3 / 1024) * np.sin(4 * latitude)
-        - 35 * e2**3 / 3072 * np.sin(6 * latitude)
-    )
 
 
 def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:

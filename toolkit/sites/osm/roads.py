@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from toolkit.sites.network import MOTOR
-from toolkit.sites.osm import Extract, Tags, Way, degrees_of, metres
+from toolkit.sites.osm.extract import Extract, Tags, Way, degrees_of, metres
 
 # class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
 _ROADS = {

@@ -14,7 +14,7 @@ import shapely
 from toolkit.arrays import Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.network import within_window
-from toolkit.sites.osm import Extract, Tags, Way, metres
+from toolkit.sites.osm.extract import Extract, Tags, Way, metres
 from toolkit.sites.site import Solid
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m

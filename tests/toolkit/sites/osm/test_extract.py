@@ -2,21 +2,11 @@
 
 import gzip
 
-import numpy as np
 import pytest
 
-from toolkit.sites import osm
 from toolkit.sites.maps import import_osm
 
 CENTRE = (13.4, 52.505)
-
-
-def test_projection_is_transverse_mercator():
-    # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m and 111,268.5 m.
-    metres = osm.project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
-    np.testing.assert_allclose(metres, [[67.9, 0.0], [0.0, 111.27], [0, 0]], atol=0.05)
-    points = np.random.default_rng(0).uniform(-2000, 2000, (50, 2))
-    np.testing.assert_allclose(osm.project(osm.longitude_latitude(points, CENTRE), CENTRE), points, atol=1e-6)
 
 
 def test_multipolygons_holes_and_missing_members(tmp_path, crossroads, imported, top, box):

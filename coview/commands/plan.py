@@ -1,0 +1,115 @@
+"""`coview plan`: a deployment plan, judged on traffic that its search never saw, with a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import check_ious, check_least, check_schemes, site_file
+from coview.detectors import check_digest, site_detector
+from coview.exits import NOT_MET, OK
+from coview.outputs import check_folder, check_writable
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+
+
+def plan(
+    site: Positional[str],
+    /,
+    *,
+    out: Path = Path("out/plan"),
+    budget: int | None = None,
+    money: float | None = None,
+    min_ap: float | None = None,
+    max_kbit: float | None = None,
+    capacity: float | None = None,
+    classes: tuple[str, ...] = ("vehicle", "cyclist", "pedestrian", "heavy"),
+    scheme: str = "early",
+    iou: float = 0.7,
+    candidates: str = "pool",
+    sensors: Path | None = None,
+    keep_out: Path | None = None,
+    detector: str | None = None,
+    frames: int | None = None,
+    seed: int = 0,
+    cache: Path | None = Path("out/cache"),
+    workers: int = 2,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Plan which sensors to build, and write the report that says which, why, and what it cannot say.
+
+    Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
+
+    Args:
+        site: tjunction, roundabout, or a site file.
+        out: Folder for the report: plan.json and what is made of it.
+        budget: Most sensors; 4 where no --money is given either.
+        money: Most that poles and sensors may cost together, in the catalogue's currency, or in ordinary poles.
+        min_ap: AP that must be reached; the cheapest set that does is the answer.
+        max_kbit: Most that a sensor may send per frame.
+        capacity: Of the link of every pole (kbit per frame), in place of the poles' own.
+        classes: Road users that count; there is AP of vehicles, of others a share that is seen.
+        scheme: How measurements are fused: early, late or hybrid.
+        iou: At which a detection counts.
+        candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
+        sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
+        keep_out: GeoJSON file with areas where no sensor may stand.
+        detector: As in coview evaluate, but for cluster; a shipped network when left out.
+        frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
+        seed: Of traffic, searches and intervals.
+        cache: Folder where what was seen and detected is kept, so that a stopped plan goes on; None for nowhere.
+        workers: Processes.
+        overwrite: Replace the plan of another run.
+        json: Print the plan as JSON.
+    """
+    from placement_env.candidates.poles import load_keep_out
+    from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
+    from placement_env.report.planning.files import write_plan
+    from placement_env.report.planning.planning import plan as make_plan
+    from placement_env.report.planning.question import Question
+    from toolkit.sites.files import load_site
+
+    for option, value, least in (
+        ("--budget", budget, 0), ("--money", money, 0), ("--min-ap", min_ap, 0), ("--max-kbit", max_kbit, 0),
+        ("--frames", frames, 1), ("--workers", workers, 1), ("--seed", seed, 0),
+    ):  # fmt: skip
+        check_least(option, value, least)
+    check_ious([iou])
+    check_schemes([scheme])
+    inputs = [*site_file(site), *site_file(candidates), *(path for path in (sensors, keep_out) if path is not None)]
+    check_folder(out, holds="plan.json", inputs=inputs, overwrite=overwrite)
+    if cache is not None:
+        check_writable(cache.resolve(), cache)
+    place = load_site(site)
+    own = None if detector is None else site_detector(detector, place)
+    if own is not None and detector is not None and cache is not None:
+        check_digest(detector, own, ": add one, or say --cache None")
+    lengths = {} if frames is None else {"search_frames": frames, "judge_frames": frames, "final_frames": frames}
+    question = Question(
+        site=place,
+        sensors=4 if budget is None and money is None else budget,
+        money=money,
+        min_ap=min_ap,
+        max_kbit=max_kbit,
+        capacity_kbit=capacity,
+        classes=classes,
+        scheme=scheme,
+        iou=iou,
+        candidates=candidates,
+        catalogue=None if sensors is None else load_sensor_catalogue(sensors),
+        keep_out=() if keep_out is None else load_keep_out(keep_out, place),
+        detector=own,
+        seed=seed,
+        **lengths,
+    )
+    with progress_bar("", hidden=json) as bar:
+        planned = make_plan(question, cache=cache, workers=workers, progress=bar.stage)
+        written = write_plan(planned, out)
+    verdict, refused = planned.plan.verdict, planned.plan.verdict.met is False
+    lines = [" ".join((verdict.sentence, *verdict.reasons)) if refused else verdict.sentence]
+    lines += [f"  {s.name}: {s.pole}, {s.height:.1f} m, bearing {s.bearing_deg:.0f}" for s in planned.plan.sensors]
+    lines.append(f"written to {out}: {', '.join(path.name for path in written)}")
+    print_result(planned.plan.as_dict(), "\n".join(lines), as_json=json)
+    return NOT_MET if refused else OK

@@ -1,0 +1,118 @@
+"""Approaches: the lanes of a road network that lead motor vehicles to a junction, and where each vehicle is on them.
+
+A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
+approach is an edge that ends in a junction, together with the edges before it as far as the junction before; what
+leaves a junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64, Int64
+from toolkit.sites.site import Site
+
+NEAR_BAY = 1.5  # m from the middle of a parking bay, within which a vehicle is parked
+COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+EXIT, JUNCTION, PARKED = "leaving", "junction", "parked"
+
+
+@dataclass(frozen=True, eq=False)
+class Approaches:
+    """names: of the places a vehicle can be at, the approaches first, each with the direction it comes from; lanes: the
+    centre lines of each but the last one, which is `PARKED`; bays: (n, 3) where vehicles are parked."""
+
+    names: tuple[str, ...]
+    lanes: tuple[shapely.Geometry, ...]
+    bays: Float64[np.ndarray, "n 3"]
+
+    def of(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        """Which of `names` each box is at: parked in a bay, else on the lane that is nearest."""
+        spots = shapely.points(boxes[:, :2])
+        distance = np.array([shapely.distance(line, spots) for line in self.lanes]).reshape(len(self.lanes), len(boxes))
+        place = distance.argmin(axis=0) if len(self.lanes) else np.zeros(len(boxes), np.int64)
+        to_bay = np.linalg.norm(boxes[:, None, :2] - self.bays[:, :2], axis=2).min(axis=1, initial=np.inf)
+        return np.where(to_bay <= NEAR_BAY, len(self.names) - 1, place).astype(np.int64)
+
+
+def approaches_of(site: Site) -> Approaches:
+    """The approaches of a site's network; the junction alone where there is no network."""
+    root = ElementTree.fromstring(site.network or "<net/>")
+    edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
+    ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}
+    merged = {
+        node: f"roundabout {i}"
+        for i, each in enumerate(root.findall("roundabout"))
+        for node in each.get("nodes", "").split()
+    }
+    roads = {name: edge for name, edge in edges.items() if not edge.get("function") and name not in ring}
+    ends = {
+        name: tuple(merged.get(edge.get(end, ""), edge.get(end, "")) for end in ("from", "to"))
+        for name, edge in roads.items()
+    }
+    junctions = _junctions(ends.values())
+    groups: dict[str, list[shapely.Geometry]] = {}
+    for name, (_, end) in ends.items():
+        if end in junctions:
+            chain = _chain(name, ends, junctions)
+            label = f"from the {_direction(site, roads[chain[-1]], roads[name])}"
+            label = f"{label} to {end}" if len(junctions) > 1 else label
+            groups.setdefault(label, []).extend(line for each in chain for line in _lines(roads[each]))
+    used = {line.wkb for lines in groups.values() for line in lines}
+    leaving = [line for edge in roads.values() for line in _lines(edge) if line.wkb not in used]
+    within = [line for name, edge in edges.items() if name not in roads for line in _lines(edge)]
+    named = {**dict(sorted(groups.items())), EXIT: leaving, JUNCTION: within}
+    kept = {name: shapely.union_all(lines) for name, lines in named.items() if lines}
+    if not kept:
+        kept = {JUNCTION: shapely.box(*site.area)}
+    return Approaches((*kept, PARKED), tuple(kept.values()), site.parking)
+
+
+def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
+    """The point of the compass that lies in a direction of the site's frame; north is +y of its map."""
+    east, north = (site.map_SE3_site[:2, :2] @ offset).tolist()
+    return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
+
+
+def _direction(site: Site, first: ElementTree.Element, last: ElementTree.Element) -> str:
+    """Where vehicles come from that drive along edges, seen from where these end."""
+    begin, end = _lines(first)[-1].coords[0], _lines(last)[-1].coords[-1]
+    return compass(site, np.subtract(begin[:2], end[:2]))
+
+
+def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> list[str]:
+    """An edge and those before it, as far as a junction or the end of the network."""
+    chain = [name]
+    while ends[chain[-1]][0] not in junctions:
+        start, target = ends[chain[-1]]
+        before = [other for other, (a, b) in ends.items() if b == start and a != target and other not in chain]
+        if len(before) != 1:
+            break
+        chain += before
+    return chain
+
+
+def _junctions(ends: object) -> set[str]:
+    """Nodes with roads to three neighbours or more."""
+    neighbours: dict[str, set[str]] = defaultdict(set)
+    for start, end in ends:  # type: ignore[attr-defined]
+        neighbours[start].add(end)
+        neighbours[end].add(start)
+    return {node for node, others in neighbours.items() if len(others) >= 3 or node.startswith("roundabout ")}
+
+
+def _lines(edge: ElementTree.Element) -> list[shapely.LineString]:
+    """Centre lines of the lanes of an edge that cars may use."""
+    lines = []
+    for lane in edge.findall("lane"):
+        allow, disallow = (lane.get(key, "").split() for key in ("allow", "disallow"))
+        if "passenger" in allow if allow else not {"passenger", "all"} & set(disallow):
+            points = [tuple(map(float, point.split(",")[:2])) for point in lane.get("shape", "").split()]
+            if len(points) > 1:
+                lines.append(shapely.LineString(points))
+    return lines

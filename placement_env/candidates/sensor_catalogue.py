@@ -1,0 +1,132 @@
+"""A catalogue of sensor models with prices, in TOML: what may be bought, and what an ordinary pole costs.
+
+currency = "EUR"
+pole_price = 4000          # of one ordinary mount, whose price is 1; left out: mounts cost what their price says
+
+[[sensor]]
+name = "camera"            # in the plan's tables
+model = "DepthCamera"      # or in words: depth-camera
+price = 1500
+fov_deg = 90               # fields of the model; angles in degrees, named so
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from toolkit.sensors.catalogue import make_model, model_class
+from toolkit.sensors.model import SensorModel, is_angle
+
+KNOWN = ("currency", "pole_price", "sensor")
+OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
+DEGREES = "_deg"
+
+
+@dataclass(frozen=True)
+class PricedModel:
+    """A sensor model that may be bought. name: in tables; price: in the catalogue's currency."""
+
+    name: str
+    model: SensorModel
+    price: float
+
+
+@dataclass(frozen=True)
+class SensorCatalogue:
+    """models: what may be bought; currency: of all prices; pole_price: of one ordinary mount, None where mounts cost
+    what their own price says; digest: of the document."""
+
+    models: tuple[PricedModel, ...]
+    currency: str = ""
+    pole_price: float | None = None
+    digest: str = ""
+
+    def name_of(self, model: SensorModel) -> str:
+        """The catalogue's name of a model. Raises ValueError for one that it does not hold."""
+        for each in self.models:
+            if each.model == model:
+                return each.name
+        raise ValueError(f"the catalogue has no {model}: it has {', '.join(each.name for each in self.models)}")
+
+
+def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
+    """The catalogue in a TOML file. Raises OSError; ValueError in one line, which says where, for anything that does
+    not belong there."""
+    content = Path(path).read_bytes()
+    try:
+        document = tomllib.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a TOML file") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: no TOML ({str(error)[:120]}): see the example in the documentation") from None
+    unknown = [key for key in document if key not in KNOWN]
+    if unknown:
+        raise ValueError(f"{path}: {unknown[0]} is unknown: a catalogue has {', '.join(KNOWN)}")
+    currency = document.get("currency", "")
+    if not isinstance(currency, str):
+        raise ValueError(f"{path}: currency must be a text, got {currency!r:.60}")
+    pole_price = None
+    if "pole_price" in document:
+        pole_price = _price(document["pole_price"], f"{path}: pole_price")
+    rows = document.get("sensor")
+    if not isinstance(rows, list) or not rows:
+        raise ValueError(f"{path}: sensor must be a list of at least one: begin each with [[sensor]]")
+    models = tuple(_priced(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
+    _check_different(models, str(path))
+    return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest())
+
+
+def _priced(row: Any, where: str) -> PricedModel:
+    if not isinstance(row, Mapping):
+        raise ValueError(f"{where} must be a table, got {row!r:.60}: begin it with [[sensor]]")
+    for key in ("model", "price"):
+        if key not in row:
+            raise ValueError(f"{where}.{key} is missing: a sensor has name, model, price and fields of its model")
+    name = row.get("name", row["model"])
+    for key, text in (("model", row["model"]), ("name", name)):
+        if not isinstance(text, str) or not text:
+            raise ValueError(f"{where}.{key} must be a text that is not empty, got {text!r:.60}")
+    try:
+        angles = {field.name: is_angle(field) for field in fields(model_class(row["model"]))}
+    except ValueError as error:
+        raise ValueError(f"{where}.model: {error}") from None
+    values = dict(_value(key, value, angles, where) for key, value in row.items() if key not in OWN)
+    try:
+        model = make_model(row["model"], values)
+        hash(model)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    return PricedModel(name, model, _price(row["price"], f"{where}.price"))
+
+
+def _value(key: str, value: Any, angles: Mapping[str, bool], where: str) -> tuple[str, Any]:
+    """A field of the model, angles in rad. angles: whether each field is one."""
+    written = [f"{field}{DEGREES}" if is_one else field for field, is_one in angles.items()]
+    if key not in written:
+        raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
+    if key in angles:
+        return key, value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{where}.{key} must be a finite number of degrees, got {value!r:.60}")
+    return key.removesuffix(DEGREES), math.radians(value)
+
+
+def _price(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
+        raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
+    return float(value)
+
+
+def _check_different(models: tuple[PricedModel, ...], where: str) -> None:
+    for i, each in enumerate(models):
+        for j, other in enumerate(models[:i]):
+            if each.name == other.name:
+                raise ValueError(f"{where}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one")
+            if each.model == other.model:
+                raise ValueError(f"{where}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out")

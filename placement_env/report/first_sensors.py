@@ -1,0 +1,80 @@
+"""A first set of sensors for a site that has none, by greedy coverage: to try a site with, and no plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_env.candidates.pool import pool
+from placement_env.checks import check_whole
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.traffic import simulate_traffic
+from placement_env.fidelity.visibility import Visibility, see
+from placement_env.objective import Objective
+from placement_env.report.mounted import mounted_site
+from placement_env.search import greedy
+from placement_env.subsets import MemberSums
+from toolkit.arrays import Bool
+from toolkit.sites.site import Site
+
+HEIGHT = 6.0  # m above the foot of the mount
+TILT = float(np.deg2rad(15.0))  # rad below the horizon
+HEADINGS = 8
+FIRST_FRAMES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class FirstSensors:
+    """site: with the sensors; poses: how many were chosen from; covered: share of the vehicles that at least one of
+    the sensors sees with `LEAST` points or more."""
+
+    site: Site
+    poses: int
+    covered: float
+
+    def __str__(self) -> str:
+        count, mounts = len(self.site.sensors), len(self.site.mounts)
+        return (
+            f"{count} sensors placed by coverage: of {self.poses} poses of the paper's camera on {mounts} mounts "
+            f"({HEIGHT:g} m up, {np.rad2deg(TILT):.0f} degrees down, {HEADINGS} headings) one after another the one "
+            f"that sees most vehicles with {LEAST:g} points in {FIRST_FRAMES} frames of traffic; together they see "
+            f"{self.covered:.0%}. A start to try the site with: coview plan or coview search says what to build"
+        )
+
+
+class HalvedViews:
+    """Mean over objects of 1 - 2^-n, n sensors of a set having `LEAST` points on it: every further view of an object
+    is worth half of the one before, so that sensors which add no object still spread their views. Submodular.
+    """
+
+    name = "halved views"
+
+    def __init__(self, visibility: Visibility) -> None:
+        self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """The mean of each set, as AP and recall; what is sent is not counted."""
+        worth = np.zeros(len(subsets))
+        for block, views in self._sums.blocks(subsets):
+            worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
+        return Estimate(worth, worth.copy(), np.zeros(len(subsets)))
+
+
+def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors:
+    """`site` with `count` cameras on its mounts in place of its sensors, fewer where no more see a vehicle or fit.
+
+    Raises ValueError for a count below 1, a site without mounts or traffic, and where no vehicle or pose is there.
+    """
+    check_whole("number of sensors", count, least=1)
+    candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=[TILT])
+    visibility = see(simulate_traffic(site, FIRST_FRAMES, seed), candidates)
+    if not visibility.points.shape[1]:
+        raise ValueError(
+            f"no vehicle is in the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
+        )
+    objective = Objective.of(candidates, HalvedViews(visibility), site=site, visibility=visibility)
+    chosen = greedy.search(objective, count).best.subset
+    covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0
+    return FirstSensors(mounted_site(site, candidates, chosen), len(candidates), float(covered))

@@ -1,0 +1,120 @@
+"""Answer: all figures of the chosen set, by the detector on the final traffic, put together as a `Plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from placement_env.fidelity.traffic import Traffic
+from placement_env.objective import Objective, Stages
+from placement_env.report.content import Ground, Plan, PlanOption
+from placement_env.report.ground import ground_shares
+from placement_env.report.mounted import unused_mounts
+from placement_env.report.planning import breakdown, figures, mounting, refusals, sentences
+from placement_env.report.planning.figures import ChosenSet
+from placement_env.report.planning.finalists import Finalists
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.provenance import plan_origin
+from placement_env.report.planning.question import Question
+from placement_env.report.planning.selection import Selection, judged_front, near_optimal
+from toolkit.detection.schemes import scheme_of
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """How the chosen set was come by. fidelity: of the searches; network: shipped one that detects where the question
+    has no detector of its own; excluded: sentences on what excludes candidates."""
+
+    question: Question
+    found: Finalists
+    picked: Selection
+    fidelity: str
+    network: str
+    excluded: tuple[str, ...]
+
+
+def answer(
+    terms: Terms,
+    objective: Objective,
+    final: Judge,
+    ground: Ground,
+    traffic: Sequence[Traffic],
+    progress: Stages | None = None,
+) -> Plan:
+    """The plan. objective: of the searches; final: the detector on the final traffic; ground: that the chosen sensors
+    see; traffic: of searches, comparison and judgement."""
+    question, picked, candidates = terms.question, terms.picked, objective.candidates
+    option = picked.options[picked.chosen]
+    members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
+    chosen = ChosenSet(members, option.sensors)
+
+    def stage(name: str) -> Callable[[int], None] | None:
+        return None if progress is None else lambda done: progress(name, done, final.frames)
+
+    (judged,) = final.judge(picked.sets[picked.chosen][None], progress=stage("chosen set"))
+    outcomes = final.outcomes(members)
+    kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
+    final_option = replace(option, judged=judged, kbit=kbit, kbit_per_sensor=kbit / len(members))
+    short: tuple[str, ...] = ()
+    if question.min_ap is not None and judged.ap < question.min_ap:
+        short = refusals.short_of(question, option, judged, terms.excluded)
+    scored = breakdown.scored_boxes(final, members)
+    schemes = figures.by_scheme(final, chosen, stage("fusion schemes"))
+    worth = figures.worths(final, objective, chosen, stage("subsets"))
+    failures = figures.failure_cases(final, chosen, stage("failures"))
+    near = near_optimal(picked.options, picked.chosen)
+    planned = mounting.mounted_sensors(question.site, candidates, members, outcomes, question.catalogue)
+    detector = detector_in_words(final, terms.network if question.detector is None else None)
+    return Plan(
+        question=question.in_words,
+        site=question.site.name,
+        detector=detector,
+        iou=question.iou,
+        scheme=question.scheme,
+        currency=question.currency,
+        verdict=sentences.verdict_of(question, final_option, judged, short),
+        chosen=final_option,
+        why=sentences.why(
+            question, picked.options, option, picked.rule, considered=terms.found.considered,
+            fidelity=terms.fidelity, near=len(near), schemes=schemes, failures=failures,
+        ),
+        sensors=planned,
+        considered=best_first(picked.options),
+        near_optimal=near,
+        front=judged_front(picked.options),
+        schemes=schemes,
+        by_zone=breakdown.by_zone(scored, question.site, question.seed),
+        by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),
+        by_approach=breakdown.by_approach(scored, question.site, question.seed),
+        by_class=breakdown.by_class(final, members, question.classes),
+        worth=worth,
+        failures=failures,
+        links=mounting.link_loads(planned, limited=scheme_of(question.scheme).sends_points),
+        materials=mounting.bill_of_materials(planned),
+        order=figures.build_order(final, objective, chosen, stage("order of building")),
+        ground=ground_shares(ground, [sensor.name for sensor in planned]),
+        poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
+        assumptions=sentences.assumptions(
+            question, search_fidelity=terms.fidelity, detector=detector, worth_sampled=not chosen.is_small
+        ),
+        unknown=sentences.unknown(judged),
+        provenance=plan_origin(
+            question, candidates, traffic, final.detected.detector,
+            network=terms.network, search_fidelity=terms.fidelity,
+        ),
+    )  # fmt: skip
+
+
+def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
+    """Judged sets by AP, then the others by what is predicted."""
+    return tuple(
+        sorted(options, key=lambda each: (each.judged is None, -(each.judged.ap if each.judged else each.predicted)))
+    )
+
+
+def detector_in_words(judge: Judge, network: str | None) -> str:
+    """Its kind, and which of the shipped networks it is."""
+    kind = type(judge.detected.detector).__name__
+    return kind if network is None else f"{kind} (shipped network {network!r})"

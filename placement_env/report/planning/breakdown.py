@@ -1,0 +1,151 @@
+"""Breakdown: AP and recall of the chosen set by zone, range, lane approach, and what of each class is seen.
+
+Vehicles and false alarms are sorted by where their boxes' centres are; a detection that hits belongs to the group of
+the vehicle it hit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_env.analysis.approaches import approaches_of, compass
+from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.detector import FALSE_ALARM, Detected
+from placement_env.report.content import BreakdownRow, ClassSeen
+from placement_env.report.planning.judging import Judge, judgement
+from placement_env.report.planning.tally import Tally
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.boxes import count_points
+from toolkit.objects import label_index
+from toolkit.points import centred_in
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
+CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle
+
+GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """What one set detects, box by box. truths: scored vehicles of all frames, in order; truth_frame: of each; points:
+    that the set has on each; boxes, scores, truth: of the detections that count, and which of the truths each hit, -1
+    for a false alarm; frame: of each; frames: how many there are."""
+
+    truths: Float64[np.ndarray, "t 7"]
+    truth_frame: Int64[np.ndarray, " t"]
+    points: Int64[np.ndarray, " t"]
+    boxes: Float64[np.ndarray, "n 7"]
+    scores: Float64[np.ndarray, " n"]
+    truth: Int64[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    frames: int
+
+    def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> Tally:
+        """The tally of some truths and detections."""
+        there = np.bincount(self.truth_frame[truths], minlength=self.frames)
+        return Tally(self.scores[detections], self.truth[detections] >= 0, self.frame[detections], there)
+
+
+def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
+    """What the chosen set detects in all frames of a judge."""
+    detected, outcomes = judge.detected, judge.outcomes(chosen)
+    at = detected.ious.index(detected.iou)
+    truths, points, boxes, scores, truth = [], [], [], [], []
+    first = 0
+    for k, outcome in enumerate(outcomes):
+        counts = outcome.truth[at] >= FALSE_ALARM
+        hit = outcome.truth[at, counts].astype(np.int64)
+        there = detected.renders.objects(k).boxes[detected.scored(k)]
+        truths.append(there)
+        points.append(count_points(fused_cloud(detected, chosen, k), there))
+        boxes.append(detected.detections(chosen, k).boxes[counts])
+        scores.append(outcome.scores[counts])
+        truth.append(np.where(hit >= 0, first + hit, FALSE_ALARM))
+        first += len(there)
+    frames = np.arange(len(outcomes))
+    return Scored(
+        np.concatenate(truths),
+        np.repeat(frames, [len(each) for each in truths]),
+        np.concatenate(points),
+        np.concatenate(boxes),
+        np.concatenate(scores),
+        np.concatenate(truth),
+        np.repeat(frames, [len(each) for each in scores]),
+        len(frames),
+    )
+
+
+def fused_cloud(detected: Detected, chosen: Sequence[int], k: int) -> np.ndarray:
+    """The points of all sensors of a set in frame k."""
+    clouds = [detected.renders.clouds(k, c) for c in chosen]
+    return np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+
+
+def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
+    """A row for each group."""
+    of_truth = group_of(scored.truths)
+    hits = scored.truth >= 0
+    of_detection = group_of(scored.boxes)
+    of_detection[hits] = of_truth[scored.truth[hits]]
+    rows = []
+    for number, name in enumerate(names):
+        here = of_truth == number
+        judged = judgement(scored.part(here, of_detection == number), seed) if here.any() else None
+        rows.append(BreakdownRow(name, judged, float(scored.points[here].mean()) if here.any() else None))
+    return tuple(rows)
+
+
+def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+    """The middle of the area, and its quarters round that, named by the compass."""
+    xmin, ymin, xmax, ymax = site.area
+    middle, radius = np.array([xmin + xmax, ymin + ymax]) / 2, CENTRE * min(xmax - xmin, ymax - ymin)
+    quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
+    names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        offset = boxes[:, :2] - middle
+        quarter = 1 + (offset[:, 0] < 0) + 2 * (offset[:, 1] < 0)
+        return np.where(np.hypot(*offset.T) <= radius, 0, quarter).astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[BreakdownRow, ...]:
+    """By horizontal distance to the nearest sensor of the set."""
+    places = np.array([sensor.position[:2] for sensor in sensors])
+    edges = (0.0, *RANGE_ENDS)
+    names = [*(f"{a:g} to {b:g} m" for a, b in zip(edges, RANGE_ENDS, strict=False)), f"beyond {RANGE_ENDS[-1]:g} m"]
+
+    def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        nearest = np.linalg.norm(boxes[:, None, :2] - places, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS, nearest, side="left").astype(np.int64)
+
+    return by_group(scored, names, group_of, seed)
+
+
+def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
+    """By the lane that each vehicle is nearest to; places without any vehicle are left out."""
+    places = approaches_of(site)
+    rows = by_group(scored, places.names, places.of, seed)
+    return tuple(row for row in rows if row.judged is not None)
+
+
+def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tuple[ClassSeen, ...]:
+    """Of the road users of each class centred in the area, the share with `LEAST` points or more."""
+    detected = judge.detected
+    points: dict[str, list[np.ndarray]] = {label: [np.zeros(0, np.int64)] for label in labels}
+    for k in range(judge.frames):
+        objects, cloud = detected.renders.objects(k), fused_cloud(detected, chosen, k)
+        inside = centred_in(objects.boxes, detected.renders.site.area)
+        for label in labels:
+            points[label].append(count_points(cloud, objects.boxes[inside & (objects.labels == label_index(label))]))
+    rows = {label: np.concatenate(counts) for label, counts in points.items()}
+    return tuple(
+        ClassSeen(label, len(row), int(LEAST), float((row >= LEAST).mean()) if len(row) else None)
+        for label, row in rows.items()
+    )

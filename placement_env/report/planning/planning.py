@@ -1,0 +1,169 @@
+"""`plan`: from a question to a plan, in stages that are all kept in the cache, so that a plan that was killed goes on.
+
+Three parts of traffic, each with a seed of its own: searches see the first, the detector compares the finalists on the
+second, and what the plan states of the chosen set is from the third.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.pool import NoCandidates
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.preparation import Preparation, check_fidelity_for
+from placement_env.fidelity.protocol import FidelityName
+from placement_env.objective import Objective, Stages
+from placement_env.report.content import Ground, Moment, Plan, Verdict
+from placement_env.report.ground import visible_ground
+from placement_env.report.mounted import mounted_site
+from placement_env.report.planning import refusals
+from placement_env.report.planning.answer import Terms, answer
+from placement_env.report.planning.finalists import finalists
+from placement_env.report.planning.judging import Judge
+from placement_env.report.planning.moments import moments
+from placement_env.report.planning.question import Question
+from placement_env.report.planning.selection import select
+from toolkit.detection.schemes import scheme_of
+from toolkit.sites.site import Site
+
+PARTS = 3  # of the traffic
+MOST_BOUGHT = 12  # that a sum of money alone may buy
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan with what its pages and maps are made from. site: with the chosen sensors mounted; candidates: None where
+    there are none; ground, moments: None and empty where no set may be built."""
+
+    plan: Plan
+    site: Site
+    candidates: Candidates | None = None
+    ground: Ground | None = None
+    moments: tuple[Moment, ...] = ()
+
+
+def plan(
+    question: Question,
+    *,
+    cache: str | Path | None = Path("out/cache"),
+    workers: int = 1,
+    progress: Stages | None = None,
+) -> Planned:
+    """The plan that answers a question; where nothing may be built or nothing reaches the requirement, it says why.
+
+    cache: folder where what was seen, rendered and detected is kept, None for nowhere; workers: processes; progress:
+    called with a stage, how many are done and of how many. The same question has the same plan, byte for byte.
+    Raises ValueError and OSError for damaged inputs, ImportError without SUMO.
+    """
+    reasons = refusals.without_traffic(question)
+    if reasons:
+        return _none(question, reasons)
+    try:
+        pool = question.pool
+    except NoCandidates as error:
+        return _none(question, (f"There is no candidate: {error}.",))
+    return _Planning(question, pool, cache, workers, progress).run()
+
+
+def _none(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> Planned:
+    """The plan where nothing may be built."""
+    verdict = Verdict(False, "No set of sensors can be planned.", reasons)
+    empty = Plan(
+        question.in_words, question.site.name, "", question.iou, question.scheme, question.currency, verdict, None
+    )
+    return Planned(empty, replace(question.site, sensors=()), candidates)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planning:
+    """The stages of one plan."""
+
+    question: Question
+    pool: Candidates
+    cache: str | Path | None
+    workers: int
+    progress: Stages | None
+
+    def run(self) -> Planned:
+        """All stages."""
+        question = self.question
+        fidelity = self._search_fidelity()
+        searched = self._preparation(self.pool, 0)
+        visibility = searched.look(self.progress)
+        if not visibility.points.shape[1]:
+            return _none(question, refusals.without_vehicles(question, question.search_frames, "simulated"), self.pool)
+        everything = self._objective(searched, fidelity)
+        excluded = refusals.exclusions(everything, question.max_kbit, question.currency)
+        kept = np.flatnonzero(refusals.buildable(everything, question.max_kbit))
+        if not len(kept):
+            return _none(question, excluded, self.pool)
+        candidates = self.pool.select(kept)
+        objective = self._objective(searched.at(candidates, visibility.select(kept)), fidelity)
+        found = finalists(objective, self._most_sensors(candidates), seed=question.seed, progress=self.progress)
+        judge, final = self._judge(candidates, 1), self._judge(candidates, 2)
+        for each in (judge, final):
+            if not each.truths.sum():
+                return _none(question, refusals.without_vehicles(question, each.frames, "judging"), self.pool)
+        picked = select(objective, found, judge, min_ap=question.min_ap, seed=question.seed, progress=self.progress)
+        traffic = [self._preparation(self.pool, part).traffic for part in range(PARTS)]
+        terms = Terms(question, found, picked, fidelity, searched.network, excluded)
+        members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
+        ground = visible_ground(question.site, [candidates.sensors[c] for c in members])
+        answered = answer(terms, objective, final, ground, traffic, self.progress)
+        frames = moments(final.detected, members, seed=question.seed)
+        return Planned(answered, mounted_site(question.site, candidates, members), candidates, ground, frames)
+
+    def _preparation(self, candidates: Candidates, part: int) -> Preparation:
+        """Of one of the three parts of the traffic."""
+        question = self.question
+        frames = (question.search_frames, question.judge_frames, question.final_frames)[part]
+        return Preparation(
+            site=question.site,
+            candidates=candidates,
+            frames=frames,
+            scheme=scheme_of(question.scheme),
+            iou=question.iou,
+            seed=question.seed + part,
+            cache=self.cache,
+            workers=self.workers,
+            detector=question.detector,
+        )
+
+    def _judge(self, candidates: Candidates, part: int) -> Judge:
+        detected = self._preparation(candidates, part).fidelity("detector")
+        if not isinstance(detected, Detected):
+            raise TypeError("fidelity detector must be Detected")
+        return Judge(detected, self.question.seed)
+
+    def _objective(self, prepared: Preparation, fidelity: FidelityName) -> Objective:
+        return Objective.of(
+            prepared.candidates,
+            prepared.fidelity(fidelity),
+            prepared.scheme,
+            site=self.question.site,
+            visibility=prepared.visibility,
+            codec=prepared.codec,
+            most_price=self.question.most_price,
+        )
+
+    def _search_fidelity(self) -> FidelityName:
+        """The surrogate where there is one for the scheme and IoU, else coverage."""
+        question = self.question
+        try:
+            check_fidelity_for(question.site, self.pool, question.scheme, "surrogate", iou=question.iou)
+        except ValueError:
+            return "coverage"
+        return "surrogate"
+
+    def _most_sensors(self, candidates: Candidates) -> int:
+        """How many sensors the budget allows: by number, money and mounts."""
+        each = np.full(len(candidates.mounts), np.inf)
+        np.minimum.at(each, candidates.mount, candidates.prices)
+        each = np.sort(each[np.isfinite(each)])
+        by_money = int((np.cumsum(each) <= self.question.most_price * (1 + 1e-9)).sum())
+        asked = MOST_BOUGHT if self.question.sensors is None else self.question.sensors
+        return max(1, min(asked, by_money))

@@ -1,0 +1,162 @@
+"""`Question`: what a plan is asked for, checked before any work begins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import shapely
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.choice import chosen_candidates
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
+from placement_env.checks import check_iou, check_whole
+from toolkit.detection.provenance import detector_origin
+from toolkit.detection.schemes import scheme_of
+from toolkit.objects import LABELS, Detector
+from toolkit.sites.site import Site
+
+DETECTED = ("vehicle",)  # classes that detectors know today; of others a plan says what share is seen
+SEARCH_FRAMES, JUDGE_FRAMES, FINAL_FRAMES = 60, 60, 120
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Question:
+    """What is asked.
+
+    site: the junction; sensors: most of them, None for as many as `money` buys; money: most that may be spent, in the
+    catalogue's currency, else in prices of one ordinary pole, None for any sum; min_ap: AP to be reached, None for the
+    best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
+    send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
+    that count; scheme: of fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own
+    sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at no price;
+    keep_out: areas where no sensor may stand; detector: None for a shipped network; frames: of the traffic that
+    searches see, of that by which sets are compared, and of that by which the answer is judged; seed: of all three.
+
+    Raises ValueError in one line where a field does not fit.
+    """
+
+    site: Site
+    sensors: int | None = 4
+    money: float | None = None
+    min_ap: float | None = None
+    max_kbit: float | None = None
+    capacity_kbit: float | None = None
+    classes: tuple[str, ...] = LABELS
+    scheme: str = "early"
+    iou: float = 0.7
+    candidates: str | Path = "pool"
+    catalogue: SensorCatalogue | None = None
+    keep_out: tuple[shapely.Geometry, ...] = ()
+    detector: Detector | None = None
+    search_frames: int = SEARCH_FRAMES
+    judge_frames: int = JUDGE_FRAMES
+    final_frames: int = FINAL_FRAMES
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.sensors is None and self.money is None:
+            raise ValueError("a plan needs a budget: a number of sensors, a sum of money, or both")
+        if self.sensors is not None:
+            check_whole("budget of sensors", self.sensors, least=0)
+        for name in ("money", "max_kbit", "capacity_kbit"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be a finite number from 0 up, got {value}: leave it out for any")
+        if self.capacity_kbit == 0:
+            raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
+        if self.min_ap is not None and not 0 < self.min_ap <= 1:
+            raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
+        self._check_classes()
+        scheme_of(self.scheme)
+        check_iou(self.iou)
+        for name in ("search_frames", "judge_frames", "final_frames"):
+            check_whole(name, getattr(self, name), least=1)
+        check_whole("seed", self.seed, least=0)
+        if self.candidates == "paper" and self.catalogue is not None:
+            raise ValueError(
+                "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
+            )
+
+    def _check_classes(self) -> None:
+        for label in self.classes:
+            if label not in LABELS:
+                raise ValueError(f"there is no class {label!r}: choose among {', '.join(LABELS)}")
+        if not set(DETECTED) & set(self.classes):
+            raise ValueError(
+                f"the detector knows {' and '.join(DETECTED)} only, so there is no AP of {', '.join(self.classes)}: "
+                f"add {DETECTED[0]}; of the others a plan says what share is seen"
+            )
+
+    @property
+    def most_price(self) -> float:
+        """That a set may cost."""
+        return math.inf if self.money is None else float(self.money)
+
+    @property
+    def currency(self) -> str:
+        """Of all prices; "" for prices of one ordinary pole."""
+        return "" if self.catalogue is None else self.catalogue.currency
+
+    @cached_property
+    def pool(self) -> Candidates:
+        """The candidates, with prices in the currency and the links asked for.
+
+        Raises `placement_env.candidates.pool.NoCandidates` where no pole or pose is left, ValueError and OSError for a
+        damaged file.
+        """
+        catalogue = self.catalogue
+        models = () if catalogue is None else tuple(each.model for each in catalogue.models)
+        prices = () if catalogue is None else tuple(each.price for each in catalogue.models)
+        found = chosen_candidates(self.site, self.candidates, models, prices=prices, keep_out=self.keep_out)
+        return with_terms(found, self.pole_price, self.capacity_kbit)
+
+    @property
+    def pole_price(self) -> float:
+        """Of one ordinary mount."""
+        given = None if self.catalogue is None else self.catalogue.pole_price
+        return 1.0 if given is None else given
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """Every option, for plan.json."""
+        detector = "shipped" if self.detector is None else detector_origin(self.detector)["detector"]
+        named = self.candidates in ("pool", "paper")
+        return {
+            "site": self.site.name,
+            "sensors": self.sensors,
+            "money": self.money,
+            "currency": self.currency,
+            "min_ap": self.min_ap,
+            "max_kbit": self.max_kbit,
+            "capacity_kbit": self.capacity_kbit,
+            "classes": list(self.classes),
+            "scheme": self.scheme,
+            "iou": self.iou,
+            "candidates": str(self.candidates) if named else Path(self.candidates).name,
+            "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],
+            "keep_out_areas": len(self.keep_out),
+            "detector": detector,
+            "frames": [self.search_frames, self.judge_frames, self.final_frames],
+            "seed": self.seed,
+        }
+
+    @property
+    def poles_digest(self) -> str | None:
+        """SHA-256 of the file of poles, None where there is none."""
+        if self.candidates in ("pool", "paper"):
+            return None
+        return sha256(Path(self.candidates).read_bytes()).hexdigest()
+
+
+def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
+    """The same candidates on mounts whose price is in a currency, with links of one capacity (None: their own)."""
+    mounts = tuple(
+        replace(mount, price=mount.price * pole_price, capacity=mount.capacity if capacity is None else capacity)
+        for mount in candidates.mounts
+    )
+    return replace(candidates, mounts=mounts)

@@ -1,0 +1,120 @@
+"""Selection: which finalist is the answer, by a race of the detector on traffic that no search saw.
+
+Sets of one size race each other (successive halving over frames), so that small and cheap ones stay in; the best few of
+each size are judged on all frames. Without a requirement the answer is the set of the greatest AP. With one it is the
+cheapest set, by price, number of sensors, then kbit, whose interval lies above it; where none does, the cheapest whose
+AP reaches it; where none does either, the set of the greatest AP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from placement_env.objective import Objective, Stages
+from placement_env.racing import race
+from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.planning.finalists import Finalists
+from placement_env.report.planning.judging import Judge
+from placement_env.search.exhaustive import undominated
+from toolkit.arrays import Bool, Float64, Int64
+
+KEPT = 3  # sets of each number of sensors that are judged on all frames
+FIRST, ETA = 12, 3  # frames of a race's first rung, and by how much the next ones are longer
+
+Rule = Literal["best", "interval", "estimate", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """options: all finalists in their order, judged or not; sets: their rows; chosen: which is the answer; rule: by
+    which it was chosen."""
+
+    options: tuple[PlanOption, ...]
+    sets: Bool[np.ndarray, "n C"]
+    chosen: int
+    rule: Rule
+
+
+def select(
+    objective: Objective,
+    found: Finalists,
+    judge: Judge,
+    *,
+    min_ap: float | None = None,
+    seed: int = 0,
+    progress: Stages | None = None,
+) -> Selection:
+    """The answer among the finalists, of which there is at least one."""
+    judged = _judged(found, judge, seed=seed, progress=progress)
+    options = tuple(_option(objective, found, i, judged.get(i)) for i in range(len(found.sets)))
+    chosen, rule = choose(options, min_ap)
+    return Selection(options, found.sets, chosen, rule)
+
+
+def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
+    """The answer among options of which some are judged, and by which rule."""
+    judged = [(i, option, option.judged) for i, option in enumerate(options) if option.judged is not None]
+
+    def thrifty(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
+        _, option, judgement = entry
+        return option.price, len(option.sensors), option.kbit_per_sensor, -judgement.ap
+
+    if min_ap is not None:
+        sure = [entry for entry in judged if entry[2].low >= min_ap]
+        reaching = [entry for entry in judged if entry[2].ap >= min_ap]
+        if sure or reaching:
+            return min(sure or reaching, key=thrifty)[0], "interval" if sure else "estimate"
+    best = min(judged, key=lambda entry: (-entry[2].ap, *thrifty(entry)))[0]
+    return best, "best" if min_ap is None else "none"
+
+
+def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
+    """Judged sets other than the chosen one whose interval overlaps with its interval, cheap ones first."""
+    of_chosen = options[chosen].judged
+    if of_chosen is None:
+        return ()
+    near = [
+        option
+        for i, option in enumerate(options)
+        if i != chosen and option.judged and option.judged.high >= of_chosen.low and option.judged.low <= of_chosen.high
+    ]
+    return tuple(sorted(near, key=lambda option: (option.price, -option.judged.ap if option.judged else 0.0)))
+
+
+def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
+    """Judged sets that no other one beats in AP, kbit per sensor and price at once, by price, then AP."""
+    judged = [(option, option.judged) for option in options if option.judged is not None]
+    figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
+    kept = [judged[i] for i in undominated(figures)]
+    return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
+
+
+def _judged(found: Finalists, judge: Judge, *, seed: int, progress: Stages | None) -> dict[int, Judgement]:
+    """Judgements of the best of each size, by their place among the finalists."""
+    sizes = found.sets.sum(axis=1)
+    judged: dict[int, Judgement] = {}
+    different = np.unique(sizes)
+    for done, size in enumerate(different, 1):
+        places = np.flatnonzero(sizes == size)
+        ran = race(
+            _ap(judge), found.sets[places], judge.frames, keep=KEPT, first=min(FIRST, judge.frames), eta=ETA, seed=seed
+        )
+        kept = places[ran.winners]
+        judged |= dict(zip(kept.tolist(), judge.judge(found.sets[kept]), strict=True))
+        if progress is not None:
+            progress("judging", done, len(different))
+    return judged
+
+
+def _ap(judge: Judge) -> Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " k"]], Float64[np.ndarray, " n"]]:
+    return lambda sets, frames: judge.detected.partial(sets, frames.tolist()).ap
+
+
+def _option(objective: Objective, found: Finalists, i: int, judged: Judgement | None) -> PlanOption:
+    score = objective.score(np.flatnonzero(found.sets[i]))
+    names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
+    return PlanOption(names, score.price, score.kbit_per_sensor, score.kbit, score.ap, judged, found.searches[i])

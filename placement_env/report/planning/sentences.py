@@ -1,0 +1,158 @@
+"""Sentences of a plan: the verdict, why this set, what is assumed and what is not known."""
+
+from __future__ import annotations
+
+from placement_env.fidelity.coverage import LEAST
+from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
+from placement_env.report.planning.question import DETECTED, Question
+from placement_env.report.planning.selection import Rule
+
+
+def money(amount: float, currency: str) -> str:
+    """A sum in words.
+
+    >>> money(5500.0, "EUR"), money(1.0, ""), money(2.5, "")
+    ('5,500 EUR', 'the price of 1 ordinary pole', 'the price of 2.5 ordinary poles')
+    """
+    if currency:
+        return f"{round(amount, 2):,.10g} {currency}"
+    return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"
+
+
+def plural(count: int, noun: str) -> str:
+    """A number of things.
+
+    >>> plural(1, "sensor"), plural(3, "vehicle")
+    ('1 sensor', '3 vehicles')
+    """
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def figure(judged: Judgement) -> str:
+    """An AP with its interval and what it is of."""
+    vehicles, frames = plural(judged.vehicles, "vehicle"), plural(judged.frames, "frame")
+    return f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
+
+
+def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons: tuple[str, ...]) -> Verdict:
+    """The answer. reasons: why a requirement is not met."""
+    count, price = plural(len(chosen.sensors), "sensor"), money(chosen.price, question.currency)
+    said = f"{figure(final)} at IoU {question.iou:g} with {count} for {price}"
+    if question.min_ap is None:
+        return Verdict(None, f"The best set found within the budget has {said}.")
+    if final.ap >= question.min_ap:
+        sure = (
+            "the whole interval lies above it"
+            if final.low >= question.min_ap
+            else "the interval reaches below it, so more traffic may say otherwise"
+        )
+        return Verdict(True, f"The requirement of AP {question.min_ap:g} is met: {said}; {sure}.")
+    return Verdict(False, f"The requirement of AP {question.min_ap:g} is not met: the best found has {said}.", reasons)
+
+
+RULES: dict[Rule, str] = {
+    "best": "It has the greatest AP of the judged sets; of equal ones the cheaper is taken.",
+    "interval": "It is the cheapest of the judged sets whose whole 95 % interval lies above the required AP.",
+    "estimate": "It is the cheapest of the judged sets whose AP reaches the requirement; of none does the whole "
+    "95 % interval lie above it.",
+    "none": "None of the judged sets reaches the requirement; it has the greatest AP of them.",
+}
+
+
+def why(
+    question: Question,
+    options: tuple[PlanOption, ...],
+    chosen: PlanOption,
+    rule: Rule,
+    *,
+    considered: int,
+    fidelity: str,
+    near: int,
+    schemes: tuple[SchemeFigures, ...],
+    failures: tuple[FailureCase, ...],
+) -> tuple[str, ...]:
+    """Why this set, with figures."""
+    judged = [option.judged for option in options if option.judged is not None]
+    searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
+    second = chosen.judged
+    sentences = [
+        f"{considered:,} sets were scored by the {fidelity}; {len(options)} of them raced by the detector on traffic "
+        f"that no search saw, and {len(judged)} were judged on all of it.",
+        RULES[rule],
+        f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, "
+        f"its AP among the judged sets {second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
+        if second
+        else f"It comes from {searches}.",
+        f"{plural(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps with its own: "
+        "the detector cannot tell them apart on this traffic."
+        if near
+        else "No other judged set has an interval that overlaps with its own.",
+    ]
+    own = next((row for row in schemes if row.scheme == question.scheme and row.iou == question.iou), None)
+    others = [row for row in schemes if row.iou == question.iou and row.scheme != question.scheme]
+    if own is not None and others:
+        said = ", ".join(f"{row.scheme} {row.judged.ap:.3f} for {row.kbit_per_sensor:.1f} kbit" for row in others)
+        sentences.append(
+            f"{question.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit "
+            f"per sensor and frame; with the same sensors: {said}."
+        )
+    alone = [case for case in failures if len(case.failed) == 1]
+    if alone:
+        worst = min(alone, key=lambda case: case.judged.ap)
+        sentences.append(f"It is hurt most when {worst.failed[0]} fails: AP {worst.judged.ap:.3f} is left.")
+    return tuple(sentences)
+
+
+def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
+    """What the figures take for granted."""
+    others = [label for label in question.classes if label not in DETECTED]
+    sentences = [
+        "Traffic is simulated (SUMO) and measurements are cast rays with noise of the sensors' models; nothing was "
+        "measured at the place itself.",
+        f"AP is of {' and '.join(DETECTED)}s alone, heavy ones not counted, centred in the detection area, by the "
+        f"detector {detector} at IoU {question.iou:g} in {question.scheme} fusion.",
+        "Searches, comparison and judgement have traffic of their own each (seeds "
+        f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from "
+        "traffic that it was searched or chosen on.",
+        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they are of this detector in "
+        "this kind of traffic, not of other weather, traffic or sensors.",
+        "kbit count 96 bits for a point and 256 for a box, as the paper does, without headers or compression; "
+        "links are compared with them at 10 frames a second.",
+        "Poses are exact: no calibration error, no sway of poles, no clocks that differ.",
+    ]
+    if others:
+        sentences.append(
+            f"The detector does not know {', '.join(others)}: of these a share is stated that the set has at least "
+            f"{LEAST:g} points on, which is coverage and no AP."
+        )
+    if question.catalogue is None:
+        sentences.append(
+            "No catalogue was given: sensors cost nothing beside their poles, prices are in ordinary poles."
+        )
+    elif question.catalogue.pole_price is None:
+        sentences.append(
+            "The catalogue names no pole_price: the prices of poles are taken to be in "
+            f"{question.currency or 'its unit'}."
+        )
+    if search_fidelity == "coverage":
+        sentences.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
+    if worth_sampled:
+        sentences.append(
+            "With so many sensors what each is worth, and the order of building, go by the fidelity of the searches."
+        )
+    return tuple(sentences)
+
+
+def unknown(final: Judgement) -> tuple[str, ...]:
+    """What the plan cannot say."""
+    sentences = [
+        "How the detector does on real measurements of this place.",
+        "Whether a set that no search looked at would do better: nothing is proven optimal.",
+        "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
+        "Power, permits, and what it costs to run the sensors.",
+    ]
+    if final.low == final.high:
+        sentences.append(
+            f"How far AP {final.ap:.3f} may be off: all samples of this traffic agree, which more of it might not."
+        )
+    return tuple(sentences)

@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+
+from placement_env.analysis.intervals import (
+    Interval,
+    ap_interval,
+    ap_resamples,
+    block_draws,
+    percentiles,
+    ratio_interval,
+)
+from toolkit.detection.metrics import average_precision, precision_recall
+
+
+def measured(frames, seed, levels=20):
+    """Random detections: many equal scores, frames without truths, without detections and with false alarms only."""
+    rng = np.random.default_rng(seed)
+    to_find = rng.integers(0, 6, frames).tolist()
+    scores, hits = [], []
+    for truths in to_find:
+        found, alarms = rng.integers(0, truths + 1), rng.integers(0, 4)
+        scores.append(rng.integers(1, levels, found + alarms) / levels)
+        hits.append(rng.permutation(np.arange(found + alarms) < found))
+    return scores, hits, to_find
+
+
+def slow_ap_resamples(scores, hits, to_find, block, resamples, seed):
+    """One resample after the other: the frames that were drawn, put together as often as they were, and scored."""
+    figures = []
+    for row in block_draws(len(to_find), block=block, resamples=resamples, seed=seed):
+        drawn = [k for k, times in enumerate(row) for _ in range(times)]
+        truths = sum(to_find[k] for k in drawn)
+        pooled_scores = np.concatenate([np.zeros(0), *(scores[k] for k in drawn)])
+        pooled_hits = np.concatenate([np.zeros(0, bool), *(hits[k] for k in drawn)])
+        curve = precision_recall(pooled_scores, pooled_hits, truths)
+        figures.append(average_precision(curve) if truths else np.nan)
+    return np.array(figures)
+
+
+@pytest.mark.parametrize(("frames", "block", "seed"), [(1, 4, 0), (3, 1, 1), (6, 4, 2), (23, 4, 3), (40, 5, 4)])
+def test_resamples_are_those_of_an_oracle_that_takes_one_after_the_other(frames, block, seed):
+    scores, hits, to_find = measured(frames, seed)
+    ours = ap_resamples(scores, hits, to_find, block=block, resamples=50, seed=seed)
+    assert ours == pytest.approx(slow_ap_resamples(scores, hits, to_find, block, 50, seed), nan_ok=True)
+
+
+def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
+    values = measured(30, 7)
+    whole = ap_resamples(*values, resamples=64)
+    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 300)
+    assert ap_resamples(*values, resamples=64).tolist() == whole.tolist()
+
+
+def test_blocks_are_drawn_as_one_and_as_many_as_there_are():
+    draws = block_draws(10, block=4, resamples=200, seed=5)
+    assert draws.shape == (200, 10)
+    assert (draws[:, 0:4] == draws[:, :1]).all()
+    assert (draws[:, 4:8] == draws[:, 4:5]).all()
+    assert (draws[:, 8] == draws[:, 9]).all()
+    assert (draws[:, [0, 4, 8]].sum(axis=1) == 3).all()
+    assert draws[:, [0, 4, 8]].mean(axis=0) == pytest.approx([1, 1, 1], abs=0.15)
+
+
+def test_same_seed_same_draws():
+    assert (block_draws(40, seed=1) == block_draws(40, seed=1)).all()
+    assert (block_draws(40, seed=1) != block_draws(40, seed=2)).any()
+
+
+def test_perfect_detections_have_an_interval_without_width():
+    scores, hits = [[0.9, 0.8]] * 8, [[True, True]] * 8
+    assert ap_interval(scores, hits, [2] * 8) == Interval(1.0, 1.0)
+    assert ap_interval([[]] * 8, [[]] * 8, [2] * 8) == Interval(0.0, 0.0)
+
+
+def test_where_all_frames_are_one_block_there_is_one_figure():
+    scores, hits = [[0.9], [0.8, 0.7]], [[True], [False, True]]
+    low, high = ap_interval(scores, hits, [1, 1], block=2)
+    assert low == high == pytest.approx((1 + 2 / 3) / 2)
+
+
+def test_pinned():
+    assert ap_interval(*measured(60, 11), resamples=1000, seed=0) == pytest.approx((0.12391663, 0.30293177))
+
+
+def test_interval_covers_as_often_as_it_says():
+    """200 recordings of independent blocks, of which the vehicles of one are found or missed together."""
+    rng, covered = np.random.default_rng(0), 0
+    for seed in range(200):
+        found = np.repeat(rng.random(50) < 0.7, 4)
+        low, high = ap_interval([[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 200,
+                                resamples=200, seed=seed)  # fmt: skip
+        covered += low <= 0.7 <= high
+    assert 0.9 <= covered / 200 <= 0.99
+
+
+def test_frames_taken_one_by_one_would_give_too_narrow_an_interval():
+    found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
+    values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
+    (low, high), (low_of_1, high_of_1) = ap_interval(*values), ap_interval(*values, block=1)
+    assert high - low > 1.5 * (high_of_1 - low_of_1)
+
+
+def test_nothing_to_find_is_undefined_and_draws_of_it_are_left_out():
+    low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
+    assert np.isnan([low, high]).all()
+    low, high = ap_interval([[0.5], []], [[True], []], [1, 0], block=1)
+    assert (low, high) == (1.0, 1.0)
+
+
+def test_ratio():
+    found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
+    draws = block_draws(5, block=2, resamples=1000, seed=3)
+    figures = np.array([row @ found / (row @ there) for row in draws])
+    assert ratio_interval(found, there, block=2, seed=3) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
+    assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
+
+
+def test_percentiles_of_what_is_defined():
+    assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("scores", "hits", "to_find", "words"),
+    [
+        ([[0.5]], [[True]], [1, 1], "got 1, 1 and 2 frames"),
+        ([[0.5], [0.4]], [[True]], [1, 1], "got 2, 1 and 2 frames"),
+        ([[0.5]], [[True, False]], [1], "one hit per score"),
+        ([], [], [], "got 0, 0 and 0 frames"),
+        ([[0.5, 0.4]], [[True, True]], [1], "frame 0 has 2 hits, more than the 1 there are to find"),
+    ],
+)
+def test_refuses(scores, hits, to_find, words):
+    with pytest.raises(ValueError, match=words):
+        ap_interval(scores, hits, to_find)
+
+
+@pytest.mark.parametrize("confidence", [0.0, 1.0, 95.0])
+def test_refuses_confidence(confidence):
+    with pytest.raises(ValueError, match="confidence must lie between 0 and 1"):
+        ratio_interval([1.0], [1.0], confidence=confidence)
+
+
+def test_refuses_ratios_that_do_not_fit_and_settings_out_of_range():
+    with pytest.raises(ValueError, match="one part and one whole per frame"):
+        ratio_interval([1.0, 2.0], [1.0])
+    for settings in ({"block": 0}, {"resamples": 0}):
+        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+            ratio_interval([1.0], [1.0], **settings)

@@ -1,0 +1,107 @@
+"""Catalogues of sensors with prices: what they hold, and what is refused with the place in the document."""
+
+import numpy as np
+import pytest
+
+from placement_env.candidates.pool import pool
+from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site
+
+GOOD = """
+currency = "EUR"
+pole_price = 4000
+
+[[sensor]]
+name = "eye"
+model = "DepthCamera"
+price = 1500
+fov_deg = 60.0
+width = 80
+
+[[sensor]]
+model = "spinning-lidar"
+price = 6000.5
+"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "sensors.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_catalogue(tmp_path):
+    catalogue = load_sensor_catalogue(written(tmp_path, GOOD))
+    assert (catalogue.currency, catalogue.pole_price, len(catalogue.digest)) == ("EUR", 4000.0, 64)
+    eye, lidar = catalogue.models
+    assert (eye.name, eye.model, eye.price) == ("eye", DepthCamera(fov=np.pi / 3, width=80), 1500.0)
+    assert (lidar.name, lidar.model, lidar.price) == ("spinning-lidar", SpinningLidar(), 6000.5)
+    assert catalogue.name_of(SpinningLidar()) == "spinning-lidar"
+    with pytest.raises(ValueError, match="the catalogue has no DepthCamera"):
+        catalogue.name_of(DepthCamera())
+
+
+def test_candidates_cost_their_mount_and_their_model():
+    site = load_site("tjunction")
+    models = (DepthCamera(), SpinningLidar())
+    both = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models, prices=(2.0, 5.0))
+    kinds = np.array([sensor.model.kind for sensor in both.sensors])
+    assert np.array_equal(both.prices, both.mount_prices[both.mount] + np.where(kinds == "camera", 2.0, 5.0))
+    free = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models)
+    none = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models, prices=(0.0, 0.0))
+    assert free.digest() == none.digest() != both.digest()
+    with pytest.raises(ValueError, match="need a price for each of 2 models, got 1"):
+        pool(site, models=models, prices=(1.0,))
+    with pytest.raises(ValueError, match="must be finite and not negative"):
+        pool(site, models=models, prices=(1.0, -1.0))
+    with pytest.raises(ValueError, match="two of the priced models are equal"):
+        pool(site, models=(models[0], models[0]), prices=(1.0, 2.0))
+
+
+SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("currency = [", "no TOML"),
+        ("", "sensor must be a list of at least one"),
+        ("sensor = 3", "sensor must be a list of at least one"),
+        ("sensor = [3]", r"sensor\[0\] must be a table, got 3"),
+        (SENSOR + "[other]\n", "other is unknown: a catalogue has currency, pole_price, sensor"),
+        ("currency = 3\n" + SENSOR, "currency must be a text, got 3"),
+        ("pole_price = -1\n" + SENSOR, "pole_price must be a number from 0 up, got -1"),
+        ("pole_price = true\n" + SENSOR, "pole_price must be a number from 0 up, got True"),
+        ('[[sensor]]\nmodel = "DepthCamera"\n', r"sensor\[0\].price is missing"),
+        ("[[sensor]]\nprice = 3\n", r"sensor\[0\].model is missing"),
+        ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: no sensor model 'Radar': there are Depth"),
+        ('[[sensor]]\nmodel = 3\nprice = 3\n', r"sensor\[0\].model must be a text"),
+        ('[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n', r"sensor\[0\].price must be a number from 0 up, got nan"),
+        ('[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n', r"sensor\[0\].price must be a number"),
+        (SENSOR + "fov = 1.5\n", r"sensor\[0\].fov is unknown: the model has .*fov_deg"),
+        (SENSOR + 'fov_deg = "wide"\n', r"sensor\[0\].fov_deg must be a finite number of degrees"),
+        (SENSOR + "fov_deg = inf\n", r"sensor\[0\].fov_deg must be a finite number of degrees"),
+        (SENSOR + "fov_deg = 500\n", r"sensor\[0\]: "),
+        (SENSOR + "width = -4\n", r"sensor\[0\]: "),
+        (SENSOR + "price_eur = 4\n", r"sensor\[0\].price_eur is unknown"),
+        (SENSOR + SENSOR, "taken by sensor"),
+        (SENSOR + SENSOR.replace("price", 'name = "other"\nprice'), "is the same model as"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(tmp_path, text, message):
+    path = written(tmp_path, text)
+    with pytest.raises(ValueError, match=message) as refused:
+        load_sensor_catalogue(path)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
+
+
+def test_no_file_and_no_text(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_sensor_catalogue(tmp_path / "none.toml")
+    path = tmp_path / "binary.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="not a text file"):
+        load_sensor_catalogue(path)

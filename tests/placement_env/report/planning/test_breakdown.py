@@ -1,0 +1,75 @@
+"""AP by group on a known street: every vehicle and false alarm is counted once, where it is."""
+
+import numpy as np
+import pytest
+
+from placement_env.report.planning.breakdown import (
+    by_approach,
+    by_class,
+    by_group,
+    by_range,
+    by_zone,
+    fused_cloud,
+    scored_boxes,
+)
+
+
+@pytest.fixture
+def scored(street):
+    return scored_boxes(street.judge, (0, 2))
+
+
+def test_boxes_of_all_frames(scored):
+    assert scored.truths.shape == (32, 7)
+    assert scored.boxes.shape == (32, 7)  # three cars and the ghost in each frame
+    assert (scored.truth >= 0).sum() == 24
+    hit = scored.truth >= 0
+    assert np.array_equal(scored.boxes[hit], scored.truths[scored.truth[hit]])
+    assert scored.points.tolist() == [25, 25, 0, 25] * 8
+    assert scored.frame.tolist() == np.repeat(np.arange(8), 4).tolist()
+
+
+def test_groups_share_vehicles_and_false_alarms(scored):
+    west, east = by_group(scored, ["west", "east"], lambda boxes: (boxes[:, 0] > -6).astype(np.int64), 0)
+    assert (west.judged.vehicles, west.judged.ap, west.judged.precision) == (8, 0.5, 0.5)  # with the ghost
+    assert (east.judged.vehicles, east.judged.recall, east.judged.precision) == (24, 2 / 3, 1.0)
+    assert west.mean_points == 25.0
+    assert east.mean_points == pytest.approx(50 / 3)
+
+
+def test_a_group_without_vehicles_has_no_ap(scored):
+    row, _ = by_group(scored, ["none", "all"], lambda boxes: np.ones(len(boxes), np.int64), 0)
+    assert (row.judged, row.mean_points) == (None, None)
+
+
+def test_zones(street, scored):
+    rows = by_zone(scored, street.site, 0)
+    assert [row.name for row in rows] == [
+        "centre (within 10 m)", "north-east", "north-west", "south-east", "south-west"
+    ]  # fmt: skip
+    counts = {row.name: row.judged and row.judged.vehicles for row in rows}
+    assert list(counts.values()) == [8, 24 - 8, 8, None, None]
+    assert rows[2].judged.precision == 1.0
+
+
+def test_ranges(street, scored):
+    rows = by_range(scored, [street.candidates.sensors[0], street.candidates.sensors[2]], 0)
+    assert [row.name for row in rows] == ["0 to 10 m", "10 to 20 m", "20 to 30 m", "30 to 40 m", "beyond 40 m"]
+    assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
+    assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
+
+
+def test_approaches_that_are_empty_are_left_out(street, scored):
+    assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [("junction", 32)]
+
+
+def test_classes_are_seen_or_not(street):
+    vehicle, walker, heavy = by_class(street.judge, (0, 2), ("vehicle", "pedestrian", "heavy"))
+    assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == ("vehicle", 32, 20, 0.75)
+    assert (walker.objects, walker.share) == (8, 0.0)
+    assert (heavy.objects, heavy.share) == (0, None)
+
+
+def test_the_cloud_of_no_sensor(street):
+    assert fused_cloud(street.detected, (), 0).shape == (0, 3)
+    assert fused_cloud(street.detected, (0, 2), 0).shape == (100, 3)

@@ -1,0 +1,48 @@
+"""Sets worth a judgement: feasible, of every size, within the money, the same again."""
+
+import numpy as np
+
+from placement_env.objective import Objective
+from placement_env.report.planning.finalists import finalists
+
+
+def test_every_size_has_the_best_set_of_all(street):
+    found = finalists(street.objective, 3)
+    assert street.objective.feasible(found.sets).all()
+    sizes = found.sets.sum(axis=1)
+    assert (np.diff(sizes) >= 0).all()
+    best = {size: found.predicted[sizes == size].max() for size in (1, 2, 3)}
+    assert best == {1: 0.5, 2: 0.75, 3: 1.0}
+    assert len(np.unique(found.sets, axis=0)) == len(found.sets)
+    three = int(np.flatnonzero(sizes == 3)[found.predicted[sizes == 3].argmax()])
+    assert {"exhaustive", "greedy"} <= set(found.searches[three])
+    assert found.considered > 14
+    assert np.array_equal(found.predicted, street.objective.scores(found.sets).ap)
+
+
+def test_money_is_kept_to(street):
+    # the sets cost 11, 11, 10.5 and 23
+    tight = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=22.0)
+    found = finalists(tight, 4)
+    assert tight.price(found.sets).max() == 22.0
+    assert found.sets.sum(axis=1).max() == 2
+
+
+def test_the_same_again(street):
+    first, again = finalists(street.objective, 2, seed=3), finalists(street.objective, 2, seed=3)
+    assert np.array_equal(first.sets, again.sets)
+    assert (first.searches, first.considered) == (again.searches, again.considered)
+
+
+def test_nothing_to_build(street):
+    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
+    found = finalists(poor, 2)
+    assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
+
+
+def test_large_pools(make):
+    stages = []
+    found = finalists(make(mounts=6, poses=4), 2, entrants=3, progress=lambda *stage: stages.append(stage))
+    assert stages == [("searching", 1, 2), ("searching", 2, 2)]
+    assert not any("exhaustive" in names for names in found.searches)
+    assert 4 <= len(found.sets) <= 14

@@ -1,0 +1,156 @@
+"""Plans of the T-junction's own sensors by the shipped network: whole, repeated, interrupted, and refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from placement_env.fidelity.detector import Detected
+from placement_env.report.planning.files import plan_json
+from placement_env.report.planning.planning import plan
+from placement_env.report.planning.question import Question
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+SITE = load_site("tjunction")
+FEW = {"search_frames": 4, "judge_frames": 3, "final_frames": 5}
+QUESTION = Question(site=SITE, sensors=2, candidates="paper", **FEW)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def planned(cache):
+    """A plan that was interrupted while sets were judged, then made."""
+
+    def interrupted(stage, done, total):
+        if stage == "judging":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        plan(QUESTION, cache=cache, progress=interrupted)
+    return plan(QUESTION, cache=cache)
+
+
+def test_a_plan_has_all_its_parts(planned):
+    made = planned.plan
+    assert made.verdict.met is None
+    assert len(made.chosen.sensors) == len(made.sensors) == len(planned.site.sensors) == 2
+    assert made.chosen.sensors == tuple(sensor.name for sensor in made.sensors)
+    judged = made.chosen.judged
+    assert (judged.frames, judged.low <= judged.ap <= judged.high) == (5, True)
+    assert judged.vehicles > 10
+    assert {(row.scheme, row.iou) for row in made.schemes} == {
+        (s, i) for s in ("early", "late", "hybrid") for i in (0.7, 0.8, 0.9)
+    }
+    own = next(row for row in made.schemes if (row.scheme, row.iou) == ("early", 0.7))
+    assert own.judged == judged
+    for rows in (made.by_zone, made.by_range, made.by_approach):
+        assert sum(row.judged.vehicles for row in rows if row.judged) == judged.vehicles
+    assert made.by_class[0].objects == judged.vehicles
+    assert sum(worth.shapley for worth in made.worth) == pytest.approx(judged.ap)
+    assert [len(case.failed) for case in made.failures] == [1, 1]
+    assert made.order[-1].judged == judged
+    assert made.order[-1].price == made.chosen.price == sum(item.price for item in made.materials) == 2.0
+    assert len(made.poles_unused) == 4
+    assert made.links[0].mbit_s == pytest.approx(made.sensors[0].kbit / 100)
+    assert 0 < made.ground.seen_by[0] <= 1
+    assert planned.ground.seen.shape[0] == 2
+    assert len(planned.moments) == 5
+    assert made.detector == "VoxelNetDetector (shipped network 'tjunction')"
+
+
+def test_searches_judge_and_answer_have_traffic_of_their_own(planned):
+    parts = planned.plan.provenance["traffic"]
+    assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1, 2]
+    assert len({part["sha256"] for part in parts.values()}) == 3
+    assert {option.judged.frames for option in planned.plan.considered if option.judged} == {3}
+
+
+def test_the_same_question_has_the_same_plan(planned, cache, monkeypatch):
+    def never(*_):
+        raise AssertionError("detected again")
+
+    monkeypatch.setattr("models.detector.VoxelNetDetector.__call__", never)
+    again = plan(QUESTION, cache=cache)
+    assert plan_json(again.plan) == plan_json(planned.plan)
+    assert all(
+        np.array_equal(one, other)
+        for first, second in zip(planned.moments, again.moments, strict=True)
+        for one, other in zip(first.clouds, second.clouds, strict=True)
+    )
+
+
+def test_other_detector_other_figures(cache):
+    class Blind:
+        digest = "blind"
+
+        def __call__(self, points, /):
+            from toolkit.objects import Detections
+
+            return Detections.empty()
+
+    made = plan(replace(QUESTION, detector=Blind(), min_ap=0.5), cache=cache).plan
+    assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == ("Blind", 0.0, None)
+    assert made.verdict.met is False
+    assert "AP 0.000 (0.000 to 0.000)" in made.verdict.reasons[0]
+    assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
+
+
+def test_a_requirement_is_met_by_the_cheapest(planned, cache):
+    one = min((o for o in planned.plan.considered if o.judged and len(o.sensors) == 1), key=lambda o: -o.judged.ap)
+    made = plan(replace(QUESTION, min_ap=one.judged.ap / 2), cache=cache).plan
+    assert len(made.chosen.sensors) == 1
+    assert made.verdict.met is (made.chosen.judged.ap >= one.judged.ap / 2)
+
+
+@pytest.mark.parametrize(
+    ("asked", "reason"),
+    [
+        ({"sensors": 0}, "The budget is 0 sensors"),
+        ({"site": Site("bare", np.array([-9.0, -9, 9, 9]))}, "has no road network, so there is no traffic"),
+        ({"candidates": "pool", "keep_out": (shapely.box(-500, -500, 500, 500),)}, "There is no candidate: site"),
+        ({"capacity_kbit": 5.0}, "The links exclude 6 of 6 candidates"),
+        ({"max_kbit": 5.0}, "The limit of 5 kbit per sensor and frame excludes 6 of 6"),
+        ({"money": 0.5}, "The sum of the price of 0.5 ordinary poles excludes 6 of 6"),
+    ],
+)
+def test_none_can_and_why(asked, reason, cache):
+    made = plan(replace(QUESTION, **asked), cache=cache)
+    assert (made.plan.verdict.met, made.plan.chosen, made.site.sensors) == (False, None, ())
+    assert reason in " ".join(made.plan.verdict.reasons)
+    assert plan_json(made.plan)
+
+
+def test_limits_leave_out_what_they_exclude(cache, planned):
+    loads = sorted(sensor.kbit for sensor in planned.plan.sensors)
+    made = plan(replace(QUESTION, max_kbit=loads[0] + 1.0, sensors=1), cache=cache).plan
+    assert made.sensors[0].kbit < loads[0] + 60
+
+
+def test_a_site_without_vehicles(cache, monkeypatch):
+    for module in ("visibility", "occlusion"):
+        monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, _: np.zeros(len(objects), bool))
+    made = plan(replace(QUESTION, seed=77), cache=None)
+    assert "No vehicle comes into the detection area of site 'tjunction' in 4 frames" in made.plan.verdict.reasons[0]
+
+
+def test_the_ap_is_that_of_an_evaluation(planned, cache):
+    """As `Detected` says it, on the traffic of the third seed."""
+    from placement_env.candidates.pool import paper_candidates
+    from placement_env.fidelity.preparation import Preparation
+    from toolkit.detection.schemes import scheme_of
+
+    candidates = paper_candidates(SITE)
+    prepared = Preparation(site=SITE, candidates=candidates, frames=5, scheme=scheme_of("early"), seed=2, cache=cache)
+    detected = prepared.fidelity("detector")
+    assert isinstance(detected, Detected)
+    names = [sensor.name for sensor in candidates.sensors]
+    row = np.isin(names, planned.plan.chosen.sensors)
+    estimate = detected(row[None])
+    assert estimate.ap[0] == planned.plan.chosen.judged.ap
+    assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)

@@ -1,0 +1,75 @@
+"""Which of the judged sets is the answer, and which stand beside it."""
+
+import numpy as np
+import pytest
+
+from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.planning.finalists import Finalists
+from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
+
+
+def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True):
+    names = tuple(f"s{i}" for i in range(sensors))
+    said = Judgement(ap, low, high, ap, 1.0, 100, 60)
+    return PlanOption(names, price, kbit, kbit * sensors, ap, said if judged else None)
+
+
+def test_without_a_requirement_the_best_wins_and_the_cheaper_of_equals():
+    options = (
+        option(0.9, 0.8, 1.0, price=3.0),
+        option(0.95, 0.9, 1.0, price=2.0, sensors=2),
+        option(0.95, 0.9, 1.0, price=2.0),
+        option(0.99, 0.9, 1.0, judged=False),
+    )
+    assert choose(options, None) == (2, "best")
+
+
+def test_with_one_the_cheapest_whose_interval_lies_above_it():
+    options = (
+        option(0.95, 0.92, 1.0, price=5.0),
+        option(0.94, 0.91, 1.0, price=3.0, sensors=3),
+        option(0.93, 0.90, 1.0, price=3.0, sensors=2, kbit=200.0),
+        option(0.92, 0.90, 1.0, price=3.0, sensors=2, kbit=100.0),
+        option(0.91, 0.70, 1.0, price=1.0),
+    )
+    assert choose(options, 0.9) == (3, "interval")
+    assert choose(options, 0.93) == (2, "estimate")
+    assert choose(options, 0.99) == (0, "none")
+
+
+def test_near_optimal_are_those_whose_intervals_overlap():
+    options = (
+        option(0.9, 0.85, 0.95, price=4.0),
+        option(0.8, 0.7, 0.85, price=2.0),
+        option(0.97, 0.95, 1.0, price=3.0),
+        option(0.7, 0.6, 0.84),
+        option(0.9, 0.8, 1.0, judged=False),
+    )
+    assert near_optimal(options, 0) == (options[1], options[2])
+
+
+def test_the_front_is_of_ap_kbit_and_price():
+    best, cheap, lean, beaten = (
+        option(0.9, 0.8, 1.0, price=3.0),
+        option(0.8, 0.7, 0.9, price=1.0),
+        option(0.7, 0.6, 0.8, price=2.0, kbit=10.0),
+        option(0.7, 0.6, 0.8, price=2.0, kbit=150.0),
+    )
+    assert judged_front((best, beaten, lean, cheap, option(1.0, 1.0, 1.0, judged=False))) == (cheap, lean, best)
+
+
+def test_sets_of_each_size_race_and_the_best_are_judged(street):
+    sets = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
+    found = Finalists(sets, street.objective.scores(sets).ap, (("greedy",), (), (), (), (), ()), 77)
+    stages = []
+    picked = select(street.objective, found, street.judge, progress=lambda *stage: stages.append(stage))
+    assert (picked.chosen, picked.rule) == (5, "best")
+    assert stages == [("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3)]
+    judged = [o.judged and o.judged.ap for o in picked.options]
+    assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race
+    assert judged[4:] == pytest.approx([0.75, 0.8])
+    assert picked.options[5].price == 32.5
+    assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
+    assert picked.options[0].searches == ("greedy",)
+    cheap = select(street.objective, found, street.judge, min_ap=0.75)
+    assert (cheap.chosen, cheap.rule) == (4, "interval")

@@ -1,0 +1,75 @@
+"""What a plan says in sentences, with its figures."""
+
+import numpy as np
+import pytest
+
+from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
+from placement_env.report.planning.question import Question
+from placement_env.report.planning.sentences import assumptions, money, unknown, verdict_of, why
+from toolkit.sites.site import Site
+
+SITE = Site("street", np.array([-20.0, -20, 20, 20]))
+FINAL = Judgement(0.91, 0.85, 0.95, 0.92, 0.9, 812, 120)
+OPTION = PlanOption(("a", "b"), 2.0, 500.0, 1000.0, 0.93, FINAL, ("greedy", "swap"))
+
+
+@pytest.mark.parametrize(
+    ("amount", "currency", "words"),
+    [
+        (12345.678, "EUR", "12,345.68 EUR"),
+        (1.0, "", "the price of 1 ordinary pole"),
+        (0.6, "", "the price of 0.6 ordinary poles"),
+    ],
+)
+def test_money(amount, currency, words):
+    assert money(amount, currency) == words
+
+
+def test_verdicts():
+    asked = Question(site=SITE)
+    assert verdict_of(asked, OPTION, FINAL, ()).met is None
+    said = verdict_of(asked, OPTION, FINAL, ()).sentence
+    assert "AP 0.910 (95 % interval 0.850 to 0.950, 812 vehicles in 120 frames) at IoU 0.7 with 2 sensors" in said
+    met = verdict_of(Question(site=SITE, min_ap=0.9), OPTION, FINAL, ())
+    assert (met.met, "reaches below it" in met.sentence) == (True, True)
+    sure = verdict_of(Question(site=SITE, min_ap=0.8), OPTION, FINAL, ())
+    assert "the whole interval lies above it" in sure.sentence
+    missed = verdict_of(Question(site=SITE, min_ap=0.95), OPTION, FINAL, ("Because.",))
+    assert (missed.met, missed.reasons) == (False, ("Because.",))
+    assert "is not met" in missed.sentence
+
+
+def test_why_names_figures():
+    schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
+    failures = (FailureCase(("a",), FINAL), FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)))
+    said = " ".join(
+        why(
+            Question(site=SITE), (OPTION,), OPTION, "best", considered=12345, fidelity="surrogate", near=1,
+            schemes=schemes, failures=failures,
+        )
+    )  # fmt: skip
+    assert "12,345 sets were scored by the surrogate; 1 of them raced" in said
+    assert "greedy and swap" in said
+    assert "1 other judged set has an interval that overlaps" in said
+    assert "late 0.910 for 2.0 kbit" in said
+    assert "hurt most when b fails: AP 0.400 is left" in said
+
+
+def test_assumptions_follow_the_question():
+    plain = " ".join(
+        assumptions(Question(site=SITE, seed=4), search_fidelity="surrogate", detector="Reader", worth_sampled=False)
+    )
+    assert "seeds 4, 5 and 6" in plain
+    assert "does not know cyclist, pedestrian, heavy" in plain
+    assert "No catalogue was given" in plain
+    assert "by coverage" not in plain
+    only = Question(site=SITE, classes=("vehicle",))
+    other = " ".join(assumptions(only, search_fidelity="coverage", detector="Reader", worth_sampled=True))
+    assert "does not know" not in other
+    assert "searches went by coverage" in other
+    assert "With so many sensors" in other
+
+
+def test_an_interval_without_width_is_named():
+    assert len(unknown(FINAL)) == 4
+    assert "How far AP 1.000 may be off" in unknown(Judgement(1.0, 1.0, 1.0, 1.0, 1.0, 3, 4))[-1]

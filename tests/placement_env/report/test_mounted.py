@@ -1,0 +1,136 @@
+"""A chosen set as it is mounted: names, poles, degrees, and sensors that a search moved."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.candidates.aim import aimed
+from placement_env.candidates.candidates import Axes, Candidates
+from placement_env.candidates.pool import paper_candidates, pool
+from placement_env.report.mounted import mounted_site, planned_sensors, unused_mounts
+from toolkit.geometry import pose
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.files import load_site
+from toolkit.sites.georeference import inverse_project, projection
+from toolkit.sites.site import Mount, Site
+
+CENTRE = (13.4, 52.505)
+NORTH, EAST = Mount("north", np.array([0.0, 12.0, 0.5]), 3.0, 9.0, 0.5, 800.0), Mount("e/1", np.array([20.0, 0.0, 0.0]))
+SITE = Site(
+    "berlin",
+    np.array([-20.0, -20.0, 20.0, 20.0]),
+    mounts=(NORTH, EAST),
+    map_SE3_site=pose(3.0, 4.0, yaw=np.pi / 2),
+    geo_reference=projection(*CENTRE),
+)
+KBIT = {"kbit": [300.0, 20.5], "peak_kbit": [400.0, 30.5]}
+
+
+@pytest.fixture
+def candidates() -> Candidates:
+    tilts = [math.radians(15)]
+    return pool(SITE, heights=[4.0], headings=4, tilts=tilts, models=(DepthCamera(), SpinningLidar()))
+
+
+@pytest.fixture
+def chosen(candidates) -> list[int]:
+    names = [sensor.name for sensor in candidates.sensors]
+    return [names.index("north_4.0m_h270_t15_camera"), names.index("e/1_4.0m_h180_t15_lidar")]
+
+
+def test_a_set_as_it_is_mounted(candidates, chosen):
+    north, east = planned_sensors(SITE, candidates, chosen, **KBIT)
+    assert (north.name, north.pole, north.model) == ("north_4.0m_h270_t15_camera", "north", "depth-camera")
+    assert (east.name, east.pole, east.model) == ("e-1_4.0m_h180_t15_lidar", "e/1", "spinning-lidar")
+    assert (north.x, north.y, north.z, north.height) == (0.0, 12.0, 4.5, 4.0)
+    # y of the site points to the map's west: 12 m along it from (3, 4) is 9 m west and 4 m north of the map's zero
+    (degrees,) = inverse_project(np.array([[-9.0, 4.0]]), CENTRE)
+    assert (north.longitude, north.latitude) == pytest.approx(tuple(degrees), abs=1e-9)
+    assert north.bearing_deg == pytest.approx(90.0)  # against y of the site: to the map's east
+    assert east.bearing_deg == pytest.approx(180.0)
+    assert (north.tilt_deg, east.tilt_deg) == (15.0, 15.0)
+    assert (north.pole_price, north.capacity_kbit, north.kbit, north.peak_kbit) == (0.5, 800.0, 300.0, 400.0)
+    assert (east.pole_price, east.capacity_kbit, east.kbit, east.peak_kbit) == (1.0, 2000.0, 20.5, 30.5)
+    assert (north.model_price, east.model_price) == (0.0, 0.0)
+
+
+def test_names_and_prices_of_a_catalogue(candidates, chosen):
+    priced = planned_sensors(SITE, candidates, chosen, **KBIT, model_names=["Acme", "Spin"], model_prices=[1.5, 2.0])
+    assert [(s.model, s.model_price) for s in priced] == [("Acme", 1.5), ("Spin", 2.0)]
+
+
+def test_nowhere_on_earth(candidates, chosen):
+    north, _ = planned_sensors(replace(SITE, geo_reference=None), candidates, chosen, **KBIT)
+    assert (north.longitude, north.latitude) == (None, None)
+    assert north.bearing_deg == pytest.approx(90.0)
+
+
+def test_sensors_that_were_moved(candidates, chosen):
+    first, second = (candidates.sensors[c] for c in chosen)
+    moved = (aimed(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
+    north, east = planned_sensors(SITE, candidates, chosen, moved, **KBIT)
+    assert (north.name, north.pole, north.height) == ("north_6.25m_h275.5_t7.0_camera", "north", 6.25)
+    assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
+    assert (east.name, east.height) == ("e-1_4.0m_h180_t15_lidar", 4.0)  # it stayed where it was
+    site = mounted_site(SITE, candidates, chosen, moved)
+    assert [s.name for s in site.sensors] == [north.name, east.name]
+    assert np.array_equal(site.sensors[0].pose, moved[0].pose)
+
+
+def test_a_sensor_may_roam_to_another_mount(candidates, chosen):
+    moved = (aimed(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
+    (there,) = planned_sensors(SITE, candidates, chosen[:1], moved, kbit=[1.0], peak_kbit=[1.0])
+    assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
+    assert [mount.name for mount in unused_mounts(candidates, chosen[:1], moved)] == ["north"]
+
+
+def test_the_site_has_the_chosen_sensors_and_its_own_mounts(candidates, chosen):
+    site = mounted_site(SITE, candidates, np.array(chosen))
+    assert [sensor.name for sensor in site.sensors] == ["north_4.0m_h270_t15_camera", "e-1_4.0m_h180_t15_lidar"]
+    assert site == replace(SITE, sensors=site.sensors)
+    assert unused_mounts(candidates, chosen) == ()
+    assert unused_mounts(candidates, []) == (NORTH, EAST)
+    assert mounted_site(site, candidates, []).sensors == ()
+
+
+def test_poles_of_a_file_become_mounts_of_the_site(candidates):
+    own = [Mount("new", np.array([-15.0, 9.0, 0.0])), Mount("north", np.array([9.0, 9.0, 0.0]), price=3.0)]
+    own += [Mount("again", np.array([20.05, 0.0, 0.0]))]
+    found = pool(SITE, mounts=own)
+    site = mounted_site(SITE, found, [0, int(np.flatnonzero(found.mount == 1)[0]), len(found) - 1])
+    assert [(m.name, *m.position, m.price) for m in site.mounts] == [
+        ("e/1", 20.0, 0.0, 0.0, 1.0),
+        ("new", -15.0, 9.0, 0.0, 1.0),
+        ("north", 9.0, 9.0, 0.0, 3.0),
+    ]
+
+
+def test_the_own_sensors_of_a_site_bring_no_mount_twice():
+    site = load_site("tjunction")
+    assert mounted_site(site, paper_candidates(site), range(6)).sensors == site.sensors
+    assert {m.name for m in mounted_site(site, paper_candidates(site), [0, 3]).mounts} >= {m.name for m in site.mounts}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"kbit": [1.0]}, "kbit must hold one value for each of 2 sensors, got 1"),
+        ({"peak_kbit": [1.0] * 3}, "peak_kbit must hold one value"),
+        ({"model_prices": [1.0]}, "model_prices must hold"),
+        ({"model_names": ["a"]}, "model_names must hold"),
+    ],
+)
+def test_numbers_that_differ(wrong, message, candidates, chosen):
+    with pytest.raises(ValueError, match=message):
+        planned_sensors(SITE, candidates, chosen, **KBIT | wrong)
+    with pytest.raises(ValueError, match="moved must be the 2 chosen sensors where they are now, got 1"):
+        planned_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
+
+
+def test_an_empty_set():
+    none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
+    empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
+    assert planned_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()

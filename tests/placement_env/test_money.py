@@ -1,0 +1,132 @@
+"""Money is a hard limit: no search answers with a set that costs more, whatever it would gain."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from placement_env.objective import Objective
+from placement_env.search import annealing, cpsat, exhaustive, greedy, nsga2, swap
+from placement_env.search.neighbourhood import Neighbourhood
+from placement_env.search.progress import Progress
+from placement_env.search.submodular import online_bound
+from placement_env.subsets import all_subsets
+from toolkit.sensors.depth_camera import DepthCamera
+
+SEARCHES: dict[str, Any] = {
+    "exhaustive": exhaustive.search,
+    "greedy": greedy.search,
+    "lazy": greedy.lazy,
+    "stochastic": greedy.stochastic,
+    "swap": swap.search,
+    "annealing": annealing.search,
+    "nsga2": nsga2.search,
+}
+
+
+@pytest.fixture
+def priced(make):
+    """An objective of six mounts with two poses each, and the same with models that cost and a limit."""
+
+    def limited(most, seed=0, mounts=6):
+        free = make(mounts=mounts, poses=2, seed=seed)
+        plain = free.candidates
+        factors = plain.factors.copy()
+        factors[:, 4] = np.arange(len(plain)) % 2
+        axes = replace(plain.axes, models=(DepthCamera(), DepthCamera(width=80)), prices=(0.25, 1.0))
+        sensors = tuple(replace(s, model=axes.models[f]) for s, f in zip(plain.sensors, factors[:, 4], strict=True))
+        candidates = replace(plain, sensors=sensors, factors=factors, axes=axes)
+        return Objective.of(candidates, free.scored_by, "early", most_price=most)
+
+    return limited
+
+
+def test_price_is_of_mounts_once_and_of_every_model(priced):
+    objective = priced(np.inf)
+    mounts, candidates = objective.candidates.mount_prices, objective.candidates
+    both = objective.row([0, 1])  # one mount, both models
+    assert objective.price(both[None])[0] == pytest.approx(mounts[0] + 0.25 + 1.0)
+    assert candidates.prices[2] == pytest.approx(mounts[1] + 0.25)
+    assert objective.score([0, 3]).price == pytest.approx(mounts[0] + 0.25 + mounts[1] + 1.0)
+
+
+def test_feasible_and_allowed_know_the_money(priced):
+    objective = priced(3.0)
+    sets = all_subsets(len(objective.candidates))
+    one_each = (objective.candidates.per_mount(sets) <= 1).all(axis=1)
+    assert np.array_equal(objective.feasible(sets), one_each & (objective.price(sets) <= 3.0))
+    chosen = [0]
+    allowed = objective.allowed(chosen)
+    for c in range(1, len(objective.candidates)):
+        assert allowed[c] == objective.feasible(objective.row([0, c])[None])[0], c
+
+
+def test_a_sum_is_not_refused_for_its_rounding(make):
+    free = make(mounts=3, poses=1)
+    mounts = tuple(replace(mount, price=0.1) for mount in free.candidates.mounts)
+    exact = Objective.of(replace(free.candidates, mounts=mounts), free.scored_by, "early", most_price=0.3)
+    assert exact.feasible(np.ones((1, 3), bool))[0]  # 0.1 + 0.1 + 0.1 is more than 0.3 in floating point
+
+
+@pytest.mark.parametrize("most", [0.5, 2.0, 3.5])
+@pytest.mark.parametrize("name", SEARCHES)
+def test_every_search_keeps_to_the_money(priced, name, most):
+    limits = {"evaluations": 800} if name in ("swap", "annealing", "nsga2") else {}
+    for seed in range(3):
+        objective = priced(most, seed)
+        result = SEARCHES[name](objective, 4, seed=seed, **limits)
+        assert result.best.price <= most
+        assert all(score.price <= most for score in (*result.front, *result.by_size))
+
+
+def test_nsga2_beyond_enumeration_keeps_to_the_money(priced):
+    pytest.importorskip("pymoo")
+    objective = priced(4.0, mounts=10)
+    result = nsga2.search(objective, 4, seed=1, evaluations=600)
+    assert result.best.price <= 4.0
+    assert all(score.price <= 4.0 for score in result.front)
+    assert len(result.front) > 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cpsat_finds_the_best_cover_for_the_money(priced, make, seed):
+    pytest.importorskip("ortools")
+    for most in (1.5, 3.0, 4.5):
+        objective = priced(most, seed)
+        seen = objective.scored_by.seen
+        visibility = type("Seen", (), {"points": np.where(seen, 100.0, 0.0)})()
+        answer = cpsat.search(objective, 4, visibility=visibility, seed=seed, effort=5.0)
+        best = exhaustive.search(objective, 4).best
+        assert answer.best.price <= most
+        assert answer.best.ap == pytest.approx(best.ap)
+        assert answer.certificate.kind == "optimal"
+
+
+def test_neighbours_and_samples_keep_to_the_money(priced):
+    objective, rng = priced(3.0), np.random.default_rng(0)
+    neighbourhood = Neighbourhood(objective, 4)
+    chosen = neighbourhood.sample(rng)
+    for _ in range(300):
+        chosen = neighbourhood.neighbour(chosen, rng)
+        assert objective.feasible(objective.row(chosen)[None])[0]
+        repaired = neighbourhood.repair(rng.permutation(len(objective.candidates)).tolist(), rng)
+        assert objective.feasible(objective.row(repaired)[None])[0]
+        assert objective.feasible(objective.row(neighbourhood.sample(rng))[None])[0]
+
+
+def test_the_bound_holds_with_money(priced):
+    objective = priced(3.0)
+    progress = Progress(objective, 3, None, None)
+    chosen = list(greedy.search(objective, 3).best.subset)
+    assert online_bound(progress, chosen) >= exhaustive.search(objective, 3).best.ap - 1e-12
+
+
+def test_money_that_is_none(make):
+    objective = make()
+    with pytest.raises(ValueError, match="most_price must be 0 or more, got -1"):
+        Objective.of(objective.candidates, objective.scored_by, most_price=-1.0)
+    broke = Objective.of(objective.candidates, objective.scored_by, most_price=0.0)
+    assert not broke.allowed([]).any()
+    assert greedy.search(broke, 3).best.subset == ()
+    assert Neighbourhood(broke, 3).sample(np.random.default_rng(0)) == []
