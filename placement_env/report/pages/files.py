@@ -14,6 +14,9 @@ from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
 
 
+REPORT_FILES = ("report.html", "report.pdf")
+
+
 class PlanWithGround(Protocol):
     """A plan with what its pages are made from. site: with the chosen sensors mounted; ground: what they see of it."""
 
