@@ -21,7 +21,7 @@ from placement_env.report.content import Ground, Moment, Plan, PlannedSensor
 from placement_env.report.pages import scene_shapes as shapes
 from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, extrude, merge, tube
-from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE, SOLID, sensor_colour
+from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -183,7 +183,7 @@ def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
         _add_mesh(api, f"/site/{kind}", merge(meshes), {**SOLID, "pond": POND}.get(kind, OTHER_SOLID))
     for name, radius, colour, mounts in (
         ("free poles", 0.06, FREE_POLE, [m for m in site.mounts if m.name not in used]),
-        ("poles in use", 0.12, POLE, [m for m in site.mounts if m.name in used]),
+        ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
     ):
         tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
         _add_mesh(api, f"/site/{name}", merge(tubes), colour)
@@ -194,7 +194,7 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
-    _add_mesh(api, f"{node}/pole", pole, POLE)
+    _add_mesh(api, f"{node}/pole", pole, POLE_INK)
     _add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
     where = (sensor.x, sensor.y, sensor.z + 1.2)
     api.add_label(f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center")
