@@ -65,8 +65,8 @@ class PlannedSensor:
 @dataclass(frozen=True)
 class PlanOption:
     """A sensor set that was considered: names of candidates, price, what is sent, the AP that the searches' fidelity
-    predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: of the judged
-    traffic, over the detector's IoU thresholds (0.7, 0.8, 0.9 and the plan's)."""
+    predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: over the
+    detector's IoU thresholds (0.7, 0.8, 0.9 and the plan's), in the traffic it was judged on."""
 
     sensors: tuple[str, ...]
     price: float
