@@ -48,7 +48,7 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableBlock:
     """A table with the sentence above it. Raises ValueError where a row does not have a cell for each column."""
 
     caption: str
@@ -81,7 +81,7 @@ class SceneView:
     kind: ClassVar[str] = "scene"
 
 
-Block = Paragraph | Bullets | Table | Drawing | SceneView
+ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Section:
     key: str
     title: str
     conclusion: str
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[ReportBlock, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,10 @@ class Document:
     language: str = "en"
 
 
-def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> tuple[Table, ...]:
+def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> tuple[TableBlock, ...]:
     """A table, or none where it would have no row.
 
     >>> table("Links", [Column("Pole")], [])
     ()
     """
-    return (Table(caption, tuple(columns), tuple(tuple(row) for row in rows)),) if rows else ()
+    return (TableBlock(caption, tuple(columns), tuple(tuple(row) for row in rows)),) if rows else ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from placement_env.report.content import Ground, Moment, Plan
 from placement_env.report.pages.html import html_of
@@ -13,10 +13,10 @@ from placement_env.report.pages.sections import report_of
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
 
-
 REPORT_FILES = ("report.html", "report.pdf")
 
 
+@runtime_checkable
 class PlanWithGround(Protocol):
     """A plan with what its pages are made from. site: with the chosen sensors mounted; ground: what they see of it."""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from placement_env.report.pages.document import Document
 from placement_env.report.pages.scene import Scene
 
-FOLDER = Path(__file__).parent
+_FOLDER = Path(__file__).parent
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; "
@@ -26,7 +26,7 @@ def html_of(document: Document, scene: Scene | None) -> str:
     from markupsafe import Markup
 
     environment = Environment(
-        loader=FileSystemLoader(FOLDER),
+        loader=FileSystemLoader(_FOLDER),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -35,8 +35,8 @@ def html_of(document: Document, scene: Scene | None) -> str:
     page: str = environment.get_template("report.html.j2").render(
         document=document,
         policy=POLICY,
-        style=Markup((FOLDER / "report.css").read_text(encoding="utf-8")),
-        script=Markup((FOLDER / "report.js").read_text(encoding="utf-8")),
+        style=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
+        script=Markup((_FOLDER / "report.js").read_text(encoding="utf-8")),
         layers=scene.layers if scene else (),
         frames=scene.frames if scene else (),
         scene_data=Markup(script_data({"html": scene.html, "frames": scene.frames})) if scene else None,

@@ -29,15 +29,14 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from viser import SceneApi
 
-MOST_POINTS = 240_000  # of all clouds of all frames together
-FREE_POLE = "#8c8c8c"
-POND = "#a0c8dc"  # darker than on maps, to stand out from the white around
-LANE = "#b4b6ba"
-TRUTH = FAINT
-HIT, MISSED, FALSE_ALARM = (OUTCOME[each].colour for each in ("hit", "missed", "false alarm"))
-BARE_GROUND = "#dfe2d8"
+MOST_DRAWN = 240_000  # of all clouds of all frames together
+# Darker than on maps: the light of the scene whitens them.
+_SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "trunk": "#7a6554"}
+_FREE_POLE, _LANE, _BARE_GROUND = "#8c8c8c", "#b4b6ba", "#dfe2d8"
+_TRUTH = FAINT
+_HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, OUTCOME["false alarm"].colour
 
-CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
+_CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
 addEventListener("message", function (event) {
   if (event.source !== parent || !event.data || !event.data.scene) return;
   var asked = event.data.scene, viewer = window.__viserMutable;
@@ -92,12 +91,12 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         html = as_html()
     head_end = html.index("</head>")
     frames = tuple(_frame_nodes(f, len(plan.sensors)) for f in range(len(moments)))
-    return Scene(html[:head_end] + CONTROL + html[head_end:], tuple(layers), frames)
+    return Scene(html[:head_end] + _CONTROL + html[head_end:], tuple(layers), frames)
 
 
 def shapes_of(site: Site, ground: Ground, index: int) -> Mesh:
     """The ground that the sensor of this row of `ground.seen` sees; each lies a little above the one before."""
-    return shapes.visible_ground(site, ground, ground.seen[index], lift=0.08 + 0.03 * index)
+    return shapes.seen_cells(site, ground, ground.seen[index], lift=0.08 + 0.03 * index)
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
@@ -172,17 +171,17 @@ def _add_lines(
 
 
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
-    _add_mesh(api, "/site/ground", shapes.ground_mesh(site), BARE_GROUND)
-    for layer, lift, colour in (("lanes", 0.03, LANE), ("footways", 0.04, GROUND["footways"])):
+    _add_mesh(api, "/site/ground", shapes.ground_mesh(site), _BARE_GROUND)
+    for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
         _add_mesh(api, f"/site/{layer}", shapes.draped(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
-        _add_mesh(api, f"/site/{kind}", merge(meshes), {**SOLID, "pond": POND}.get(kind, OTHER_SOLID))
+        _add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
     for name, radius, colour, mounts in (
-        ("free poles", 0.06, FREE_POLE, [m for m in site.mounts if m.name not in used]),
+        ("free poles", 0.06, _FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
     ):
         tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
@@ -216,12 +215,12 @@ def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> N
 
 
 def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
-    most = MOST_POINTS // max(sum(len(moment.clouds) for moment in moments), 1)
+    most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
             api.add_point_cloud(
                 f"/sensors/{index}/points {frame}",
-                shapes.thinned(points, most),
+                shapes.sampled(points, most),
                 _rgb(sensor_colour(index)),
                 point_size=0.09,
                 point_shape="square",
@@ -233,10 +232,10 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
     """Truth and detections, told apart by colour, line and mark."""
     layers = {
-        "truth": Layer("Vehicles that were there", "/truth", TRUTH, "thin solid boxes"),
-        "hit": Layer("Detections that hit", "/hit", HIT, "thick solid boxes"),
-        "missed": Layer("Vehicles that were missed", "/missed", MISSED, "dashed boxes, a cross on the roof"),
-        "false": Layer("False alarms", "/false", FALSE_ALARM, "dotted boxes under a mast"),
+        "truth": Layer("Vehicles that were there", "/truth", _TRUTH, "thin solid boxes"),
+        "hit": Layer("Detections that hit", "/hit", _HIT, "thick solid boxes"),
+        "missed": Layer("Vehicles that were missed", "/missed", _MISSED, "dashed boxes, a cross on the roof"),
+        "false": Layer("False alarms", "/false", _FALSE_ALARM, "dotted boxes under a mast"),
     }
     for layer in layers.values():
         api.add_frame(layer.node, show_axes=False)
@@ -246,10 +245,10 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
         hit = detections[moment.detection_hit]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
-            ("truth", shapes.box_edges(truth), TRUTH, 1.5),
-            ("hit", shapes.box_edges(hit), HIT, 3.0),
-            ("missed", _both(shapes.dashed(shapes.box_edges(missed), dash=0.6, gap=0.4), missed), MISSED, 3.0),
-            ("false", _marked(wrong), FALSE_ALARM, 3.0),
+            ("truth", shapes.box_edges(truth), _TRUTH, 1.5),
+            ("hit", shapes.box_edges(hit), _HIT, 3.0),
+            ("missed", _both(shapes.dashed(shapes.box_edges(missed), dash=0.6, gap=0.4), missed), _MISSED, 3.0),
+            ("false", _marked(wrong), _FALSE_ALARM, 3.0),
         )
         for key, segments, colour, width in drawn:
             _add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)

@@ -14,7 +14,7 @@ from toolkit.mesh import Mesh, triangulate
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-MARGIN = 25.0  # m of ground that is drawn around the area
+GROUND_MARGIN = 25.0  # m of ground that is drawn around the area
 TILE = 4.0  # m, edge of the tiles that ground and streets are cut into, to follow the relief
 LONGEST_RUN = 8  # cells of visible ground that one rectangle covers
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
@@ -22,7 +22,7 @@ NO_RETURN = 12.0  # m that a ray is drawn which meets nothing
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
 SPIKE = 2.5  # m, height of the mark on a false alarm
 
-Segments = Float64[np.ndarray, "n 2 3"]
+Segments = Float64[np.ndarray, "_ 2 3"]
 
 
 def ground_mesh(site: Site) -> Mesh:
@@ -41,7 +41,7 @@ def draped(
     return _lifted(site, flat, lift)
 
 
-def visible_ground(site: Site, ground: Ground, seen: Bool[np.ndarray, "ny nx"], *, lift: float) -> Mesh:
+def seen_cells(site: Site, ground: Ground, seen: Bool[np.ndarray, "ny nx"], *, lift: float) -> Mesh:
     """The cells that a sensor sees, as rectangles along the rows of the grid."""
     half, boxes = ground.cell / 2, []
     for row, y in zip(seen, ground.y, strict=True):
@@ -111,10 +111,10 @@ def dashed(segments: Segments, *, dash: float, gap: float) -> Segments:
     return np.concatenate(parts)
 
 
-def thinned(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
+def sampled(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
     """At most so many of the points, evenly taken.
 
-    >>> len(thinned(np.zeros((10, 3), np.float32), 4))
+    >>> len(sampled(np.zeros((10, 3), np.float32), 4))
     4
     """
     if len(points) <= most:
@@ -124,7 +124,7 @@ def thinned(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray
 
 def _extent(site: Site) -> tuple[float, float, float, float]:
     xmin, ymin, xmax, ymax = site.area.tolist()
-    return xmin - MARGIN, ymin - MARGIN, xmax + MARGIN, ymax + MARGIN
+    return xmin - GROUND_MARGIN, ymin - GROUND_MARGIN, xmax + GROUND_MARGIN, ymax + GROUND_MARGIN
 
 
 def _tiles(extent: tuple[float, float, float, float]) -> np.ndarray:

@@ -8,12 +8,12 @@ from placement_env.report.content import CONFIDENCE, Ground, Plan, PlanOption
 from placement_env.report.drawings.charts import front_chart
 from placement_env.report.drawings.maps import plan_view
 from placement_env.report.pages.document import (
-    Block,
     Bullets,
     Cell,
     Column,
     Drawing,
     Paragraph,
+    ReportBlock,
     SceneView,
     Section,
     table,
@@ -25,10 +25,11 @@ from placement_env.report.pages.wording import (
     figure_cell,
     judged_cells,
     listed,
-    money,
+    measured,
     number,
     overlap,
     price_column,
+    price_text,
     text_cell,
 )
 from toolkit.sites.site import Site
@@ -37,9 +38,9 @@ NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show he
 OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP", "0–1"), *JUDGED_COLUMNS)
 
 
-def requirement(plan: Plan) -> Section:
+def requirement_section(plan: Plan) -> Section:
     """Whether what was asked for is reached, what stands in the way, and how to read the figures."""
-    blocks: list[Block] = []
+    blocks: list[ReportBlock] = []
     if plan.verdict.reasons:
         blocks += [Paragraph("What excludes what:"), Bullets(plan.verdict.reasons)]
     blocks.append(
@@ -74,7 +75,7 @@ def in_words(value: Any) -> str:
     return ", ".join(map(in_words, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def chosen_set(plan: Plan, site: Site, ground: Ground | None) -> Section:
+def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
     """What to build, and why this and nothing else."""
     key, title = "chosen", "The chosen set, and why"
     if plan.chosen is None:
@@ -83,7 +84,7 @@ def chosen_set(plan: Plan, site: Site, ground: Ground | None) -> Section:
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "it was not judged by the detector"
     conclusion = (
         f"Build {counted(len(chosen.sensors), 'sensor')}, {listed(chosen.sensors)}, for "
-        f"{money(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} kbit of a "
+        f"{price_text(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} kbit of a "
         f"frame under {plan.scheme} fusion."
     )
     mounts = {mount.name for mount in site.mounts}
@@ -103,7 +104,7 @@ def chosen_set(plan: Plan, site: Site, ground: Ground | None) -> Section:
     return Section(key, title, conclusion, (*((Bullets(plan.why),) if plan.why else ()), view, scene))
 
 
-def front(plan: Plan) -> Section:
+def front_section(plan: Plan) -> Section:
     """What more money or a wider link buys."""
     key, title = "front", "What more money or faster links buy"
     if plan.chosen is None:
@@ -114,15 +115,15 @@ def front(plan: Plan) -> Section:
     best = max(judged, key=lambda each: each.judged.ap if each.judged else 0.0, default=None)
     cheapest = min(plan.front, key=lambda each: each.price)
     what = (
-        f"the cheapest of them costs {money(cheapest.price, plan.currency)}"
+        f"the cheapest of them costs {price_text(cheapest.price, plan.currency)}"
         if best is None or best.judged is None
-        else f"prices run from {money(cheapest.price, plan.currency)} up, and the highest AP, {ap_text(best.judged)}, "
-        f"costs {money(best.price, plan.currency)}"
+        else f"prices run from {price_text(cheapest.price, plan.currency)} up, and the highest AP, {measured(best.judged)}, "
+        f"costs {price_text(best.price, plan.currency)}"
     )
     conclusion = f"{counted(len(plan.front), 'set')} cannot be bettered in AP, sent data and price at once: {what}."
     drawing = Drawing(
         front_chart(plan.front, plan.chosen, plan.currency),
-        f"The chosen set costs {money(plan.chosen.price, plan.currency)} and sends "
+        f"The chosen set costs {price_text(plan.chosen.price, plan.currency)} and sends "
         f"{number(plan.chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that none beats in all three",
     )
@@ -130,7 +131,7 @@ def front(plan: Plan) -> Section:
     return Section(key, title, conclusion, (drawing, *options))
 
 
-def alternatives(plan: Plan) -> Section:
+def alternatives_section(plan: Plan) -> Section:
     """Sets that the measurements do not tell from the chosen one."""
     key, title = "alternatives", "Sets that are nearly as good"
     if plan.chosen is None:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from placement_env.report.content import RATE, Plan
 from placement_env.report.drawings.charts import link_chart
-from placement_env.report.pages.document import Block, Column, Drawing, Paragraph, Section, table
+from placement_env.report.pages.document import Column, Drawing, Paragraph, ReportBlock, Section, table
 from placement_env.report.pages.sections_answer import NOTHING_CHOSEN
 from placement_env.report.pages.wording import (
     counted,
     figure_cell,
     listed,
-    money,
     number,
     percent,
     price_column,
+    price_text,
     share_cell,
     text_cell,
 )
 
 
-def links(plan: Plan) -> Section:
+def links_section(plan: Plan) -> Section:
     """Whether the links carry what the sensors send."""
     key, title = "links", "What the links carry"
     if plan.chosen is None or not plan.links:
@@ -53,22 +53,22 @@ def links(plan: Plan) -> Section:
     )
     total = sum(each.mbit_s for each in plan.links)
     said = f"All links together carry {number(total, 2)} Mbit/s to the place where detections are fused."
-    blocks: tuple[Block, ...] = (
+    blocks: tuple[ReportBlock, ...] = (
         Drawing(link_chart(plan.links), said, alt),
         *table(f"Load at {RATE:g} frames a second", columns, rows),
     )
     return Section(key, title, conclusion, blocks)
 
 
-def materials(plan: Plan) -> Section:
+def materials_section(plan: Plan) -> Section:
     """What to order."""
     key, title = "materials", "Bill of materials"
     if plan.chosen is None or not plan.materials:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to order.")
     total, dearest = sum(each.price for each in plan.materials), max(plan.materials, key=lambda each: each.price)
     conclusion = (
-        f"All of it costs {money(total, plan.currency)}; most of that, {money(dearest.price, plan.currency)}, goes to "
-        f"“{dearest.item}” ({dearest.count} at {money(dearest.unit_price, plan.currency)})."
+        f"All of it costs {price_text(total, plan.currency)}; most of that, {price_text(dearest.price, plan.currency)}, goes to "
+        f"“{dearest.item}” ({dearest.count} at {price_text(dearest.unit_price, plan.currency)})."
     )
     columns = (
         Column("Item", number=False),
@@ -84,7 +84,7 @@ def materials(plan: Plan) -> Section:
     return Section(key, title, conclusion, (*units, *table("What to order", columns, rows)))
 
 
-def schedule(plan: Plan) -> Section:
+def schedule_section(plan: Plan) -> Section:
     """Where and how each sensor is mounted."""
     key, title = "schedule", "Mounting schedule"
     if plan.chosen is None or not plan.sensors:

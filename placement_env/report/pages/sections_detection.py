@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from placement_env.report.content import BreakdownRow, Plan, SchemeFigures
 from placement_env.report.drawings.charts import interval_bars, scheme_chart
-from placement_env.report.pages.document import Block, Column, Drawing, Paragraph, Section, table
+from placement_env.report.pages.document import Column, Drawing, Paragraph, ReportBlock, Section, table
 from placement_env.report.pages.sections_answer import NOTHING_CHOSEN
 from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
@@ -15,6 +15,7 @@ from placement_env.report.pages.wording import (
     figure_cell,
     interval,
     judged_cells,
+    measured,
     number,
     overlap,
     percent,
@@ -29,7 +30,7 @@ SCHEMES_EXPLAINED = (
 )
 
 
-def detection(plan: Plan) -> Section:
+def detection_section(plan: Plan) -> Section:
     """How well vehicles are detected, and where."""
     key, title = "detection", "How well vehicles are detected, and where"
     parts = (("zone", plan.by_zone), ("distance", plan.by_range), ("lane approach", plan.by_approach))
@@ -55,7 +56,7 @@ def _weakest(judged: Sequence[BreakdownRow]) -> str:
     return f"Detection is weakest at “{low.name}”, {ap_text(low.judged)}, and {best}."
 
 
-def _part(name: str, rows: Sequence[BreakdownRow]) -> tuple[Block, ...]:
+def _part(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ...]:
     judged = [(row.name, row.judged) for row in rows if row.judged is not None]
     if not judged:
         return (Paragraph(f"AP by {name} is not known: no vehicle was there to be detected."),) if rows else ()
@@ -75,7 +76,7 @@ def _part(name: str, rows: Sequence[BreakdownRow]) -> tuple[Block, ...]:
     )
 
 
-def _classes(plan: Plan) -> tuple[Block, ...]:
+def _classes(plan: Plan) -> tuple[ReportBlock, ...]:
     seen = [row for row in plan.by_class if row.share is not None and row.objects]
     if not plan.by_class:
         return ()
@@ -84,8 +85,9 @@ def _classes(plan: Plan) -> tuple[Block, ...]:
         low = min(seen, key=lambda row: row.share or 0.0)
         said = (
             f"Of all classes, {low.label} is covered least: {percent(low.share)} of "
-            f"{counted(low.objects, 'road user')} had at least {counted(low.least_points, 'point')} on them. These are shares of coverage, not AP: the "
-            "detector knows vehicles only."
+            f"{counted(low.objects, 'road user')} had at least "
+            f"{counted(low.least_points, 'point')} on them. These are shares of coverage, not AP: the detector knows "
+            "vehicles only."
         )
     columns = (
         Column("Class", number=False),
@@ -104,7 +106,7 @@ def _classes(plan: Plan) -> tuple[Block, ...]:
     return (Paragraph(said), *table("Coverage by class of road user (no AP)", columns, rows))
 
 
-def schemes(plan: Plan) -> Section:
+def schemes_section(plan: Plan) -> Section:
     """Early, late and hybrid fusion of the same sensors."""
     key, title = "schemes", "Sending points or sending detections"
     asked = [each for each in plan.schemes if each.iou == plan.iou]
@@ -138,7 +140,7 @@ def _compared(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
     sent = f"it sends {number(mine.kbit_per_sensor, 0)} kbit per sensor and frame, and the least, {least.scheme}, "
     sent += f"{number(least.kbit_per_sensor, 0)}"
     if mine is best:
-        return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_text(mine.judged)}; {sent}."
+        return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {measured(mine.judged)}; {sent}."
     apart = "their intervals overlap" if overlap(mine.judged, best.judged) else "their intervals do not overlap"
     return (
         f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} ({interval(best.judged)}), "

@@ -6,14 +6,14 @@ import numpy as np
 
 from placement_env.report.content import Ground, Plan
 from placement_env.report.drawings.maps import blind_map, coverage_map, density_map
-from placement_env.report.pages.document import Block, Column, Drawing, Section, table
+from placement_env.report.pages.document import Column, Drawing, ReportBlock, Section, table
 from placement_env.report.pages.wording import figure_cell, listed, number, percent, share_cell, text_cell
 from toolkit.sites.site import Site
 
 SPARSE = 1.0  # points per m², below which a place is as good as unseen
 
 
-def ground_seen(plan: Plan, site: Site, ground: Ground | None) -> Section:
+def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
     """Visible ground, how many sensors see it, density of points and blind spots."""
     key, title = "ground", "What the sensors see of the ground"
     if plan.ground is None or ground is None:
@@ -33,7 +33,7 @@ def ground_seen(plan: Plan, site: Site, ground: Ground | None) -> Section:
     return Section(key, title, conclusion, (*_maps(plan, site, ground), *areas))
 
 
-def _maps(plan: Plan, site: Site, ground: Ground) -> tuple[Block, ...]:
+def _maps(plan: Plan, site: Site, ground: Ground) -> tuple[ReportBlock, ...]:
     assert plan.ground is not None
     twice, lanes = plan.ground.seen_by[1], ground.lanes & ground.open_ground
     names = listed([sensor.name for sensor in plan.sensors])

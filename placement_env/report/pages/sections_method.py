@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from placement_env.report.content import Plan
-from placement_env.report.pages.document import Block, Bullets, Column, Paragraph, Section, table
+from placement_env.report.pages.document import Bullets, Column, Paragraph, ReportBlock, Section, table
 from placement_env.report.pages.sections_answer import in_words
 from placement_env.report.pages.wording import counted, listed, text_cell
 
 
-def method(plan: Plan) -> Section:
+def method_section(plan: Plan) -> Section:
     """How it was computed, assumptions, unknowns, provenance."""
     judged = plan.chosen.judged if plan.chosen else None
     conclusion = (
@@ -21,7 +21,7 @@ def method(plan: Plan) -> Section:
         if plan.detector
         else "Nothing was judged by a detector, because no set of sensors may be built."
     )
-    blocks: list[Block] = []
+    blocks: list[ReportBlock] = []
     if plan.considered:
         sets = counted(len(plan.considered), "set")
         found = {name for option in plan.considered for name in option.searches}

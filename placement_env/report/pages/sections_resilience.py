@@ -17,22 +17,22 @@ from placement_env.report.pages.wording import (
     figure_cell,
     judged_cells,
     listed,
-    money,
     number,
     overlap,
     percent,
     price_column,
+    price_text,
     text_cell,
 )
 
 SHAPLEY = (
     "The worth of a sensor (its Shapley value) is the AP that it adds, on average over every order in which the "
-    "sensors could be built; the values of all sensors add up to the AP of the whole set. Two sensors have a synergy above 0 "
-    "where they add more together than each alone, and below 0 where they see much the same."
+    "sensors could be built; the values of all sensors add up to the AP of the whole set. Two sensors have a synergy "
+    "above 0 where they add more together than each alone, and below 0 where they see much the same."
 )
 
 
-def worth(plan: Plan) -> Section:
+def worth_section(plan: Plan) -> Section:
     """What each sensor is worth, and which go well together."""
     key, title = "worth", "What each sensor is worth"
     if plan.chosen is None or not plan.worth:
@@ -74,7 +74,7 @@ def _synergy(value: float | None) -> Cell:
     return Cell(NONE) if value is None else Cell(f"{value:+.3f}", value)
 
 
-def failures(plan: Plan) -> Section:
+def failures_section(plan: Plan) -> Section:
     """What is left when one or two sensors fail."""
     key, title = "failures", "What is left when sensors fail"
     if plan.chosen is None or plan.chosen.judged is None or not plan.failures:
@@ -89,8 +89,8 @@ def failures(plan: Plan) -> Section:
     conclusion = f"All sensors together give {ap_text(intact)}. " + " ".join(_loss(each) for each in worst)
     harmless = [each for each in plan.failures if overlap(each.judged, intact)]
     said = (
-        f"{len(harmless)} of {counted(len(plan.failures), 'case')} cost so little that the interval still overlaps that "
-        "of the whole set."
+        f"{len(harmless)} of {counted(len(plan.failures), 'case')} cost so little that the interval still overlaps "
+        "that of the whole set."
     )
     columns = (Column("Failed", number=False), *JUDGED_COLUMNS, Column("lost", "AP"))
     rows = [
@@ -107,14 +107,14 @@ def _loss(case: FailureCase) -> str:
     return f"When {counted(len(case.failed), 'sensor')} may fail, {which}: {ap_text(case.judged)} is left."
 
 
-def build_order(plan: Plan) -> Section:
+def order_section(plan: Plan) -> Section:
     """Which sensor to build first."""
     key, title = "order", "Which sensor to build first"
     if plan.chosen is None or not plan.order:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No order of building was worked out.")
     first, last = plan.order[0], plan.order[-1]
     conclusion = (
-        f"Build {first.sensor} first: for {money(first.price, plan.currency)} it alone gives {ap_text(first.judged)}"
+        f"Build {first.sensor} first: for {price_text(first.price, plan.currency)} it alone gives {ap_text(first.judged)}"
         + (f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}." if last is not first else ".")
     )
     columns = (Column("Step"), Column("Sensor", number=False), price_column("spent", plan.currency), *JUDGED_COLUMNS)

@@ -56,10 +56,10 @@ def share_cell(share: float | None) -> Cell:
     return figure_cell(None if share is None else 100 * share)
 
 
-def money(price: float, currency: str) -> str:
+def price_text(price: float, currency: str) -> str:
     """A price; without a currency in units of one ordinary pole.
 
-    >>> money(1250.0, "EUR"), money(1.0, ""), money(2.5, "")
+    >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
     ('1,250 EUR', '1 unit', '2.5 units')
     """
     digits = 0 if price == round(price) else 2
@@ -99,7 +99,12 @@ def ap_text(judged: Judgement) -> str:
     >>> ap_text(Judgement(0.95, 0.91, 0.98, 0.96, 0.97, 40, 20))
     'AP 0.950 (0.910–0.980, 40 vehicles)'
     """
-    return f"AP {number(judged.ap)} ({interval(judged)}, {counted(judged.vehicles, 'vehicle')})"
+    return f"AP {measured(judged)}"
+
+
+def measured(judged: Judgement) -> str:
+    """An AP with interval and number of vehicles, where it is clear that it is one."""
+    return f"{number(judged.ap)} ({interval(judged)}, {counted(judged.vehicles, 'vehicle')})"
 
 
 def interval(judged: Judgement) -> str:

@@ -25,6 +25,7 @@ from placement_env.report.content import (
     Verdict,
 )
 from toolkit.objects import Detections, Objects
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 CHOSEN = ("d0", "d1", "d3", "d5")
@@ -46,8 +47,22 @@ def judged(ap, half=0.03, vehicles=412):
 def example_plan(site, ground):
     sensors = tuple(
         PlannedSensor(
-            *(s.name, f"post0{i}", *s.position.tolist(), 14.4235 + i * 1e-4, 50.0812, 5.2, 45.0 + 80 * i, 20.0),
-            *("depth camera", 0.5, 1.0, 310.5 + i, 402.0 + i, 2000.0),
+            name=s.name,
+            pole=f"post0{i}",
+            x=float(s.position[0]),
+            y=float(s.position[1]),
+            z=float(s.position[2]),
+            longitude=14.4235 + i * 1e-4,
+            latitude=50.0812,
+            height=5.2,
+            bearing_deg=45.0 + 80 * i,
+            tilt_deg=20.0,
+            model="depth camera",
+            model_price=0.5,
+            pole_price=1.0,
+            kbit=310.5 + i,
+            peak_kbit=402.0 + i,
+            capacity_kbit=2000.0,
         )
         for i, s in enumerate(s for s in site.sensors if s.name in CHOSEN)
     )
@@ -137,6 +152,18 @@ def example_ground(site, names):
         seen.append(inside)
         density.append(np.where(inside, 4000 / np.maximum(distance, 4) ** 2, 0).astype(np.float32))
     return Ground(x, y, np.array(seen), np.array(density), open_ground, lanes & open_ground, np.zeros_like(lanes))
+
+
+def hostile(example):
+    """The example with names that would be markup, or code, to whoever does not escape them."""
+    sensors = tuple(replace(sensor, name=sensor.name + HOSTILE) for sensor in example.plan.sensors)
+    mounted = tuple(Sensor(sensor.name + HOSTILE, sensor.model, sensor.pose) for sensor in example.site.sensors)
+    chosen = replace(example.plan.chosen, sensors=tuple(sensor.name for sensor in sensors))
+    verdict = Verdict(True, HOSTILE, (HOSTILE,))
+    plan = replace(
+        example.plan, sensors=sensors, chosen=chosen, verdict=verdict, site=HOSTILE, question={HOSTILE: HOSTILE}
+    )
+    return replace(example, plan=plan, site=replace(example.site, sensors=mounted))
 
 
 def example_moment(ground, frame, count=900):
