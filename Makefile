@@ -31,10 +31,10 @@ define open3d_loads
 	|| { echo "Open3D does not load: install $(LIBRARIES) with your system's package manager, then make again"; exit 1; }
 endef
 
-# The demo needs the simulator only; the tests need everything.
+# The demo needs the simulator and the report only; the tests need everything.
 .venv/sim: pyproject.toml constraints.txt | .venv/bin/python
 	$(torch_without_cuda)
-	$(PIP) --editable ".[sim]"
+	$(PIP) --editable ".[sim,report]"
 	$(open3d_loads)
 	touch $@
 
