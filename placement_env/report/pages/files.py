@@ -13,6 +13,8 @@ from placement_env.report.pages.sections import report_of
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
 
+REPORT_FILES = ("report.html", "report.pdf")
+
 
 @runtime_checkable
 class PlanWithGround(Protocol):
