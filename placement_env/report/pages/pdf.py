@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from placement_env.report.pages.document import Document
+from placement_env.report.pages.document import Document, ReportBlock
 
 TEMPLATE = Path(__file__).with_name("report.typ")
 
