@@ -35,7 +35,7 @@ from placement_env.report.pages.wording import (
 from toolkit.sites.site import Site
 
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
-OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP", "0–1"), *JUDGED_COLUMNS)
+OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDGED_COLUMNS)
 
 
 def requirement_section(plan: Plan) -> Section:
