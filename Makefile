@@ -6,6 +6,7 @@ SHAPES := --jaxtyping-packages=toolkit,models,placement_env,beartype.beartype
 
 # Open3D's wheel leaves these to the system.
 LIBRARIES := libusb-1.0-0 libgl1 libgomp1
+BROWSERS := chromium chromium-browser google-chrome
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 # An ordinary torch depends on about 5 GB of CUDA, which nothing here needs: the CPU build of the pinned version is asked for
@@ -31,6 +32,13 @@ define open3d_loads
 	|| { echo "Open3D does not load: install $(LIBRARIES) with your system's package manager, then make again"; exit 1; }
 endef
 
+# The report is tested in a real browser, which is Debian's: what Playwright would download is not needed.
+define chromium_is_there
+	@for browser in $(BROWSERS); do command -v $$browser >/dev/null && exit 0; done; \
+	{ $(AS_ROOT) apt-get update -qq && $(AS_ROOT) apt-get install -y -qq --no-install-recommends chromium; } \
+	|| { echo "No Chromium, in which the report is tested: install one of $(BROWSERS), then make again"; exit 1; }
+endef
+
 # The demo needs the simulator and the report only; the tests need everything.
 .venv/sim: pyproject.toml constraints.txt | .venv/bin/python
 	$(torch_without_cuda)
@@ -42,6 +50,7 @@ endef
 	$(torch_without_cuda)
 	$(PIP) --editable ".[all,dev]"
 	$(open3d_loads)
+	$(chromium_is_there)
 	touch $@ .venv/sim
 
 demo: .venv/sim

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from placement_env.report.pages.document import Document
+from placement_env.report.pages.document import Document, ReportBlock
 
 TEMPLATE = Path(__file__).with_name("report.typ")
 
@@ -47,7 +47,7 @@ def _write_project(document: Document, folder: Path) -> None:
     Path(folder, "report.typ").write_bytes(TEMPLATE.read_bytes())
 
 
-def _described(block: Block) -> dict[str, Any]:
+def _described(block: ReportBlock) -> dict[str, Any]:
     described = {"kind": block.kind, **asdict(block)}
     for described_column, column in zip(described.get("columns", ()), getattr(block, "columns", ()), strict=True):
         described_column["heading"] = column.heading

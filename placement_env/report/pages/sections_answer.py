@@ -35,7 +35,7 @@ from placement_env.report.pages.wording import (
 from toolkit.sites.site import Site
 
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
-OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP", "0–1"), *JUDGED_COLUMNS)
+OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDGED_COLUMNS)
 
 
 def requirement_section(plan: Plan) -> Section:
@@ -84,8 +84,8 @@ def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "it was not judged by the detector"
     conclusion = (
         f"Build {counted(len(chosen.sensors), 'sensor')}, {listed(chosen.sensors)}, for "
-        f"{price_text(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} kbit of a "
-        f"frame under {plan.scheme} fusion."
+        f"{price_text(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} "
+        f"kbit of a frame under {plan.scheme} fusion."
     )
     mounts = {mount.name for mount in site.mounts}
     unused = [name for name in plan.poles_unused if name in mounts]
@@ -117,8 +117,8 @@ def front_section(plan: Plan) -> Section:
     what = (
         f"the cheapest of them costs {price_text(cheapest.price, plan.currency)}"
         if best is None or best.judged is None
-        else f"prices run from {price_text(cheapest.price, plan.currency)} up, and the highest AP, {measured(best.judged)}, "
-        f"costs {price_text(best.price, plan.currency)}"
+        else f"prices run from {price_text(cheapest.price, plan.currency)} up, and the highest AP, "
+        f"{measured(best.judged)}, costs {price_text(best.price, plan.currency)}"
     )
     conclusion = f"{counted(len(plan.front), 'set')} cannot be bettered in AP, sent data and price at once: {what}."
     drawing = Drawing(

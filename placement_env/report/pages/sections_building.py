@@ -67,8 +67,9 @@ def materials_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to order.")
     total, dearest = sum(each.price for each in plan.materials), max(plan.materials, key=lambda each: each.price)
     conclusion = (
-        f"All of it costs {price_text(total, plan.currency)}; most of that, {price_text(dearest.price, plan.currency)}, goes to "
-        f"“{dearest.item}” ({dearest.count} at {price_text(dearest.unit_price, plan.currency)})."
+        f"All of it costs {price_text(total, plan.currency)}; most of that, "
+        f"{price_text(dearest.price, plan.currency)}, goes to “{dearest.item}” "
+        f"({dearest.count} at {price_text(dearest.unit_price, plan.currency)})."
     )
     columns = (
         Column("Item", number=False),

@@ -137,8 +137,8 @@ def _compared(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
     best = max(judged, key=lambda each: each.judged.ap)
     least = min(judged, key=lambda each: each.kbit_per_sensor)
     mine = next((each for each in judged if each.scheme == plan.scheme), best)
-    sent = f"it sends {number(mine.kbit_per_sensor, 0)} kbit per sensor and frame, and the least, {least.scheme}, "
-    sent += f"{number(least.kbit_per_sensor, 0)}"
+    sent = f"{mine.scheme} fusion sends {number(mine.kbit_per_sensor, 0)} kbit per sensor and frame, "
+    sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
     if mine is best:
         return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {measured(mine.judged)}; {sent}."
     apart = "their intervals overlap" if overlap(mine.judged, best.judged) else "their intervals do not overlap"

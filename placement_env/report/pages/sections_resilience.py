@@ -114,7 +114,8 @@ def order_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No order of building was worked out.")
     first, last = plan.order[0], plan.order[-1]
     conclusion = (
-        f"Build {first.sensor} first: for {price_text(first.price, plan.currency)} it alone gives {ap_text(first.judged)}"
+        f"Build {first.sensor} first: for {price_text(first.price, plan.currency)} it alone gives "
+        f"{ap_text(first.judged)}"
         + (f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}." if last is not first else ".")
     )
     columns = (Column("Step"), Column("Sensor", number=False), price_column("spent", plan.currency), *JUDGED_COLUMNS)

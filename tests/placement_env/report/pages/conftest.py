@@ -24,6 +24,7 @@ from placement_env.report.content import (
     SensorWorth,
     Verdict,
 )
+from placement_env.report.pages.sections import report_of
 from toolkit.objects import Detections, Objects
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -195,6 +196,11 @@ def example():
     moments = tuple(example_moment(ground, frame) for frame in range(3))
     chosen = tuple(sensor for sensor in site.sensors if sensor.name in CHOSEN)
     return Example(example_plan(site, ground), replace(site, sensors=chosen), ground, moments)
+
+
+@pytest.fixture(scope="session")
+def document(example):
+    return report_of(example.plan, example.site, example.ground)
 
 
 @pytest.fixture(scope="session")

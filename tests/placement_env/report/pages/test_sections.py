@@ -1,7 +1,5 @@
 from dataclasses import replace
 
-import pytest
-
 from placement_env.report.content import Plan, Verdict
 from placement_env.report.pages.sections import report_of
 
@@ -9,11 +7,6 @@ ORDER = (
     *("requirement", "chosen", "ground", "detection", "schemes", "front", "worth", "failures"),
     *("links", "materials", "schedule", "order", "alternatives", "method"),
 )
-
-
-@pytest.fixture(scope="module")
-def document(example):
-    return report_of(example.plan, example.site, example.ground)
 
 
 def test_the_sections_are_those_a_reader_needs_in_this_order(document):

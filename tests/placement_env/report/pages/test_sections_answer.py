@@ -56,8 +56,8 @@ def test_poles_that_the_site_does_not_have_are_counted_and_not_drawn(example):
 def test_the_front(example):
     section = front_section(example.plan)
     assert section.conclusion == (
-        "4 sets cannot be bettered in AP, sent data and price at once: prices run from 1.50 EUR up, and the highest AP, "
-        "0.962 (0.932–0.992, 412 vehicles), costs 6 EUR."
+        "4 sets cannot be bettered in AP, sent data and price at once: prices run from 1.50 EUR up, and the highest "
+        "AP, 0.962 (0.932–0.992, 412 vehicles), costs 6 EUR."
     )
     assert [row[0].text for row in section.blocks[1].rows][-1] == "d0, d1, d3 and d5 (chosen)"
     unjudged = tuple(replace(option, judged=None) for option in example.plan.front)

@@ -59,7 +59,7 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     section = schemes_section(replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) of late fusion as planned, "
-        "and their intervals do not overlap; it sends 300 kbit per sensor and frame, and the least, late, 300."
+        "and their intervals do not overlap; late fusion sends 300 kbit per sensor and frame, the least."
     )
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
     best = schemes_section(replace(example.plan, schemes=mine[1:2]))

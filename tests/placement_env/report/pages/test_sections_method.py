@@ -19,4 +19,4 @@ def test_assumptions_unknowns_and_provenance(example):
 
 
 def test_nothing_is_claimed_where_nothing_was_judged(nothing_chosen):
-    assert method(nothing_chosen.plan).blocks == ()
+    assert method_section(nothing_chosen.plan).blocks == ()
