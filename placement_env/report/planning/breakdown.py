@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_env.analysis.approaches import approaches_of, compass
+from placement_env.analysis.tally import Tally
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, Detected
 from placement_env.report.content import BreakdownRow, ClassSeen
 from placement_env.report.planning.judging import Judge, judgement
-from placement_env.report.planning.tally import Tally
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.objects import label_index

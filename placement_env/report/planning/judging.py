@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_env.analysis.tally import Tally
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.report.content import CONFIDENCE, Judgement
-from placement_env.report.planning.tally import Tally
 from toolkit.arrays import Bool, Int64
 
 

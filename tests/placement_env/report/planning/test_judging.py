@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from placement_env.analysis.tally import Tally
 from placement_env.report.planning.judging import judgement
-from placement_env.report.planning.tally import Tally
 
 
 def test_a_set_is_judged_as_the_detector_scores_it(street):

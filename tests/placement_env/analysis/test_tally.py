@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.intervals import ap_interval
+from placement_env.analysis.tally import Tally
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Outcome
-from placement_env.report.planning.tally import Tally
 
 
 def test_the_interval_is_that_of_its_frames():
