@@ -27,7 +27,6 @@ from placement_env.report.pages.wording import (
     listed,
     measured,
     number,
-    overlap,
     price_column,
     price_text,
     text_cell,
@@ -58,7 +57,7 @@ def requirement_section(plan: Plan) -> Section:
     columns = (Column("Asked", number=False), Column("Value", number=False))
     return Section(
         "requirement",
-        "Is the requirement met?",
+        "The answer" if plan.verdict.met is None else "Is the requirement met?",
         plan.verdict.sentence,
         (*blocks, *table("The question this plan answers", columns, asked)),
     )
@@ -122,13 +121,13 @@ def front_section(plan: Plan) -> Section:
     )
     conclusion = f"{counted(len(plan.front), 'set')} cannot be bettered in AP, sent data and price at once: {what}."
     drawing = Drawing(
-        front_chart(plan.front, plan.chosen, plan.currency),
+        front_chart(plan.front, _compared(plan, plan.chosen), plan.currency),
         f"The chosen set costs {price_text(plan.chosen.price, plan.currency)} and sends "
         f"{number(plan.chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that none beats in all three",
     )
     options = table("Sets that none beats in AP, kbit and price at once", *_options(plan, plan.front))
-    return Section(key, title, conclusion, (drawing, *options))
+    return Section(key, title, conclusion, (*_other_traffic(plan, plan.chosen), drawing, *options))
 
 
 def alternatives_section(plan: Plan) -> Section:
@@ -136,24 +135,44 @@ def alternatives_section(plan: Plan) -> Section:
     key, title = "alternatives", "Sets that are nearly as good"
     if plan.chosen is None:
         return Section(key, title, NOTHING_CHOSEN)
-    mine = plan.chosen.judged
-    close = [each for each in plan.near_optimal if each.judged and mine and overlap(each.judged, mine)]
+    close = plan.near_optimal
     if not close:
         return Section(key, title, "No other set that was judged has an interval that overlaps that of the chosen set.")
     cheaper = [each for each in close if each.price < plan.chosen.price]
+    mine = _compared(plan, plan.chosen)
     saves = f"; {len(cheaper)} of them would cost less" if cheaper else "; none of them is cheaper"
     conclusion = (
         f"{counted(len(close), 'other set')} cannot be told from the chosen one by the traffic judged, because the "
         f"intervals overlap{saves}."
     )
-    return Section(
-        key, title, conclusion, table("Sets whose interval overlaps the chosen one's", *_options(plan, close))
+    sets = table("The chosen set and those whose interval overlaps its own", *_options(plan, (mine, *close)))
+    return Section(key, title, conclusion, (*_other_traffic(plan, plan.chosen), *sets))
+
+
+def _compared(plan: Plan, chosen: PlanOption) -> PlanOption:
+    """The chosen set with the figures that it had when the sets were compared."""
+    return next((each for each in (*plan.front, *plan.considered) if each.sensors == chosen.sensors), chosen)
+
+
+def _other_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
+    """Why the chosen set has another AP here than in the rest of the report."""
+    compared = _compared(plan, chosen)
+    if compared.judged is None or chosen.judged is None or compared.judged == chosen.judged:
+        return ()
+    return (
+        Paragraph(
+            f"The AP of this section are from the traffic on which the sets were compared. There the chosen set has "
+            f"{measured(compared.judged)}; its {measured(chosen.judged)} in the rest of the report is from other "
+            "traffic, which had no say in the choice and is therefore the one to trust."
+        ),
     )
 
 
 def _options(plan: Plan, options: Any) -> tuple[tuple[Column, ...], list[tuple[Cell, ...]]]:
     columns = (*OPTION_COLUMNS, Column("per sensor", "kbit"), price_column("price", plan.currency))
-    return columns, [_option(each, chosen=each == plan.chosen) for each in options]
+    return columns, [
+        _option(each, chosen=plan.chosen is not None and each.sensors == plan.chosen.sensors) for each in options
+    ]
 
 
 def _option(option: PlanOption, *, chosen: bool) -> tuple[Cell, ...]:

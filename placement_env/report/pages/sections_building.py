@@ -31,7 +31,7 @@ def links_section(plan: Plan) -> Section:
         f"{listed([each.pole for each in narrow])}."
         if narrow
         else f"Every link carries what is sent; the fullest, of {fullest.pole}, is used to {percent(fullest.share)}: "
-        f"{number(fullest.mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
+        f"its greatest frames need {number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
     )
     columns = (
         Column("Pole", number=False),
@@ -67,8 +67,8 @@ def materials_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "There is nothing to order.")
     total, dearest = sum(each.price for each in plan.materials), max(plan.materials, key=lambda each: each.price)
     conclusion = (
-        f"All of it costs {price_text(total, plan.currency)}; most of that, "
-        f"{price_text(dearest.price, plan.currency)}, goes to “{dearest.item}” "
+        f"All of it costs {price_text(total, plan.currency)}; the greatest part, "
+        f"{price_text(dearest.price, plan.currency)}, is “{dearest.item}” "
         f"({dearest.count} at {price_text(dearest.unit_price, plan.currency)})."
     )
     columns = (

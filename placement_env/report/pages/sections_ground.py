@@ -17,7 +17,8 @@ def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
     """Visible ground, how many sensors see it, density of points and blind spots."""
     key, title = "ground", "What the sensors see of the ground"
     if plan.ground is None or ground is None:
-        return Section(key, title, "The visible ground was not worked out, because no set of sensors was chosen.")
+        why = "." if plan.chosen else ", because no set of sensors was chosen."
+        return Section(key, title, f"The visible ground was not worked out{why}")
     shares = plan.ground
     conclusion = (
         f"{percent(shares.seen_by[0])} of the open ground is seen by at least one sensor and "

@@ -23,10 +23,11 @@ def method_section(plan: Plan) -> Section:
     )
     blocks: list[ReportBlock] = []
     if plan.considered:
-        sets = counted(len(plan.considered), "set")
+        judged_sets = sum(each.judged is not None for each in plan.considered)
         found = {name for option in plan.considered for name in option.searches}
         by = f", found by the searches {listed(sorted(found))}" if found else ""
-        blocks.append(Paragraph(f"{sets} of sensors came to the final comparison by the detector{by}."))
+        sets = f"{counted(len(plan.considered), 'set')} of sensors came to the final comparison{by}; "
+        blocks.append(Paragraph(f"{sets}the detector judged {judged_sets} of them on all of its traffic."))
     for heading, sentences in (("What it assumes:", plan.assumptions), ("What it does not know:", plan.unknown)):
         if sentences:
             blocks += [Paragraph(heading), Bullets(sentences)]

@@ -49,8 +49,9 @@ def worth_section(plan: Plan) -> Section:
     together = ""
     if pairs:
         best, worst = max(pairs, key=lambda pair: pairs[pair]), min(pairs, key=lambda pair: pairs[pair])
-        together = f" {listed(best)} complement each other most ({pairs[best]:+.3f})"
-        together += f", {listed(worst)} least ({pairs[worst]:+.3f})." if worst != best else "."
+        good = f" {listed(best)} complement each other best ({pairs[best]:+.3f})." if pairs[best] > 0 else ""
+        bad = f" {listed(worst)} do most of the same work ({pairs[worst]:+.3f})." if pairs[worst] < 0 else ""
+        together = good + bad
     conclusion = (
         f"{most.sensor} is worth most, {number(most.shapley)} AP, and {least.sensor} least, {number(least.shapley)}."
         f"{together}"

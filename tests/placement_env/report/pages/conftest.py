@@ -204,6 +204,11 @@ def document(example):
 
 
 @pytest.fixture(scope="session")
+def hostile_example(example):
+    return hostile(replace(example, ground=None, moments=()))
+
+
+@pytest.fixture(scope="session")
 def nothing_chosen(example):
     """The plan where nothing can be built."""
     plan = Plan(

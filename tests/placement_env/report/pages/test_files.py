@@ -79,6 +79,15 @@ def test_a_plan_without_sensors_has_a_report(nothing_chosen, tmp_path):
     assert "<iframe" not in (tmp_path / "report.html").read_text()
 
 
+def test_names_that_are_code_stay_names(browser, hostile_example, tmp_path):
+    write_report(hostile_example, tmp_path)
+    opened = browser.new_page()
+    opened.goto(f"file://{tmp_path}/report.html")
+    assert opened.title() == f"Deployment plan for {hostile_example.plan.site}"
+    assert opened.locator("#requirement .conclusion").inner_text() == hostile_example.plan.verdict.sentence
+    opened.close()
+
+
 def pixels(page, frame):
     from PIL import Image
 

@@ -66,15 +66,34 @@ def test_the_front(example):
     )
 
 
-def test_alternatives_are_those_whose_interval_overlaps(example):
-    assert alternatives_section(example.plan).conclusion == (
+def test_alternatives_stand_beside_the_chosen_set(example):
+    section = alternatives_section(example.plan)
+    assert section.conclusion == (
         "1 other set cannot be told from the chosen one by the traffic judged, because the intervals overlap; none of "
         "them is cheaper."
     )
+    (sets,) = section.blocks
+    assert [row[0].text for row in sets.rows] == ["d0, d1, d3 and d5 (chosen)", "d0, d2, d3 and d5"]
     (near,) = example.plan.near_optimal
-    cheap = replace(near, price=1.0)
-    assert alternatives_section(replace(example.plan, near_optimal=(near, cheap))).conclusion.endswith(
-        "; 1 of them would cost less."
-    )
-    apart = replace(near, judged=Judgement(0.5, 0.4, 0.6, 0.5, 0.5, 12, 6))
-    assert alternatives_section(replace(example.plan, near_optimal=(apart,))).blocks == ()
+    cheaper = replace(example.plan, near_optimal=(near, replace(near, price=1.0)))
+    assert alternatives_section(cheaper).conclusion.endswith("; 1 of them would cost less.")
+    assert alternatives_section(replace(example.plan, near_optimal=())).blocks == ()
+
+
+def test_two_figures_of_the_chosen_set_are_explained(example):
+    """Sets are compared on one part of the traffic, and the chosen one is judged on another."""
+    lucky = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 103, 12)
+    front = (*example.plan.front[:-1], replace(example.plan.chosen, judged=lucky))
+    plan = replace(example.plan, front=front, considered=front)
+    for section in (front_section(plan), alternatives_section(plan)):
+        assert section.blocks[0].text == (
+            "The AP of this section are from the traffic on which the sets were compared. There the chosen set has "
+            "1.000 (0.990–1.000, 103 vehicles); its 0.962 (0.932–0.992, 412 vehicles) in the rest of the report is "
+            "from other traffic, which had no say in the choice and is therefore the one to trust."
+        )
+        chosen = next(row for row in section.blocks[-1].rows if "(chosen)" in row[0].text)
+        assert chosen[2].text == "1.000"
+
+
+def test_without_a_requirement_the_answer_is_not_about_one(example):
+    assert requirement_section(replace(example.plan, verdict=Verdict(None, "The best."))).title == "The answer"

@@ -11,17 +11,18 @@ def test_links_that_are_too_small_are_named(example):
     assert [cell.text for cell in section.blocks[1].rows[0]] == ["post00", "3.12", "4.02", "4.00", "78.0", "no"]
     fine = links_section(replace(example.plan, links=example.plan.links[1:]))
     assert fine.conclusion == (
-        "Every link carries what is sent; the fullest, of post01, is used to 16%: 3.12 of 20.00 Mbit/s."
+        "Every link carries what is sent; the fullest, of post01, is used to 16%: its greatest frames need 4.02 of "
+        "20.00 Mbit/s."
     )
 
 
 def test_bill_of_materials(example):
     section = materials_section(example.plan)
     assert section.conclusion == (
-        "All of it costs 6 EUR; most of that, 4 EUR, goes to “pole with power and link” (4 at 1 EUR)."
+        "All of it costs 6 EUR; the greatest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
     )
     bare = materials_section(replace(example.plan, currency="", materials=(MaterialItem("pole", 1, 1.0, 1.0),)))
-    assert bare.conclusion == "All of it costs 1 unit; most of that, 1 unit, goes to “pole” (1 at 1 unit)."
+    assert bare.conclusion == "All of it costs 1 unit; the greatest part, 1 unit, is “pole” (1 at 1 unit)."
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
 
 

@@ -8,7 +8,8 @@ def test_assumptions_unknowns_and_provenance(example):
         "ranks places for sensors, and does not replace a trial on the street."
     )
     assert section.blocks[0].text == (
-        "5 sets of sensors came to the final comparison by the detector, found by the searches cpsat and greedy."
+        "5 sets of sensors came to the final comparison, found by the searches cpsat and greedy; the detector judged 5 "
+        "of them on all of its traffic."
     )
     assert [block.items for block in section.blocks if block.kind == "bullets"] == [
         example.plan.assumptions,

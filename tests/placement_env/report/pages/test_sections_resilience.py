@@ -12,11 +12,18 @@ def test_worth_and_synergy(example):
     )
     section = worth_section(replace(example.plan, worth=mine))
     assert section.conclusion == (
-        "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other most (+0.050), a and c least "
-        "(-0.100)."
+        "a is worth most, 0.600 AP, and c least, 0.100. a and b complement each other best (+0.050). a and c do most "
+        "of the same work (-0.100)."
     )
     assert section.blocks[1].caption == "a accounts for 60% of what all sensors add."
     assert [cell.text for cell in section.blocks[2].rows[0]] == ["a", "0.600", "–", "+0.050", "-0.100"]
+
+
+def test_two_that_see_the_same_do_not_complement_each_other(example):
+    mine = (SensorWorth("a", 0.7, {"b": -0.09}), SensorWorth("b", 0.2, {"a": -0.09}))
+    assert worth_section(replace(example.plan, worth=mine)).conclusion == (
+        "a is worth most, 0.700 AP, and b least, 0.200. a and b do most of the same work (-0.090)."
+    )
 
 
 def test_one_sensor_has_no_synergy(example):
