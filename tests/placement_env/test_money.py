@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import annealing, cpsat, exhaustive, greedy, nsga2, swap
 from placement_env.search.neighbourhood import Neighbourhood
@@ -95,7 +96,10 @@ def test_cpsat_finds_the_best_cover_for_the_money(priced, make, seed):
     for most in (1.5, 3.0, 4.5):
         objective = priced(most, seed)
         seen = objective.scored_by.seen
-        visibility = type("Seen", (), {"points": np.where(seen, 100.0, 0.0)})()
+        points = np.where(seen, 100.0, 0.0).astype(np.float32)
+        sent = np.zeros((len(points), 1), np.float32)
+        frame, boxes = np.zeros(points.shape[1], np.int64), np.ones((points.shape[1], 7))
+        visibility = Visibility(points, np.zeros_like(points), frame, boxes, sent, sent)
         answer = cpsat.search(objective, 4, visibility=visibility, seed=seed, effort=5.0)
         best = exhaustive.search(objective, 4).best
         assert answer.best.price <= most
