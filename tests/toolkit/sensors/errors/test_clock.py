@@ -49,6 +49,7 @@ def test_a_drop_before_a_car_stays(read, street):
 
     reading = replace(Reading.of(replace(street, velocities=speed)), measurement=near)
     said = ClockOffset(0.05).apply(reading, Draws(0, 1, 2, 3))
+    assert said.shift is not None
     assert not said.shift[street.owners == 0].any()
     assert said.shift[street.owners == 1].any()
 

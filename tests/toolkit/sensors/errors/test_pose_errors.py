@@ -50,14 +50,14 @@ def test_calibration_is_constant_over_frames_and_scales(read, street):
 def test_a_pole_sways_with_time_about_a_level_axis(read, street):
     term = PoleSway(0.004, 3.0)
     height, rest = street.sensor.position[2], street.sensor.pose
-    angles, tips = [], []
+    angles, moves = [], []
     for time in np.linspace(0, 60, 400):
         pose = read(term, replace(street, time=float(time))).pose
         check_pose(pose)
         angles.append(angle_between(pose, rest))
-        tips.append(pose[:3, 3] - rest[:3, 3])
-        assert np.linalg.norm(tips[-1]) == pytest.approx(2 / 3 * height * angles[-1], abs=1e-6)
-    tips = np.array(tips)
+        moves.append(pose[:3, 3] - rest[:3, 3])
+        assert np.linalg.norm(moves[-1]) == pytest.approx(2 / 3 * height * angles[-1], abs=1e-6)
+    tips = np.array(moves)
     assert max(angles) == pytest.approx(0.004, rel=0.01)
     assert min(angles) < 4e-4
     assert not tips[:, 2].any()
