@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from toolkit.sensors.errors.reading import TrueImage
 from toolkit.sensors.sensor import Sensor
 
 
+@runtime_checkable
 class Readable(Protocol):
     """Frames in order, such as `toolkit.datasets.dataset.CoopDataset`."""
 

@@ -23,8 +23,9 @@ from toolkit.sensors.model import angle
 
 @dataclass(frozen=True)
 class Calibration:
-    """Constant over a recording. rotation: standard deviation (rad) about each axis of the sensor, through it;
-    translation: standard deviation (m) along each axis."""
+    """Constant over a recording. rotation: root mean square of the angle (rad) by which a sensor is turned, about any
+    axis through it; translation: of the distance (m) by which it is displaced, in any direction. Both are normal, about
+    and along each axis with a standard deviation smaller by the square root of 3."""
 
     needs_velocities: ClassVar[bool] = False
 
@@ -38,7 +39,7 @@ class Calibration:
         """The reading at the pose that was calibrated."""
         if not (self.rotation or self.translation):
             return reading
-        turn, move = draws.of_sensor().standard_normal((2, 3))
+        turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
         error = np.eye(4)
         error[:3, :3] = rotation_about(turn * self.rotation)
         error[:3, 3] = move * self.translation

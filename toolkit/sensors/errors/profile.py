@@ -89,7 +89,7 @@ def _numbers(term: Any) -> dict[str, Any]:
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in asdict(term).items()}
 
 
-def check_least(term: Any, **least: float) -> None:
+def check_least(term: Any, **least: int | float) -> None:
     """ValueError where a number of a term is none, not finite or below the least it may be."""
     for name, lowest in least.items():
         value = getattr(term, name)

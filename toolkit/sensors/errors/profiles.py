@@ -3,7 +3,7 @@
     paper      what the sensor models say, exact poses: the paper's 1.5 cm at every depth (section IV-A)
     surveyed   total station and registration afterwards: 0.05° and 1 cm, few mixed pixels, 0.5 % drop-out
     typical    0.2° and 3 cm, noise that grows with range, mixed pixels, glass, 2 % drop-out
-    poor       0.5° and 5 cm, a pole that sways, the same with more of it, dark paint, dead rows, heavy rain
+    poor       0.5° and 5 cm, poles that sway, 5 % drop-out and more with range, dark paint, dead rows, rain; the rest same
 
 Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
 both beside the model's own. Why these numbers: see the modules of the terms. A clock's offset is in none of them, since
@@ -57,11 +57,11 @@ POOR = ErrorProfile(
         Glass(share=0.8),
         Paint(share=0.2),
         DropOut(share=0.05, half_range=200.0),
-        MixedPixels(share=0.3),
+        MixedPixels(share=0.2),
         rain(10.0),
         DeadRows(share=0.02),
         OwnNoise(),
-        stereo_noise(baseline=1.0, focal=1000.0),
+        stereo_noise(baseline=1.0, focal=2000.0),
         _LIDAR,
         Calibration(_degrees(0.5), 0.05),
         PoleSway(_degrees(0.05)),

@@ -24,13 +24,16 @@ def test_rotation_about_is_a_rotation_by_its_length():
     assert np.array_equal(rotation_about(np.zeros(3)), np.eye(3))
 
 
-def test_calibration_has_its_spread_about_and_along_each_axis(read, street):
+def test_calibration_has_its_root_mean_square_and_no_axis_is_preferred(read, street):
     term, true = Calibration(0.01, 0.05), np.linalg.inv(street.sensor.pose)
     errors = np.array([true @ read(term, street, number=n).pose for n in range(800)])
     moves = errors[:, :3, 3]
     turns = np.stack([errors[:, 2, 1], errors[:, 0, 2], errors[:, 1, 0]], axis=1)  # to first order
-    assert np.allclose(moves.std(axis=0), 0.05, rtol=0.08)
-    assert np.allclose(turns.std(axis=0), 0.01, rtol=0.08)
+    assert np.allclose(moves.std(axis=0), 0.05 / 3**0.5, rtol=0.08)
+    assert np.allclose(turns.std(axis=0), 0.01 / 3**0.5, rtol=0.08)
+    angles = np.array([angle_between(each, np.eye(4)) for each in errors])
+    assert np.sqrt((angles**2).mean()) == pytest.approx(0.01, rel=0.04)
+    assert np.sqrt((moves**2).sum(axis=1).mean()) == pytest.approx(0.05, rel=0.04)
     assert np.abs(moves.mean(axis=0)).max() < 0.007
     assert np.abs(turns.mean(axis=0)).max() < 0.0014
 

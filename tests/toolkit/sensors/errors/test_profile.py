@@ -31,7 +31,7 @@ def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
         (OwnNoise(), DropOut(0.01, 0.05)),
     ]  # fmt: skip
     assert len({ErrorProfile("x", terms).digest for terms in others} | {one.digest}) == 6
-    assert ErrorProfile("x", (Calibration(np.float32(0.5), np.int64(1)),)).digest
+    assert ErrorProfile("x", (Calibration(np.float64(0.01), np.float64(0.05)),)).digest
     assert one.origin == {"profile": "one", "digest": one.digest}
     assert hash(one) == hash(ErrorProfile("one", one.terms))
 
