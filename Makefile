@@ -8,11 +8,22 @@ SHAPES := --jaxtyping-packages=toolkit,models,placement_env,beartype.beartype
 LIBRARIES := libusb-1.0-0 libgl1 libgomp1
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: setup demo test test-all bench lint
+# An ordinary torch depends on about 5 GB of CUDA, which nothing here needs: the CPU build of the pinned version is asked for
+# first, and pip leaves it in place. Where pip's own index has none, `make TORCH_INDEX=...` names the one that PyTorch's
+# installation page gives for CPU. `make TORCH_CPU=` takes the ordinary one.
+TORCH_CPU := $(shell sed -n 's/^torch==//p' constraints.txt)+cpu
+TORCH_INDEX :=
+
+.PHONY: setup demo test test-all bench lint docs
 setup: .venv/all
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
+
+define torch_without_cuda
+	@test -z "$(TORCH_CPU)" || $(PIP) --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==$(TORCH_CPU) \
+	2>/dev/null || echo "pip finds no torch $(TORCH_CPU): torch comes with CUDA, about 5 GB; see make TORCH_INDEX=..."
+endef
 
 define open3d_loads
 	@$(BIN)/python -c "import open3d" 2>/dev/null \
@@ -20,13 +31,15 @@ define open3d_loads
 	|| { echo "Open3D does not load: install $(LIBRARIES) with your system's package manager, then make again"; exit 1; }
 endef
 
-# The demo needs the simulator only; the tests need everything.
+# The demo needs the simulator and the report only; the tests need everything.
 .venv/sim: pyproject.toml constraints.txt | .venv/bin/python
-	$(PIP) --editable ".[sim]"
+	$(torch_without_cuda)
+	$(PIP) --editable ".[sim,report]"
 	$(open3d_loads)
 	touch $@
 
 .venv/all: pyproject.toml constraints.txt | .venv/bin/python
+	$(torch_without_cuda)
 	$(PIP) --editable ".[all,dev]"
 	$(open3d_loads)
 	touch $@ .venv/sim
@@ -40,10 +53,13 @@ lint: .venv/all
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(SHAPES)
+docs: .venv/all
+	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs out/docs
 
-test-all: lint
+test: lint docs
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(SHAPES)
+
+test-all: lint docs
 	$(BIN)/python -m pytest $(SHAPES)
 
 bench: .venv/all

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from coview.arguments import check_least
 from coview.commands.evaluate import evaluate
+from coview.commands.plan import plan
 from coview.commands.simulate import simulate
 from coview.detectors import recording_detector
 from coview.exits import OK
@@ -13,22 +14,29 @@ from coview.outputs import check_folder
 from coview.recordings import open_recording
 
 RECORDING = "tjunction.hdf5"
-MADE = {RECORDING, f"{RECORDING}.parts", "table.json", "birds_eye.png", "pr_0.7.png", "pr_0.8.png", "pr_0.9.png"}
+PLAN, CACHE = "plan", "cache"  # folders
+FILES = {RECORDING, "table.json", "birds_eye.png", "pr_0.7.png", "pr_0.8.png", "pr_0.9.png"}
+MADE = FILES | {f"{RECORDING}.parts", PLAN, CACHE}
+PLAN_SENSORS = 3  # of the site's own six
 
 
 def demo(
     *,
     out: Path = Path("out/demo"),
     frames: int = 100,
+    plan_frames: int = 24,
     seed: int = 1,
     detector: str = "voxelnet",
     overwrite: bool = False,
 ) -> int:
-    """What six sensors at a T-junction detect by early, late and hybrid fusion: table, pictures, PR curves.
+    """What six sensors at a T-junction detect by early, late and hybrid fusion, and a small plan of which to build.
+
+    Table, pictures, PR curves, and a report to open in a browser.
 
     Args:
-        out: Folder for the recording, the table and the pictures.
+        out: Folder for the recording, the table, the pictures and the plan.
         frames: How many frames to record and score.
+        plan_frames: Frames of each part of the plan's traffic; 0 for no plan.
         seed: Of the traffic.
         detector: As in coview evaluate.
         overwrite: Replace what is in the folder; another demo's files are replaced anyway.
@@ -36,12 +44,19 @@ def demo(
     from toolkit.detection.example_picture import draw_example
 
     check_least("--frames", frames, 1)
+    check_least("--plan-frames", plan_frames, 0)
     again = overwrite or (out.is_dir() and {each.name for each in out.iterdir()} <= MADE)
-    for name in sorted(MADE - {f"{RECORDING}.parts"}):
+    for name in sorted(FILES):
         check_folder(out, holds=name, overwrite=again)
     simulate("tjunction", out=out / RECORDING, frames=frames, seed=seed, overwrite=again)
     evaluate(out / RECORDING, detector=detector, out=out, overwrite=again)
     with open_recording(out / RECORDING, None) as recording:
         draw_example(recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed)
     print(f"pictures in {out}: birds_eye.png, pr_0.7.png")
+    if plan_frames:
+        plan(
+            "tjunction", out=out / PLAN, cache=out / CACHE, overwrite=True,
+            budget=PLAN_SENSORS, candidates="paper", frames=plan_frames, seed=seed,
+        )  # fmt: skip
+        print(f"open {out / PLAN / 'report.html'} in a browser")
     return OK

@@ -65,7 +65,8 @@ class PlannedSensor:
 @dataclass(frozen=True)
 class PlanOption:
     """A sensor set that was considered: names of candidates, price, what is sent, the AP that the searches' fidelity
-    predicts and what the detector says (None: not judged). searches: those that answered with it."""
+    predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: over the
+    detector's IoU thresholds (0.7, 0.8, 0.9 and the plan's), in the traffic it was judged on."""
 
     sensors: tuple[str, ...]
     price: float
@@ -74,6 +75,7 @@ class PlanOption:
     predicted: float
     judged: Judgement | None
     searches: tuple[str, ...] = ()
+    mean_ap: float | None = None
 
 
 @dataclass(frozen=True)

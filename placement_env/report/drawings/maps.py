@@ -161,7 +161,9 @@ def _draw_cells(
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
     """What each sensor sees, in its colour, without slivers: where most of the ground about a cell is seen."""
     calm = [ground.open_ground & (smoothed(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
-    for index, polygons in enumerate(visible_polygons(replace(ground, seen=np.array(calm).reshape(ground.seen.shape)))):
+    for index, polygons in enumerate(
+        visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))
+    ):
         fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
 
 

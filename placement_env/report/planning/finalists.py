@@ -7,6 +7,7 @@ differ, a thrifty search goes for sets that cost less.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from placement_env.search import cpsat, exhaustive, greedy, swap
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Float64
+from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.code_digest import code_digest
 
 ENTRANTS = 9  # of each number of sensors, beside the searches' own answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
@@ -37,6 +40,39 @@ class Finalists:
     predicted: Float64[np.ndarray, " n"]
     searches: tuple[tuple[str, ...], ...]
     considered: int
+
+    def arrays(self) -> Arrays:
+        """What a cache keeps of them."""
+        names = np.array([json.dumps(each) for each in self.searches], np.str_)
+        return self.sets, self.predicted, names, np.array([self.considered])
+
+    @staticmethod
+    def of(arrays: Arrays) -> Finalists:
+        """From what `arrays` gave."""
+        sets, predicted, names, considered = arrays
+        searches = tuple(tuple(json.loads(str(each))) for each in names)
+        return Finalists(sets, predicted, searches, int(considered[0]))
+
+
+def kept_finalists(
+    objective: Objective,
+    most: int,
+    cache: Cache | None,
+    *,
+    depends_on: str,
+    seed: int = 0,
+    progress: Stages | None = None,
+) -> Finalists:
+    """`finalists`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
+    beside its candidates and settings, such as the traffic."""
+    key = key_of("finalists", code_digest(__name__), depends_on, objective.provenance, objective.most_price, most, seed)
+    kept = None if cache is None else cache.get([key])[0]
+    if kept is not None:
+        return Finalists.of(kept)
+    found = finalists(objective, most, seed=seed, progress=progress)
+    if cache is not None:
+        cache.put({key: found.arrays()})
+    return found
 
 
 def finalists(

@@ -22,7 +22,7 @@ from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site
 from placement_env.report.planning import refusals
 from placement_env.report.planning.answer import Terms, answer
-from placement_env.report.planning.finalists import finalists
+from placement_env.report.planning.finalists import kept_finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
@@ -105,7 +105,14 @@ class _Planning:
             return _none(question, excluded, self.pool)
         candidates = self.pool.select(kept)
         objective = self._objective(searched.at(candidates, visibility.select(kept)), fidelity)
-        found = finalists(objective, self._most_sensors(candidates), seed=question.seed, progress=self.progress)
+        found = kept_finalists(
+            objective,
+            self._most_sensors(candidates),
+            searched.disk_cache,
+            depends_on=searched.traffic.digest(),
+            seed=question.seed,
+            progress=self.progress,
+        )
         judge, final = self._judge(candidates, 1), self._judge(candidates, 2)
         for each in (judge, final):
             if not each.truths.sum():

@@ -3,7 +3,8 @@
 Sets of one size race each other (successive halving over frames), so that small and cheap ones stay in; the best few of
 each size are judged on all frames. Without a requirement the answer is the set of the greatest AP. With one it is the
 cheapest set, by price, number of sensors, then kbit, whose interval lies above it; where none does, the cheapest whose
-AP reaches it; where none does either, the set of the greatest AP.
+AP reaches it; where none does either, the set of the greatest AP. Of sets with equal AP the one of the greater mean AP
+over the detector's IoU thresholds is taken, and of equal ones again the cheaper.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def select(
 ) -> Selection:
     """The answer among the finalists, of which there is at least one."""
     judged = _judged(found, judge, seed=seed, progress=progress)
-    options = tuple(_option(objective, found, i, judged.get(i)) for i in range(len(found.sets)))
+    options = tuple(_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets)))
     chosen, rule = choose(options, min_ap)
     return Selection(options, found.sets, chosen, rule)
 
@@ -68,7 +69,7 @@ def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, 
         reaching = [entry for entry in judged if entry[2].ap >= min_ap]
         if sure or reaching:
             return min(sure or reaching, key=thrifty)[0], "interval" if sure else "estimate"
-    best = min(judged, key=lambda entry: (-entry[2].ap, *thrifty(entry)))[0]
+    best = min(judged, key=lambda entry: (-entry[2].ap, -(entry[1].mean_ap or 0.0), *thrifty(entry)))[0]
     return best, "best" if min_ap is None else "none"
 
 
@@ -93,10 +94,12 @@ def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
 
 
-def _judged(found: Finalists, judge: Judge, *, seed: int, progress: Stages | None) -> dict[int, Judgement]:
-    """Judgements of the best of each size, by their place among the finalists."""
+def _judged(
+    found: Finalists, judge: Judge, *, seed: int, progress: Stages | None
+) -> dict[int, tuple[Judgement, float]]:
+    """Judgement and mean AP over the IoU thresholds of the best of each size, by their place among the finalists."""
     sizes = found.sets.sum(axis=1)
-    judged: dict[int, Judgement] = {}
+    judged: dict[int, tuple[Judgement, float]] = {}
     different = np.unique(sizes)
     for done, size in enumerate(different, 1):
         places = np.flatnonzero(sizes == size)
@@ -104,7 +107,9 @@ def _judged(found: Finalists, judge: Judge, *, seed: int, progress: Stages | Non
             _ap(judge), found.sets[places], judge.frames, keep=KEPT, first=min(FIRST, judge.frames), eta=ETA, seed=seed
         )
         kept = places[ran.winners]
-        judged |= dict(zip(kept.tolist(), judge.judge(found.sets[kept]), strict=True))
+        mean_ap = np.mean([each.ap for each in judge.detected.estimates(found.sets[kept]).values()], axis=0)
+        judgements = judge.judge(found.sets[kept])
+        judged |= dict(zip(kept.tolist(), zip(judgements, mean_ap.tolist(), strict=True), strict=True))
         if progress is not None:
             progress("judging", done, len(different))
     return judged
@@ -114,7 +119,11 @@ def _ap(judge: Judge) -> Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " 
     return lambda sets, frames: judge.detected.partial(sets, frames.tolist()).ap
 
 
-def _option(objective: Objective, found: Finalists, i: int, judged: Judgement | None) -> PlanOption:
+def _option(
+    objective: Objective, found: Finalists, i: int, judged: Judgement | None, mean_ap: float | None
+) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
     names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
-    return PlanOption(names, score.price, score.kbit_per_sensor, score.kbit, score.ap, judged, found.searches[i])
+    return PlanOption(
+        names, score.price, score.kbit_per_sensor, score.kbit, score.ap, judged, found.searches[i], mean_ap
+    )

@@ -51,7 +51,8 @@ def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons
 
 
 RULES: dict[Rule, str] = {
-    "best": "It has the greatest AP of the judged sets; of equal ones the cheaper is taken.",
+    "best": "It has the greatest AP of the judged sets; equal ones go by the mean AP at IoU 0.7, 0.8 and 0.9, then by "
+    "price.",
     "interval": "It is the cheapest of the judged sets whose whole 95 % interval lies above the required AP.",
     "estimate": "It is the cheapest of the judged sets whose AP reaches the requirement; of none does the whole "
     "95 % interval lie above it.",

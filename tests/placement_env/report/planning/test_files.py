@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
@@ -27,8 +28,6 @@ def test_json_of_a_plan():
 
 
 def test_files_are_written_whole(tmp_path):
-    import numpy as np
-
     planned = Planned(PLAN, Site("s", np.array([0.0, 0, 1, 1])))
     (path,) = write_plan(planned, tmp_path / "new" / "plan")
     assert path.name == "plan.json"

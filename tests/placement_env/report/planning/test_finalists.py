@@ -1,9 +1,11 @@
 """Sets worth a judgement: feasible, of every size, within the money, the same again."""
 
 import numpy as np
+import pytest
 
 from placement_env.objective import Objective
-from placement_env.report.planning.finalists import finalists
+from placement_env.report.planning.finalists import Finalists, finalists, kept_finalists
+from toolkit.runtime.cache import Cache
 
 
 def test_every_size_has_the_best_set_of_all(street):
@@ -46,3 +48,29 @@ def test_large_pools(make):
     assert stages == [("searching", 1, 2), ("searching", 2, 2)]
     assert not any("exhaustive" in names for names in found.searches)
     assert 4 <= len(found.sets) <= 14
+
+
+def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
+    cache = Cache()
+    first = kept_finalists(street.objective, 2, cache, depends_on="a", seed=1)
+    assert first.searches == finalists(street.objective, 2, seed=1).searches
+    rich = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=900.0)
+    monkeypatch.setattr("placement_env.report.planning.finalists.finalists", lambda *_, **__: pytest.fail("searched"))
+    again = kept_finalists(street.objective, 2, cache, depends_on="a", seed=1)
+    assert np.array_equal(first.sets, again.sets)
+    assert np.array_equal(first.predicted, again.predicted)
+    assert (first.searches, first.considered) == (again.searches, again.considered)
+    for objective, most, changes in (
+        (street.objective, 3, {}),
+        (street.objective, 2, {"depends_on": "b"}),
+        (street.objective, 2, {"seed": 2}),
+        (rich, 2, {}),
+    ):
+        with pytest.raises(pytest.fail.Exception, match="searched"):
+            kept_finalists(objective, most, cache, **{"depends_on": "a", "seed": 1, **changes})
+
+
+def test_none_are_kept_too():
+    none = Finalists(np.zeros((0, 4), bool), np.zeros(0), (), 3)
+    assert Finalists.of(none.arrays()).searches == ()
+    assert Finalists.of(none.arrays()).sets.shape == (0, 4)

@@ -8,10 +8,10 @@ from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
 
 
-def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True):
+def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean_ap=None):
     names = tuple(f"s{i}" for i in range(sensors))
     said = Judgement(ap, low, high, ap, 1.0, 100, 60)
-    return PlanOption(names, price, kbit, kbit * sensors, ap, said if judged else None)
+    return PlanOption(names, price, kbit, kbit * sensors, ap, said if judged else None, (), mean_ap)
 
 
 def test_without_a_requirement_the_best_wins_and_the_cheaper_of_equals():
@@ -22,6 +22,17 @@ def test_without_a_requirement_the_best_wins_and_the_cheaper_of_equals():
         option(0.99, 0.9, 1.0, judged=False),
     )
     assert choose(options, None) == (2, "best")
+
+
+def test_equals_go_by_the_mean_over_thresholds_before_the_price():
+    options = (
+        option(1.0, 1.0, 1.0, price=1.0, mean_ap=0.8),
+        option(1.0, 1.0, 1.0, price=2.0, mean_ap=0.9),
+        option(1.0, 1.0, 1.0, price=3.0, mean_ap=0.9),
+        option(0.99, 0.9, 1.0, price=1.0, mean_ap=0.95),
+    )
+    assert choose(options, None) == (1, "best")
+    assert choose(options, 0.9) == (0, "interval")
 
 
 def test_with_one_the_cheapest_whose_interval_lies_above_it():
@@ -71,5 +82,10 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert picked.options[5].price == 32.5
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
+    aps = street.judge.detected.estimates(sets[[4, 5]])
+    assert [picked.options[4].mean_ap, picked.options[5].mean_ap] == pytest.approx(
+        np.mean([e.ap for e in aps.values()], 0)
+    )
+    assert picked.options[2].mean_ap is None
     cheap = select(street.objective, found, street.judge, min_ap=0.75)
     assert (cheap.chosen, cheap.rule) == (4, "interval")

@@ -1,0 +1,179 @@
+"""The report as people get it: two files, opened from disk in a real browser."""
+
+import io
+import os
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+from placement_env.report.pages.files import write_report
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+SCENE_PIXELS = {"x": 0, "y": 0, "width": 1, "height": 1}
+
+
+@pytest.fixture(scope="module")
+def report(example, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    write_report(example, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.fail("the report is tested in Chromium, which is not here: run make, or apt-get install chromium")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def page(browser, report):
+    """The report opened from disk; afterwards nothing was asked from anywhere and nothing went wrong."""
+    opened = browser.new_page(viewport={"width": 760, "height": 560})
+    troubles, asked = [], []
+    opened.on("pageerror", lambda error: troubles.append(str(error)))
+    opened.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
+    opened.on("request", lambda request: asked.append(request.url))
+    opened.set_default_timeout(60_000)
+    opened.goto(f"file://{report}/report.html")
+    yield opened
+    opened.close()
+    assert troubles == []
+    assert [url for url in asked if not url.startswith(("data:", "blob:", "about:"))] == [
+        f"file://{report}/report.html"
+    ]
+
+
+def test_both_files_are_written_and_small_and_the_same_every_time(example, report, tmp_path):
+    assert sorted(os.listdir(report)) == ["report.html", "report.pdf"]
+    assert (report / "report.html").stat().st_size < 12e6
+    write_report(example, tmp_path / "made" / "here")
+    for name in ("report.html", "report.pdf"):
+        assert (tmp_path / "made" / "here" / name).read_bytes() == (report / name).read_bytes()
+
+
+def test_neither_file_is_written_where_one_fails(example, tmp_path, monkeypatch):
+    monkeypatch.setattr("placement_env.report.pages.files.pdf_of", lambda document: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(example, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plan_without_sensors_has_a_report(nothing_chosen, tmp_path):
+    write_report(nothing_chosen, tmp_path)
+    assert "<iframe" not in (tmp_path / "report.html").read_text()
+
+
+def pixels(page, frame):
+    from PIL import Image
+
+    png = frame.screenshot(animations="disabled")
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+
+def magenta(image):
+    """How many pixels have the colour of the second sensor."""
+    red, green, blue = np.moveaxis(image, -1, 0)
+    return int(((red > 190) & (green < 110) & (blue > 120)).sum())
+
+
+def test_the_scene_turns_and_hides_what_is_switched_off(page):
+    page.locator("#scene-frame").scroll_into_view_if_needed()
+    page.wait_for_selector("#scene[data-ready]")
+    view = page.locator("#scene-frame")
+    scene = next(frame for frame in page.frames if frame.parent_frame)
+
+    def shown(node):
+        return scene.evaluate("node => window.__viserSceneTree.getState()[node].effectiveVisibility", node)
+
+    def wait_until(node, expected):
+        js = "([node, expected]) => window.__viserSceneTree.getState()[node].effectiveVisibility === expected"
+        scene.wait_for_function(js, arg=[node, expected])
+        page.wait_for_timeout(500)
+
+    wait_until("/sensors/1/points 0", True)
+    assert [shown(f"/sensors/1/points {frame}") for frame in range(3)] == [True, False, False]
+    first = pixels(page, view)
+    assert magenta(first) > 300
+
+    page.locator("input[data-node='/sensors/1']").uncheck()
+    wait_until("/sensors/1/points 0", False)
+    assert not any(shown(f"/sensors/1/{part}") for part in ("ground", "view", "label"))
+    assert shown("/sensors/0/points 0")
+    assert magenta(pixels(page, view)) < 0.02 * magenta(first)
+
+    page.locator("#scene-time").fill("2")
+    wait_until("/sensors/0/points 2", True)
+    assert not shown("/sensors/0/points 0")
+    assert not shown("/sensors/1/points 2")
+    for node in ("/truth", "/hit", "/missed", "/false"):
+        page.locator(f"input[data-node='{node}']").uncheck()
+        wait_until(f"{node}/2", False)
+
+    before, box = pixels(page, view), view.bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] + 120, middle[1] + 10, steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(1500)
+    turned = (np.abs(pixels(page, view) - before).max(-1) > 30).mean()
+    assert turned > 0.1
+
+
+def test_tables_sort_by_number_and_back(page):
+    table = page.locator("#failures table")
+
+    def column(number):
+        return table.locator(f"tbody td:nth-child({number})").all_inner_texts()
+
+    table.locator("th button", has_text="AP").first.click()
+    assert column(2) == ["0.520", "0.780", "0.880", "0.910", "0.930", "0.934"]
+    assert table.locator("th[aria-sort]").get_attribute("aria-sort") == "ascending"
+    table.locator("th button", has_text="AP").first.click()
+    assert column(2)[0] == "0.934"
+    table.locator("th button", has_text="Failed").click()
+    assert column(1) == ["d0", "d0 and d3", "d1", "d1 and d5", "d3", "d5"]
+    ranges = page.locator("#detection table").nth(1)
+    for _ in range(2):  # a row without a figure is last both ways
+        ranges.locator("th button", has_text="AP").first.click()
+        assert ranges.locator("tbody tr").last.locator("td").first.inner_text() == "far"
+
+
+def test_it_is_usable_at_once(page):
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable")
+    metrics = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
+    assert metrics["TaskDuration"] < 3
+    started = time.monotonic()
+    page.locator("nav a").last.click()
+    page.locator("#method").wait_for()
+    assert time.monotonic() - started < 3
+
+
+def test_it_prints_without_what_only_a_screen_can_show(page):
+    page.emulate_media(media="print")
+    assert not page.locator("nav").is_visible()
+    assert not page.locator("#scene-frame").is_visible()
+    assert page.locator(".printed").is_visible()
+    assert page.pdf(format="A4").startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_a_telephone_and_is_legible(page, scheme):
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.emulate_media(color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    ink, paper = (page.evaluate(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor"))
+    bright = [sum(map(int, colour[4:-1].split(","))) / 3 for colour in (ink, paper)]
+    assert abs(bright[0] - bright[1]) > 180
+    assert (bright[0] > bright[1]) == (scheme == "dark")

@@ -1,0 +1,63 @@
+import pytest
+
+from placement_env.report.content import Judgement
+from placement_env.report.pages.document import Cell
+from placement_env.report.pages.wording import (
+    JUDGED_COLUMNS,
+    ap_text,
+    figure_cell,
+    interval,
+    judged_cells,
+    listed,
+    number,
+    overlap,
+    percent,
+    price_text,
+    share_cell,
+)
+
+JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (0.0, "0%"),
+        (0.004, "under 1%"),
+        (0.5, "50%"),
+        (0.996, "over 99%"),
+        (1.0, "100%"),
+        (None, "–"),
+        (float("nan"), "–"),
+    ],
+)
+def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
+    assert percent(share) == text
+
+
+def test_undefined_figures_are_dashes_that_sort_last():
+    assert number(None) == number(float("nan")) == number(float("inf")) == "–"
+    assert figure_cell(None) == figure_cell(float("nan")) == share_cell(None) == Cell("–", None)
+
+
+def test_prices():
+    assert [price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
+    assert [price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
+
+
+def test_ap_stands_with_interval_and_vehicles():
+    assert ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
+    assert interval(JUDGED) == "0.910–0.980"
+    assert [cell.text for cell in judged_cells(JUDGED)] == ["0.950", "0.910–0.980", "96.5", "1,412", "60"]
+    assert [cell.text for cell in judged_cells(None)] == ["–", "no vehicle", "–", "0", "–"]
+    assert len(JUDGED_COLUMNS) == 5
+
+
+@pytest.mark.parametrize(("low", "high", "expected"), [(0.5, 0.91, True), (0.5, 0.90, False), (0.981, 1.0, False)])
+def test_intervals_overlap_where_they_touch(low, high, expected):
+    other = Judgement(0.7, low, high, 0.7, None, 9, 9)
+    assert overlap(JUDGED, other) is overlap(other, JUDGED) is expected
+
+
+def test_names_in_a_row():
+    assert [listed(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]

@@ -1,0 +1,155 @@
+"""The documentation is true: its Python runs, its command lines parse, its links lead somewhere, nothing is missing."""
+
+import doctest
+import functools
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import tyro
+
+from coview.main import COMMANDS
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *PAGES]
+BLOCK = re.compile(r"(?:<!-- (minutes|file: \S+) -->\n)?```(\w*)\n(.*?)```", re.DOTALL)
+CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
+
+
+@pytest.fixture
+def extension(monkeypatch):
+    """The modules of docs/ by name."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    return import_module
+
+
+def blocks(page, language):
+    """Marks and texts of a page's blocks in a language."""
+    return [(mark, text) for mark, found, text in BLOCK.findall(page.read_text()) if found == language]
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name_of)
+def test_python_blocks_run_one_after_the_other(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    for mark, text in blocks(page, "python"):
+        code = compile(text, name_of(page), "exec")
+        if mark != "minutes":
+            exec(code, names)
+
+
+def command_lines(page):
+    """Every `coview ...` line of a page's blocks, as words."""
+    shown = "\n".join(text for language in ("", "console", "bash") for _, text in blocks(page, language))
+    lines = [line.removeprefix("$ ") for line in shown.replace("\\\n", " ").splitlines()]
+    return [shlex.split(line, comments=True)[1:] for line in lines if re.match(r"coview [a-z]", line)]
+
+
+@functools.cache
+def parsing(name):
+    """A command that parses its arguments and does nothing."""
+    function = getattr(import_module(f"coview.commands.{name}"), name)
+    return functools.wraps(function)(lambda *_, **__: 0)
+
+
+def refused(words):
+    """What a command line is refused for, "" if it parses."""
+    if words[0] not in COMMANDS:
+        return "no such command"
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            {words[0]: parsing(words[0])}, prog="coview", args=words, config=CONFIG, console_outputs=False
+        )
+    except SystemExit as stopped:
+        return "" if "--help" in words and not stopped.code else "refused"
+    return ""
+
+
+@pytest.mark.parametrize("page", [page for page in TEXTS if command_lines(page)], ids=name_of)
+def test_command_lines_parse(page):
+    assert [" ".join(words) for words in command_lines(page) if refused(words)] == []
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
+def test_options_in_running_text_exist(page, extension):
+    """There, what is not the point may be left out: `coview evaluate --detector voxelnet`."""
+    parser = extension("commands").parser
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    for name, rest in re.findall(r"`coview ([a-z]+) ([^`]*--[^`]*)`", text):
+        below = extension("commands").subcommands(parser(name)).values()
+        known = {option for each in (parser(name), *below) for option in each._option_string_actions}
+        assert set(re.findall(r"--[a-z-]+", rest)) <= known, name
+
+
+def test_a_wrong_command_line_is_seen():
+    assert refused(["site", "show", "tjunction", "--out", "a.png"]) == ""
+    assert [refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])] == ["refused"] * 2
+    assert refused(["evalaute"]) == "no such command"
+
+
+def test_every_command_is_shown_somewhere():
+    assert set(COMMANDS) - {words[0] for page in TEXTS for words in command_lines(page)} <= {"demo"}
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
+def test_links_lead_to_files(page):
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    targets = {target for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text) if "://" not in target}
+    assert {target for target in targets if not (page.parent / target).exists()} == set()
+
+
+def test_every_page_is_in_a_table_of_contents():
+    tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
+    listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
+    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
+    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
+
+
+@pytest.mark.parametrize("name", ["faces", "commands"])
+def test_the_extensions_do_what_they_say(extension, name):
+    tried = doctest.testmod(extension(name))
+    assert tried.attempted > 0
+    assert tried.failed == 0
+
+
+@pytest.mark.parametrize("face", ["toolkit", "models", "placement_env"])
+def test_the_reference_has_every_name_of_a_face(extension, face):
+    lines = "\n".join(extension("faces").page(face))
+    shown = re.findall(r"^\.\. (?:autoclass|autofunction|py:module):: \S+?\.(\w+)$", lines, re.MULTILINE)
+    assert sorted(set(shown) - {"search"}) == import_module(face).__all__  # `search` of the methods, which are modules
+
+
+def test_docstrings_keep_their_meaning(extension):
+    text = "Weights `w` * 2, `fuse` all_of | it_.\n\n    a  b\n    c\n\n1. one\n   more\n2. two\n\n>>> 1 + 1\n2"
+    assert extension("faces").as_rst(text) == [
+        r"Weights ``w`` \* 2, :py:obj:`fuse <toolkit.fuse>` all_of \| it\_.", "",
+        "::", "", "    a  b", "    c", "",
+        "1. one more", "2. two", "",
+        ">>> 1 + 1", "2", "",
+    ]  # fmt: skip
+
+
+def test_signatures_have_shapes_as_written(extension):
+    from toolkit import Body, Codec, crop
+
+    signature = extension("faces").signature
+    assert signature(crop).startswith("(cloud: PointCloud, area: Area, height: float | None = None, *, floor")
+    assert "vertices: Float32[np.ndarray, 'k 3']" in signature(Body)
+    assert signature(Codec) == ""
+
+
+def test_the_command_line_reference_says_what_help_says(extension):
+    lines = list(extension("commands").section("site"))
+    assert lines[0] == "coview site"
+    assert [line for line in lines if line.startswith("coview site ")] >= ["coview site import", "coview site random"]
+    there = lines.index("``--centre FLOAT FLOAT``")
+    assert lines[there + 1].strip().startswith("Of the detection area: metres of an OpenDRIVE map")
+    assert "``SITE``" in lines
+    assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))
