@@ -3,7 +3,7 @@
     paper      what the sensor models say, exact poses: the paper's 1.5 cm at every depth (section IV-A)
     surveyed   total station and registration afterwards: 0.05° and 1 cm, few mixed pixels, 0.5 % drop-out
     typical    0.2° and 3 cm, noise that grows with range, mixed pixels, glass, 2 % drop-out
-    poor       0.5° and 5 cm, poles that sway, 5 % drop-out and more with range, dark paint, dead rows, rain; the rest same
+    poor       0.5° and 5 cm, swaying poles, 5 % drop-out and more with range, dark paint, dead rows, rain; else typical
 
 Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
 both beside the model's own. Why these numbers: see the modules of the terms. A clock's offset is in none of them, since

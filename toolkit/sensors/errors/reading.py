@@ -92,8 +92,10 @@ class Reading:
 
     @staticmethod
     def of(truth: TrueImage) -> Reading:
-        """Without error."""
-        return Reading(truth, np.asarray(truth.measurement, np.float32), truth.sensor.pose)
+        """Without error; NaN and infinity, which return nothing, are 0."""
+        image = np.asarray(truth.measurement, np.float32)
+        finite = np.isfinite(image)
+        return Reading(truth, image if finite.all() else np.where(finite, image, np.float32(0)), truth.sensor.pose)
 
     @property
     def valid(self) -> Bool[np.ndarray, "rows columns"]:

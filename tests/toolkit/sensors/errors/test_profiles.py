@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,16 @@ def test_each_profile_is_worse_than_the_one_before(street):
 
 
 PINNED = [0.0, 0.005284, 0.025493, 0.165173]  # share of returns that each profile takes
+
+
+@pytest.mark.parametrize("name", list(PROFILES))
+def test_what_is_no_number_disturbs_no_profile(street, name):
+    image = street.measurement.copy()
+    image[::7] = np.nan
+    image[3::7] = np.inf
+    said = PROFILES[name].read(replace(street, measurement=image), seed=0, sensor=1, frame=0)
+    assert np.isfinite(said.measurement).all()
+    assert (said.measurement >= 0).all()
 
 
 def test_errors_are_drawn_from_a_seed():

@@ -59,3 +59,12 @@ def test_an_image_of_nothing(sensor):
     assert not dark.ranges.any()
     assert (dark.cosines == 1).all()
     assert (dark.owners == -1).all()
+
+
+def test_no_numbers_are_no_returns(street):
+    image = street.measurement.copy()
+    image[0, :4] = np.nan, np.inf, -np.inf, -3.0
+    reading = Reading.of(replace(street, measurement=image))
+    assert reading.measurement[0, :4].tolist() == [0, 0, 0, -3]
+    assert not reading.valid[0, :4].any()
+    assert not reading.truth.ranges[0, :4].any()
