@@ -35,6 +35,13 @@ def check_schemes(names: Iterable[str]) -> None:
             raise ValueError(f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}")
 
 
+def check_errors(name: str) -> None:
+    """Raise ValueError, which lists what there is, where an error profile is none."""
+    from toolkit.sensors.errors.profiles import profile_named
+
+    profile_named(name)
+
+
 def check_ray(address: str | None) -> None:
     """Raise ImportError where a Ray cluster is asked for without Ray."""
     if address is not None and not find_spec("ray"):

@@ -27,6 +27,8 @@ from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -95,7 +97,8 @@ class Objective:
     makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
     how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
     detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
-    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any.
+    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
+    errors: of the sensors, a profile or its name, known to fidelity "detector" alone.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -120,10 +123,12 @@ class Objective:
         ray: str | None = None,
         progress: Stages | None = None,
         most_price: float = math.inf,
+        errors: ErrorProfile | str = PAPER_ERRORS,
     ) -> None:
-        from placement_env.fidelity.preparation import Preparation, site_candidates
+        from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
         check_fidelity(fidelity)
+        check_errors_for(profile_of(errors), fidelity)
         check_whole("frames", frames, least=1)
         check_iou(iou)
         site = load_site(site) if isinstance(site, str) else site
@@ -139,6 +144,7 @@ class Objective:
             workers=workers,
             ray=ray,
             detector=detector,
+            errors=profile_of(errors),
         )
         visibility = None if fidelity == "table" else preparation.look(progress)
         scored_by = preparation.fidelity(fidelity)
@@ -214,11 +220,13 @@ class Objective:
         made = self.preparation
         site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
         traffic = {} if made is None else {"frames": made.frames, "seed": made.seed, "iou": made.iou}
+        errors = {} if made is None else {"errors": made.errors.origin}
         detector = getattr(self.scored_by, "detector", None)
         return settings_origin(
             self.codec,
             **site,
             **traffic,
+            **errors,
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
             fidelity=self.fidelity,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from toolkit.datasets.cloud_files import fuse_files as fuse_files
     from toolkit.datasets.dataset import CoopDataset as CoopDataset
+    from toolkit.datasets.readings import read_frame as read_frame, with_errors as with_errors
     from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
@@ -56,6 +57,8 @@ if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer as Renderer
     from toolkit.sensors.catalogue import model_named as model_named, register_sensor_model as register_sensor_model
     from toolkit.sensors.depth_camera import DepthCamera as DepthCamera
+    from toolkit.sensors.errors.profile import ErrorProfile as ErrorProfile
+    from toolkit.sensors.errors.profiles import profile_named as profile_named
     from toolkit.sensors.model import SensorModel as SensorModel
     from toolkit.sensors.sensor import Sensor as Sensor
     from toolkit.sensors.solid_state_lidar import SolidStateLidar as SolidStateLidar
@@ -76,6 +79,7 @@ else:
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
+            "datasets.readings": ("read_frame", "with_errors"),
             "datasets.doctor.diagnosis": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
             "detection.cluster": ("ClusterDetector",),
@@ -97,6 +101,8 @@ else:
             "rendering.renderer": ("Renderer",),
             "sensors.catalogue": ("model_named", "register_sensor_model"),
             "sensors.depth_camera": ("DepthCamera",),
+            "sensors.errors.profile": ("ErrorProfile",),
+            "sensors.errors.profiles": ("profile_named",),
             "sensors.model": ("SensorModel",),
             "sensors.sensor": ("Sensor",),
             "sensors.solid_state_lidar": ("SolidStateLidar",),

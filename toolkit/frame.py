@@ -16,7 +16,9 @@ from toolkit.sensors.sensor import Sensor
 class Frame:
     """sensors and measurements belong together by position: measurements[i] is (rows, columns) float32 of sensors[i],
     depth (camera) or range (lidar) in metres, 0 where nothing returned. objects: ground truth, world frame.
-    time: seconds since the recording began. index: its number in its dataset.
+    time: seconds since the recording began. index: its number in its dataset. shifts: for each sensor how far (m, world
+    frame) each pixel's point lies off its ray, None for nowhere; empty where no sensor has any (see
+    `toolkit.sensors.errors.clock`).
     """
 
     sensors: tuple[Sensor, ...]
@@ -24,10 +26,13 @@ class Frame:
     objects: Objects
     time: float = 0.0
     index: int = 0
+    shifts: tuple[Float32[np.ndarray, "_ _ 3"] | None, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.sensors) != len(self.measurements):
             raise ValueError(f"{len(self.sensors)} sensors but {len(self.measurements)} measurements")
+        if self.shifts and len(self.shifts) != len(self.sensors):
+            raise ValueError(f"{len(self.sensors)} sensors but {len(self.shifts)} shifts: give one each, or none")
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
             raise ValueError(f"the sensors of a frame must have different names, got {names}: rename one")

@@ -45,6 +45,9 @@ def frame_points(
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
         xyz, valid = unproject(sensor, measurement)
+        shift = frame.shifts[index] if frame.shifts else None
+        if shift is not None:
+            xyz += shift.reshape(-1, 3).T
         keep = np.flatnonzero(valid & inside(xyz.T, bounds, top))
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds

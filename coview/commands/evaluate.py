@@ -7,7 +7,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, check_schemes, sensor_set, site_file
+from coview.arguments import check_errors, check_ious, check_least, check_schemes, sensor_set, site_file
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
@@ -29,6 +29,7 @@ def evaluate(
     label: Literal["vehicle", "cyclist", "pedestrian", "heavy"] = "vehicle",
     radius: float | None = None,
     frames: int | None = None,
+    errors: str = "paper",
     seed: int = 0,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -52,7 +53,8 @@ def evaluate(
         label: Class to score.
         radius: Hybrid fusion shares points farther than this from their sensor (m); the paper's value when left out.
         frames: Only the first so many frames.
-        seed: Of the sensors' noise.
+        errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
+        seed: Of the sensors' noise and errors.
         site: Name or file; needed for foreign recordings that show no built-in site.
         drop_invalid: Leave objects out that cannot be (NaN, no size, kilometres away), and say how many.
         out: Folder for table.json and the PR curves.
@@ -64,6 +66,7 @@ def evaluate(
 
     check_ious(iou)
     check_schemes(schemes)
+    check_errors(errors)
     check_least("--radius", radius, 0.0)
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
@@ -75,8 +78,8 @@ def evaluate(
         with progress_bar("frame", total, hidden=json) as bar:
             rows = evaluate_dataset(
                 recording, recording_detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,
-                sensor_sets=sets, noise_seed=seed, radius=radius, protocol=protocol, metric=metric, label=label,
-                progress=bar.to,
+                sensor_sets=sets, noise_seed=seed, errors=errors, radius=radius, protocol=protocol, metric=metric,
+                label=label, progress=bar.to,
             )  # fmt: skip
     save_evaluation(rows, out)
     table = f"{format_table(rows)}\nwritten to {out}/table.json, PR curves beside it"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, check_schemes, site_file
+from coview.arguments import check_errors, check_ious, check_least, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
@@ -31,6 +31,7 @@ def plan(
     sensors: Path | None = None,
     keep_out: Path | None = None,
     detector: str | None = None,
+    errors: str = "paper",
     frames: int | None = None,
     seed: int = 0,
     cache: Path | None = Path("out/cache"),
@@ -57,6 +58,7 @@ def plan(
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
         detector: As in coview evaluate, but for cluster; a shipped network when left out.
+        errors: Of the sensors, as in coview evaluate, when sets are compared and the answer is judged.
         frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
         seed: Of traffic, searches and intervals.
         cache: Folder where what was seen and detected is kept, so that a stopped plan goes on; None for nowhere.
@@ -69,6 +71,7 @@ def plan(
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
+    from toolkit.sensors.errors.profiles import profile_named
     from toolkit.sites.files import load_site
 
     for option, value, least in (
@@ -78,6 +81,7 @@ def plan(
         check_least(option, value, least)
     check_ious([iou])
     check_schemes([scheme])
+    check_errors(errors)
     inputs = [*site_file(site), *site_file(candidates), *(path for path in (sensors, keep_out) if path is not None)]
     check_folder(out, holds="plan.json", inputs=inputs, overwrite=overwrite)
     if cache is not None:
@@ -101,6 +105,7 @@ def plan(
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),
         keep_out=() if keep_out is None else load_keep_out(keep_out, place),
         detector=own,
+        errors=profile_named(errors),
         seed=seed,
         **lengths,
     )

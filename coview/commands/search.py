@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_ious, check_least, check_positive, check_ray, check_schemes, site_file
+from coview.arguments import check_errors, check_ious, check_least, check_positive, check_ray, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
@@ -32,6 +32,7 @@ def search(
     candidates: str = "pool",
     model: tuple[str, ...] = (),
     detector: str | None = None,
+    errors: str = "paper",
     frames: int = 200,
     iou: float = 0.7,
     comm: float = 0.0,
@@ -63,6 +64,7 @@ def search(
         model: Sensor models, by name, that may be mounted at each pose; the paper's camera when left out.
         detector: Of fidelity and --verify detector: as in coview evaluate, but for cluster; a shipped network when
             left out.
+        errors: Of the sensors, as in coview evaluate, for --fidelity detector or --verify detector.
         frames: Of simulated traffic.
         iou: At which a detection counts.
         comm: AP that a kbit per sensor and frame costs.
@@ -96,6 +98,9 @@ def search(
         check_least(option, weight, 0)
     check_ious([iou])
     check_schemes([scheme])
+    check_errors(errors)
+    if errors != "paper" and "detector" not in (fidelity, verify):
+        raise ValueError("--errors is for --fidelity detector or --verify detector: say one of them")
     check_ray(ray)
     if cache is not None:
         check_writable(cache.resolve(), cache)
@@ -126,7 +131,8 @@ def search(
             check_digest(detector, settings["detector"], ": add one, or say --cache None")
     with progress_bar("", hidden=json) as bar:
         settings["progress"] = bar.stage
-        objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), **settings)
+        drawn = errors if fidelity == "detector" else "paper"
+        objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), errors=drawn, **settings)
         if not objective.allowed([]).any():
             reasons = exclusions(objective)
             print_result({"sensors": [], "reasons": reasons}, f"none may be built: {' '.join(reasons)}", as_json=json)
@@ -134,7 +140,7 @@ def search(
         result = search_of(method)(objective, budget, seed=seed, seconds=seconds, evaluations=evaluations)
         best, names, certificate = result.best, objective.names, result.certificate
         if verify is not None and best.subset:
-            exact = Objective(place, frames, scheme, verify, Weights(comm, price), **settings)
+            exact = Objective(place, frames, scheme, verify, Weights(comm, price), errors=errors, **settings)
             checked, sets = verified_best(objective, exact, result)
     sensors = described_sensors([names[c] for c in best.subset], result.sensors)
     summary = {**asdict(best), "sensors": sensors, "certificate": asdict(certificate),

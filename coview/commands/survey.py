@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import sensor_set
+from coview.arguments import check_errors, sensor_set
 from coview.exits import OK
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
@@ -19,6 +19,7 @@ def survey(
     *,
     sensors: tuple[str, ...] = ("all",),
     frames: int | None = None,
+    errors: str = "paper",
     seed: int = 0,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -32,7 +33,8 @@ def survey(
         dataset: Recording.
         sensors: Sensor sets, as in coview evaluate.
         frames: Only the first so many frames.
-        seed: Of the sensors' noise.
+        errors: As in coview evaluate.
+        seed: Of the sensors' noise and errors.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.
         json: Print as JSON.
@@ -40,11 +42,12 @@ def survey(
     from toolkit.detection.survey import survey as count
     from toolkit.points import select_sensors
 
+    check_errors(errors)
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
         sets = [select_sensors(recording.sensors, sensor_set(chosen)) for chosen in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
-            figures = count(recording, frames=total, noise_seed=seed, progress=bar.to).as_dict(sets)
+            figures = count(recording, frames=total, noise_seed=seed, errors=errors, progress=bar.to).as_dict(sets)
     objects = "  ".join(f"{name} {number:.2f}" for name, number in figures["objects_per_frame"].items())
     lines = [f"objects per frame in the area: {objects}", f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor"]
     lines += [f"vehicles without a point from {chosen}: {share:.1%}" for chosen, share in figures["unseen"].items()]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_least, check_ray, site_file
+from coview.arguments import check_errors, check_least, check_ray, site_file
 from coview.detectors import check_digest, recording_detector
 from coview.exits import OK
 from coview.outputs import check_file
@@ -21,6 +21,7 @@ def table(
     *,
     out: Path,
     detector: str = "voxelnet",
+    errors: str = "paper",
     frames: int | None = None,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -37,6 +38,7 @@ def table(
         dataset: Recording of at most 16 sensors.
         out: Table to write (.npz); placement_env loads it by its path.
         detector: As in coview evaluate.
+        errors: As in coview evaluate.
         frames: Only the first so many frames.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.
@@ -49,9 +51,11 @@ def table(
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.table import best_sets, make_table
     from toolkit.detection.schemes import PAPER_SCHEMES
+    from toolkit.sensors.errors.profiles import profile_named
 
     check_least("--workers", workers, 1)
     check_ray(ray)
+    check_errors(errors)
     check_file(out, inputs=[dataset, *site_file(site)], overwrite=overwrite)
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
@@ -60,8 +64,9 @@ def table(
         count = frame_count(recording, frames)
         detect = recording_detector(detector, recording)
         check_digest(detector, detect, ": what is detected is kept until the table is whole")
+        measured = Renders.of(recording, errors=profile_named(errors))
         made = make_table(
-            Renders.of(recording), detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of
+            measured, detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of
         )
     best = {scheme: best_sets(made, scheme) for scheme in PAPER_SCHEMES}
     lines = [

@@ -14,6 +14,8 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -54,6 +56,7 @@ class Preparation:
     workers: int = 1
     ray: str | None = None
     detector: Detector | None = None
+    errors: ErrorProfile = PAPER_ERRORS
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -105,8 +108,9 @@ class Preparation:
         return there
 
     def fidelity(self, name: str) -> Fidelity:
-        """The fidelity of that name."""
+        """The fidelity of that name. Raises ValueError for errors that it does not know."""
         check_fidelity(name)
+        check_errors_for(self.errors, name)
         made = {
             "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
         }  # fmt: skip
@@ -130,7 +134,7 @@ class Preparation:
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        renders = Renders(self.traffic, self.candidates, self.disk_cache)
+        renders = Renders(self.traffic, self.candidates, self.disk_cache, errors=self.errors)
         detector = self.detector
         if detector is None:
             detector = load_detector(self.network, area=self.site.area)
@@ -164,6 +168,12 @@ def check_fidelity_for(
         shipped_model(scheme.name, iou, network_for(site, candidates.sensors))
     if fidelity == "table":
         Preparation(site=site, candidates=candidates, frames=1, scheme=scheme, iou=iou).fidelity("table")
+
+
+def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
+    """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
+    if fidelity != "detector" and not only_own_noise(errors):
+        raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

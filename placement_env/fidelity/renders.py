@@ -2,13 +2,14 @@
 
 A candidate's measurements are kept as in `models.training.packed`: what it sees of the empty site once, and of each
 frame the pixels that differ. Noise is drawn from a seed, the frame's number and the sensor's pose and model alone, so
-that a set of sensors measures the same in any order, pool or process.
+that a set of sensors measures the same in any order, pool or process. Errors beyond the sensors' own noise need whole
+images, since they look at neighbouring pixels and may carry points into the crop: these are packed apart.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
@@ -17,15 +18,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.training.packed import STEPS_PER_METRE, Rig
-from models.training.packing import change
+from models.training.packing import FARTHEST, change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
-from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.readings import read_frame, with_errors
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
+from toolkit.sensors.errors.clock import velocities
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, only_own_noise
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -38,7 +43,8 @@ class Renders:
     """What candidates measure of traffic.
 
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
-    no noise. Pickles without what it has rendered.
+    no noise; errors: of the sensors, drawn from that seed when a cloud is asked for. Pickles without what it has
+    rendered.
     """
 
     def __init__(
@@ -48,30 +54,34 @@ class Renders:
         cache: Cache | None = None,
         *,
         noise_seed: int | None = 0,
+        errors: ErrorProfile = PAPER_ERRORS,
     ) -> None:
+        check_drawn(errors, noise_seed)
         self.traffic, self.site, self.sensors = traffic, traffic.site, candidates.sensors
         self.frames = len(traffic)
-        self._arguments = (traffic, candidates, cache, noise_seed)
-        self._cache, self._noise_seed = cache, noise_seed
+        self._arguments = (traffic, candidates, cache)
+        self._cache, self._noise_seed, self.errors = cache, noise_seed, errors
         self._packed: dict[int, _Packed] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        traffic, candidates, cache, noise_seed = self._arguments
-        return partial(Renders, noise_seed=noise_seed), (traffic, candidates, cache)
+        return partial(Renders, noise_seed=self._noise_seed, errors=self.errors), self._arguments
 
     @staticmethod
-    def of(recording: CoopDataset, noise_seed: int | None = 0) -> Recorded:
+    def of(recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS) -> Recorded:
         """What the sensors of a recording measured, as `toolkit.detection.evaluation` sees it."""
-        return Recorded(recording, noise_seed)
+        return Recorded(recording, noise_seed, errors=errors)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
-        return key_of(_code(self.sensors), self.traffic.digest(), self._noise_seed).hex()
+        parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
+        return key_of(*parts, *_beyond_noise(self.errors)).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k inside the crop, world frame."""
         packed, rng = self._of_candidate(c), None
+        if self._whole:
+            return frame_points(self._reading(packed, k, c), area=self.site)[0]
         if self._noise_seed is not None:
             rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
         return packed.rig.points(0, *packed.frame(k), rng)
@@ -79,6 +89,20 @@ class Renders:
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""
         return self.traffic.snapshots[k].objects
+
+    @property
+    def _whole(self) -> bool:
+        return not only_own_noise(self.errors)
+
+    def _reading(self, packed: _Packed, k: int, c: int) -> Frame:
+        """What candidate c says in frame k, errors and all."""
+        snapshots, sensor = self.traffic.snapshots, self.sensors[c]
+        now, speed = snapshots[k], None
+        if self.errors.needs_velocities:
+            around = [snapshots[other] for other in (k - 1, k + 1) if 0 <= other < len(snapshots)]
+            speed = velocities(now.objects, now.time, [(each.objects, each.time) for each in around])
+        frame = Frame((sensor,), (packed.image(k),), now.objects, now.time, k)
+        return with_errors(frame, self.errors, self._noise_seed or 0, velocities=speed, numbers=[_seed(sensor)])
 
     def _of_candidate(self, c: int) -> _Packed:
         packed = self._packed.pop(c, None) or self._kept(c)
@@ -92,7 +116,7 @@ class Renders:
         if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
-        key = key_of("render", _code([sensor]), self.traffic.digest(), sensor.digest)
+        key = key_of("whole render" if self._whole else "render", _code([sensor]), self.traffic.digest(), sensor.digest)
         arrays = self._cache.get([key])[0]
         if arrays is not None:
             return _unpacked(self._rig(c), arrays)
@@ -102,6 +126,9 @@ class Renders:
 
     def _render(self, c: int) -> _Packed:
         renderer = renderer_of(self.traffic).looking([self.sensors[c]])
+        if self._whole:
+            images = (renderer.render(snapshot).measurements[0] for snapshot in self.traffic.snapshots)
+            return _packed_whole(self._rig(c), renderer.background[0], images)
         rig = Rig.seeing(renderer.sensors, self.site.area, self.site.height, renderer.background)
         changes = []
         for snapshot in self.traffic.snapshots:
@@ -119,9 +146,12 @@ class Renders:
 class Recorded:
     """What the sensors of a recording measured: the same points, to the bit, as `toolkit.detection.evaluation` gets."""
 
-    def __init__(self, recording: CoopDataset, noise_seed: int | None = 0) -> None:
+    def __init__(
+        self, recording: CoopDataset, noise_seed: int | None = 0, *, errors: ErrorProfile = PAPER_ERRORS
+    ) -> None:
+        check_drawn(errors, noise_seed)
         self.recording, self.site, self.sensors = recording, recording.site, recording.sensors
-        self.frames, self._noise_seed = len(recording), noise_seed
+        self.frames, self._noise_seed, self.errors = len(recording), noise_seed, errors
         self._last: Frame | None = None
 
     @cached_property
@@ -129,7 +159,8 @@ class Recorded:
         """SHA-256 over all that clouds depend on but the sensor."""
         from toolkit.sites.geojson import dumps
 
-        sha = sha256(f"{_code(self.sensors)} {self._noise_seed} {dumps(self.site)}".encode())
+        parts = [_code(self.sensors), self._noise_seed, dumps(self.site), *_beyond_noise(self.errors)]
+        sha = sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
             while block := file.read(1 << 20):
                 sha.update(block)
@@ -145,8 +176,7 @@ class Recorded:
 
     def _frame(self, k: int) -> Frame:
         if self._last is None or self._last.index != k:
-            frame = self.recording[k]
-            self._last = frame if self._noise_seed is None else noisy(frame, self._noise_seed)
+            self._last = read_frame(self.recording, k, errors=self.errors, noise_seed=self._noise_seed)
         return self._last
 
 
@@ -165,6 +195,15 @@ class _Packed:
         rows = slice(*self.ends[k : k + 2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
+    def image(self, k: int) -> Float32[np.ndarray, "rows columns"]:
+        """The whole image of frame k, where whole images are packed."""
+        shape = self.rig.sensors[0].model.shape
+        flat = np.zeros(shape[0] * shape[1], np.float32)
+        flat[self.rig.pixels[0]] = self.rig.depth[0]
+        pixels, depth = self.frame(k)
+        flat[pixels] = depth
+        return flat.reshape(shape)
+
     def arrays(self) -> tuple[np.ndarray, ...]:
         """What a cache keeps."""
         return self.rig.pixels[0], self.rig.depth[0], self.pixels, self.steps, self.ends
@@ -173,6 +212,28 @@ class _Packed:
 def _unpacked(rig: Rig, arrays: tuple[np.ndarray, ...]) -> _Packed:
     still_pixels, still_depth, *changes = arrays
     return _Packed(replace(rig, pixels=(still_pixels,), depth=(still_depth,)), *changes)
+
+
+def _packed_whole(rig: Rig, background: np.ndarray, images: Iterable[np.ndarray]) -> _Packed:
+    """All that one sensor sees, in the crop or not; what is farther off than steps reach, and is not always there, is
+    taken for nothing."""
+    still = background.ravel().astype(np.float32)
+    seen = np.flatnonzero(still > 0).astype(np.uint32)
+    pixels, steps = [], []
+    for image in images:
+        flat = image.ravel()
+        pixels.append(np.flatnonzero(flat != still).astype(np.uint32))
+        depth = flat[pixels[-1]]
+        near = (depth > 0) & (depth < FARTHEST)
+        steps.append(np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16))
+    ends = np.cumsum([0, *map(len, pixels)])
+    rig = replace(rig, pixels=(seen,), depth=(still[seen],))
+    return _Packed(rig, np.concatenate(pixels), np.concatenate(steps), ends)
+
+
+def _beyond_noise(errors: ErrorProfile) -> list[str]:
+    """What errors add to a key: nothing where there is only the sensors' own noise."""
+    return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 
 def _code(sensors: Sequence[Sensor]) -> str:

@@ -26,6 +26,7 @@ from toolkit.objects import Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.json_files import parse_json
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
 from toolkit.sites.files import load_site
@@ -38,7 +39,7 @@ SHIPPED = Path(__file__).parent / "exact"
 class Origin:
     """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
     objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
-    the site's hybrid radius (m).
+    the site's hybrid radius (m), name of the sensors' error profile.
     """
 
     site: str
@@ -51,6 +52,7 @@ class Origin:
     seed: int
     commit: str
     hybrid_radius: float = HYBRID_RADIUS
+    errors: str = PAPER_ERRORS.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +171,7 @@ def make_table(
         seed=seed,
         commit=commit,
         hybrid_radius=renders.site.hybrid_radius,
+        errors=getattr(renders, "errors", PAPER_ERRORS).name,
     )
     ap, recall, kbit = np.transpose(np.array(columns), (2, 3, 0, 1))
     table = Table(origin, ap.copy(), recall.copy(), kbit[..., 0].copy())

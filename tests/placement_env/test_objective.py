@@ -139,6 +139,8 @@ def test_what_does_not_fit() -> None:
         ({"scheme": "middle"}, "scheme"),
         ({"codec": "paper"}, "codec"),
         ({"fidelity": "guess"}, "fidelity"),
+        ({"errors": "bad", "fidelity": "detector"}, "no error profile 'bad'"),
+        ({"errors": "typical", "fidelity": "table"}, "errors 'typical' are known to fidelity detector alone"),
     ],
 )
 def test_nonsense_is_refused_before_anything_is_rendered(options: dict[str, Any], message: str) -> None:
@@ -150,6 +152,7 @@ def test_its_provenance_says_where_scores_come_from() -> None:
     origin = Objective("tjunction", 2, "late", "table").provenance
     assert (origin["site"], origin["frames"], origin["seed"], origin["fidelity"]) == ("tjunction", 2, 0, "table")
     assert {"scheme", "codec", "iou", "candidates", "hybrid_radius", "weights", "coview"} <= origin.keys()
+    assert origin["errors"]["profile"] == "paper"
     assert objective().provenance["fidelity"] == "counting"
 
 

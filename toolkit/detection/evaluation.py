@@ -22,7 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Bool
 from toolkit.boxes import Overlap
-from toolkit.datasets.dataset import noisy
+from toolkit.datasets.readings import read_frame
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import Curve, evaluate
 from toolkit.detection.metrics import Protocol as Scoring
@@ -34,6 +34,8 @@ from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import centred_in, select_sensors
 from toolkit.runtime.files import write_text, writing_together
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, profile_of
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -101,6 +103,7 @@ def evaluate_dataset(
     iou_thresholds: Sequence[float] = (0.7, 0.8, 0.9),
     frames: int | None = None,
     noise_seed: int | None = 0,
+    errors: ErrorProfile | str = PAPER_ERRORS,
     radius: float | None = None,
     codec: Codec = PAPER,
     nms_iou: float = NMS_IOU,
@@ -112,15 +115,18 @@ def evaluate_dataset(
     """Score every scheme with every sensor set at every IoU threshold, in this order.
 
     schemes: objects or names; sensor_sets: indices or names, None for all; frames: only the first so many; noise_seed:
-    None for none; radius: in place of the site's hybrid radius (m); codec: of what is sent; protocol, metric and label:
-    see `toolkit.detection.metrics.evaluate`; progress is told the number of frames done. Raises ValueError for a scheme
-    or sensor that does not exist, two schemes of one name, and a recording without frames.
+    None for none; errors: of the sensors, a profile or its name, drawn from that seed; radius: in place of the site's
+    hybrid radius (m); codec: of what is sent; protocol, metric and label: see `toolkit.detection.metrics.evaluate`;
+    progress is told the number of frames done. Raises ValueError for a scheme, sensor or error profile that does not
+    exist, two schemes of one name, and a recording without frames.
     """
     count = min(len(dataset), len(dataset) if frames is None else frames)
     if count < 1 or isinstance(frames, float):
         raise ValueError(f"there must be a frame to evaluate, a whole number, got {frames} of {len(dataset)}")
     if not (len(schemes) and len(sensor_sets) and len(iou_thresholds)):
         raise ValueError("there must be a scheme, a sensor set and an IoU threshold to evaluate")
+    errors = profile_of(errors)
+    check_drawn(errors, noise_seed)
     site = dataset.site if radius is None else replace(dataset.site, hybrid_radius=radius)
     named = _named(schemes)
     sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
@@ -128,7 +134,7 @@ def evaluate_dataset(
     settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou}
     truths, counted = [], []
     for k in range(count):
-        frame = dataset[k] if noise_seed is None else noisy(dataset[k], noise_seed)
+        frame = read_frame(dataset, k, errors=errors, noise_seed=noise_seed)
         truth, scored = _truth(frame.objects, site, protocol)
         truths.append(truth)
         counted.append(scored)
@@ -148,11 +154,12 @@ def evaluate_dataset(
     digests = {name: scheme.digest for name, scheme in named.items()}
     ious = [float(iou) for iou in iou_thresholds]
     place = {"site": site.name, "hybrid_radius": site.hybrid_radius, "frames": count, "noise_seed": noise_seed}
+    drawn = {"errors": errors.origin}
     return Evaluation(
         rows,
         dataset_origin(dataset)
         | detector_origin(detector)
-        | settings_origin(codec, **place, schemes=digests, iou=ious, nms_iou=nms_iou, **scoring),
+        | settings_origin(codec, **place, **drawn, schemes=digests, iou=ious, nms_iou=nms_iou, **scoring),
     )
 
 

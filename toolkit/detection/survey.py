@@ -14,11 +14,13 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64
 from toolkit.boxes import count_points
-from toolkit.datasets.dataset import noisy
+from toolkit.datasets.readings import read_frame
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.points import centred_in, frame_points, select_sensors
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
 
 if TYPE_CHECKING:
     from toolkit.detection.evaluation import Recording
@@ -61,19 +63,21 @@ def survey(
     *,
     frames: int | None = None,
     noise_seed: int = 0,
+    errors: ErrorProfile | str = PAPER_ERRORS,
     codec: Codec = PAPER,
     progress: Callable[[int], None] | None = None,
 ) -> Survey:
-    """Count over the first `frames` frames of a recording, all if not given; codec: of the points; progress is told how
-    many frames are done."""
+    """Count over the first `frames` frames of a recording, all if not given; codec: of the points; errors: of the
+    sensors, a profile or its name, drawn from `noise_seed`; progress is told how many frames are done."""
     check_codec(codec)
+    errors = profile_of(errors)
     total = min(len(dataset), len(dataset) if frames is None else frames)
     if total < 1 or isinstance(frames, float):
         raise ValueError(f"there must be a frame to survey, a whole number, got {frames} of {len(dataset)}")
     site, everyone = dataset.site, select_sensors(dataset.sensors)
     labels, sent, counts = np.zeros(len(LABELS), np.int64), np.zeros(len(everyone)), []
     for k in range(total):
-        frame = noisy(dataset[k], noise_seed)
+        frame = read_frame(dataset, k, errors=errors, noise_seed=noise_seed)
         objects = frame.objects[centred_in(frame.objects.boxes, site.area)]
         clouds = frame_points(frame, everyone, area=site)
         boxes = objects.boxes[objects.labels == VEHICLE]
@@ -83,5 +87,5 @@ def survey(
         if progress is not None:
             progress(k + 1)
     per_frame = {name: float(count) / total for name, count in zip(LABELS, labels, strict=True)}
-    settings = settings_origin(codec, site=site.name, frames=total, noise_seed=noise_seed)
+    settings = settings_origin(codec, site=site.name, frames=total, noise_seed=noise_seed, errors=errors.origin)
     return Survey(total, per_frame, sent / total, np.concatenate(counts), dataset_origin(dataset) | settings)

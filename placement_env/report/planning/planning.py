@@ -28,6 +28,8 @@ from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
 from toolkit.detection.schemes import scheme_of
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 PARTS = 3  # of the traffic
@@ -124,7 +126,7 @@ class _Planning:
         frames = moments(final.detected, members, seed=question.seed)
         return Planned(answered, mounted_site(question.site, candidates, members), candidates, ground, frames)
 
-    def _preparation(self, candidates: Candidates, part: int) -> Preparation:
+    def _preparation(self, candidates: Candidates, part: int, errors: ErrorProfile = PAPER_ERRORS) -> Preparation:
         """Of one of the three parts of the traffic."""
         question = self.question
         frames = (question.search_frames, question.judge_frames, question.final_frames)[part]
@@ -138,10 +140,11 @@ class _Planning:
             cache=self.cache,
             workers=self.workers,
             detector=question.detector,
+            errors=errors,
         )
 
     def _judge(self, candidates: Candidates, part: int) -> Judge:
-        detected = self._preparation(candidates, part).fidelity("detector")
+        detected = self._preparation(candidates, part, self.question.errors).fidelity("detector")
         if not isinstance(detected, Detected):
             raise TypeError("fidelity detector must be Detected")
         return Judge(detected, self.question.seed)

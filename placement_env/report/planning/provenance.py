@@ -42,6 +42,7 @@ def plan_origin(
         "network": network,
         "search_fidelity": search_fidelity,
         "codec": PAPER.digest,
+        "errors": question.errors.origin,
         "traffic": {
             name: {"seed": question.seed + i, "frames": len(each), "sha256": each.digest()}
             for i, (name, each) in enumerate(zip(parts, traffic, strict=True))

@@ -18,6 +18,8 @@ from placement_env.checks import check_iou, check_whole
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS, Detector
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 DETECTED = ("vehicle",)  # classes that detectors know today; of others a plan says what share is seen
@@ -35,7 +37,8 @@ class Question:
     that count; scheme: of fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own
     sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at no price;
     keep_out: areas where no sensor may stand; detector: None for a shipped network; frames: of the traffic that
-    searches see, of that by which sets are compared, and of that by which the answer is judged; seed: of all three.
+    searches see, of that by which sets are compared, and of that by which the answer is judged; seed: of all three;
+    errors: of the sensors, when sets are compared and the answer is judged: searches know the sensors' own noise only.
 
     Raises ValueError in one line where a field does not fit.
     """
@@ -57,6 +60,7 @@ class Question:
     judge_frames: int = JUDGE_FRAMES
     final_frames: int = FINAL_FRAMES
     seed: int = 0
+    errors: ErrorProfile = PAPER_ERRORS
 
     def __post_init__(self) -> None:
         if self.sensors is None and self.money is None:

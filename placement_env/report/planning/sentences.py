@@ -6,6 +6,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning.question import DETECTED, Question
 from placement_env.report.planning.selection import Rule
+from toolkit.sensors.errors.profiles import only_own_noise
 
 
 def money(amount: float, currency: str) -> str:
@@ -104,6 +105,17 @@ def why(
     return tuple(sentences)
 
 
+def _of_errors(question: Question) -> str:
+    """What is assumed of the sensors' errors."""
+    if only_own_noise(question.errors):
+        return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
+    terms = ", ".join(dict.fromkeys(type(term).__name__ for term in question.errors.terms))
+    return (
+        f"Sets are compared and judged with the sensors' errors of profile {question.errors.name} ({terms}); searches, "
+        "and the kbit they weigh, know the noise of the sensors' models alone."
+    )
+
+
 def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
     """What the figures take for granted."""
     others = [label for label in question.classes if label not in DETECTED]
@@ -119,7 +131,7 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
         "this kind of traffic, not of other weather, traffic or sensors.",
         "kbit count 96 bits for a point and 256 for a box, as the paper does, without headers or compression; "
         "links are compared with them at 10 frames a second.",
-        "Poses are exact: no calibration error, no sway of poles, no clocks that differ.",
+        _of_errors(question),
     ]
     if others:
         sentences.append(

@@ -111,3 +111,15 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(recording, refused, 
 
 def test_a_recording_that_is_missing(refused):
     assert "nowhere.hdf5" in refused("evaluate", "nowhere.hdf5")
+
+
+def test_errors_by_name_are_written_down(recording, tmp_path, run, refused):
+    kbit = {}
+    for errors in ("paper", "poor"):
+        arguments = ("--frames", 1, "--schemes", "early", "--iou", 0.5, "--errors", errors, "--out", tmp_path / errors)
+        assert run("evaluate", recording, *arguments)[0] == 0
+        written = json.loads((tmp_path / errors / "table.json").read_text())
+        assert written["provenance"]["errors"]["profile"] == errors
+        kbit[errors] = written["rows"][0]["kbit_per_sensor"]
+    assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
+    assert "no error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")

@@ -23,6 +23,15 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert any(tmp_path.rglob("*.sqlite"))
 
 
+def test_it_verifies_with_errors(tmp_path, run):
+    arguments = ("--candidates", "paper", "--budget", 1, "--frames", 1, "--cache", tmp_path, "--errors", "typical")
+    code, out, _ = run("search", "tjunction", *arguments, "--verify", "detector", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["provenance"]["errors"]["profile"] == "paper"  # of the surrogate
+    assert result["verified"]["provenance"]["errors"]["profile"] == "typical"
+
+
 def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeypatch, run):
     pytest.importorskip("cma")
     monkeypatch.chdir(tmp_path)
@@ -57,6 +66,8 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--candidates", "nowhere.geojson"), "nowhere.geojson"),
         (("--detector", "general"), "--detector is for --fidelity detector"),
         (("--verify", "detector", "--detector", "cluster"), "learns from a recording"),
+        (("--errors", "bad"), "no error profile 'bad'"),
+        (("--errors", "typical"), "--errors is for --fidelity detector"),
     ],
 )
 def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp_path):

@@ -13,3 +13,10 @@ def test_it_counts(recording, run):
 
 def test_no_frames(recording, refused):
     assert "--frames must be at least 1" in refused("survey", recording, "--frames", 0)
+
+
+def test_errors_by_name(recording, run, refused):
+    code, out, _ = run("survey", recording, "--errors", "poor", "--json")
+    assert code == 0
+    assert json.loads(out)["provenance"]["errors"]["profile"] == "poor"
+    assert "no error profile 'bad': choose among paper" in refused("survey", recording, "--errors", "bad")

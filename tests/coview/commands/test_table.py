@@ -12,3 +12,17 @@ def test_it_scores_every_set_and_replaces_nothing_untold(recording, tmp_path, ru
     before = recording.read_bytes()
     assert "is what is read" in refused("table", recording, "--out", recording, *arguments, "--overwrite")
     assert recording.read_bytes() == before
+
+
+def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
+    asked = []
+
+    def stopped(renders, *_, **__):
+        asked.append(renders.errors.name)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("placement_env.fidelity.table.make_table", stopped)
+    arguments = ("--out", tmp_path / "rough.npz", "--frames", 1, "--detector", "cluster")
+    assert "far enough" in refused("table", recording, *arguments, "--errors", "poor")
+    assert asked == ["poor"]
+    assert "no error profile 'bad'" in refused("table", recording, *arguments, "--errors", "bad")

@@ -1,11 +1,13 @@
 """What the fidelities of one objective are made from, and what of it is kept on disk."""
 
 import numpy as np
+import pytest
 
 from placement_env.fidelity import visibility
-from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.preparation import Preparation, check_errors_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detections
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
 
 
 class Nothing:
@@ -17,9 +19,15 @@ class Nothing:
         return Detections.empty()
 
 
-def prepared(traffic, candidates, cache):
+def prepared(traffic, candidates, cache, errors=PAPER_ERRORS):
     made = Preparation(
-        site=traffic.site, candidates=candidates, frames=5, scheme=scheme_of("late"), cache=cache, detector=Nothing()
+        site=traffic.site,
+        candidates=candidates,
+        frames=5,
+        scheme=scheme_of("late"),
+        cache=cache,
+        detector=Nothing(),
+        errors=errors,
     )
     vars(made)["traffic"] = traffic
     return made
@@ -44,3 +52,22 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
 
 def test_without_a_folder_nothing_is_kept(small_traffic, small_candidates):
     assert prepared(small_traffic, small_candidates, None).disk_cache is None
+
+
+def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic, small_candidates, tmp_path):
+    sets = np.array([[True, True, False, False]])
+    kept = []
+    for errors in (PAPER_ERRORS, TYPICAL, POOR, TYPICAL, PAPER_ERRORS):
+        made = prepared(small_traffic, small_candidates, tmp_path, errors=errors)
+        made.fidelity("detector")(sets)
+        kept.append(len(made.disk_cache))
+    assert np.diff(kept).tolist() == [2 + 5 + 10, 5 + 10, 0, 0]  # whole renders once, outcomes and detections of each
+
+
+@pytest.mark.parametrize("name", ["coverage", "surrogate", "table"])
+def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_candidates, name):
+    made = prepared(small_traffic, small_candidates, None, errors=TYPICAL)
+    with pytest.raises(ValueError, match=f"errors 'typical' are known to fidelity detector alone, got '{name}'"):
+        made.fidelity(name)
+    check_errors_for(PAPER_ERRORS, name)
+    check_errors_for(TYPICAL, "detector")

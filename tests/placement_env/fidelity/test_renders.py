@@ -9,12 +9,17 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.readings import with_errors
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
+from toolkit.sensors.errors.clock import ClockOffset
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sensors.errors.weather import rain
 from toolkit.sites.files import load_site
 
 
@@ -142,3 +147,70 @@ def test_visibility_of_a_recording(recording):
     boxes = seen.boxes[seen.frame == 1]
     assert seen.points[:, seen.frame == 1].tolist() == [count_points(cloud, boxes).tolist() for cloud in clouds]
     assert Visibility.of(recording, 1).frames == 1
+
+
+NONE = ErrorProfile("none", ())
+
+
+def test_whole_images_without_an_error_make_the_clouds_there_were(small_traffic, small_candidates):
+    quiet = Renders(small_traffic, small_candidates, noise_seed=None)
+    whole = Renders(small_traffic, small_candidates, errors=NONE)
+    for k in range(5):
+        for c in range(4):
+            points, expected = (each.clouds(k, c) for each in (whole, quiet))
+            assert len(points) == len(expected)
+            assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
+
+
+def test_paper_is_what_there_was_and_every_profile_has_its_own_keys(renders, small_traffic, small_candidates):
+    paper = Renders(small_traffic, small_candidates, errors=PAPER_ERRORS)
+    assert paper.digest == renders.digest
+    assert paper.clouds(1, 2).tobytes() == renders.clouds(1, 2).tobytes()
+    more = ErrorProfile("typical", (*TYPICAL.terms, rain(1.0)))
+    profiles = (PAPER_ERRORS, TYPICAL, POOR, more)
+    assert len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles}) == 4
+    renamed = Renders(small_traffic, small_candidates, errors=replace(TYPICAL, name="other"))
+    assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
+    with pytest.raises(ValueError, match="drawn from a seed"):
+        Renders(small_traffic, small_candidates, noise_seed=None, errors=TYPICAL)
+
+
+def test_with_errors_a_cloud_is_the_same_in_any_order_and_company(small_traffic, small_candidates):
+    rough = Renders(small_traffic, small_candidates, errors=POOR)
+    turned = Renders(small_traffic, small_candidates.select([3, 2]), errors=POOR)
+    for k in (3, 0):
+        assert np.array_equal(turned.clouds(k, 1), rough.clouds(k, 2))
+        assert np.array_equal(turned.clouds(k, 0), rough.clouds(k, 3))
+    again = pickle.loads(pickle.dumps(turned))
+    assert np.array_equal(again.clouds(3, 1), rough.clouds(3, 2))
+    other = Renders(small_traffic, small_candidates, noise_seed=1, errors=POOR)
+    assert not np.array_equal(other.clouds(3, 2)[:9], rough.clouds(3, 2)[:9])
+
+
+def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, monkeypatch):
+    cache = Cache(tmp_path / "cache.sqlite")
+    Renders(small_traffic, small_candidates, cache).clouds(0, 0)
+    Renders(small_traffic, small_candidates, cache, errors=TYPICAL).clouds(0, 0)
+    assert len(cache) == 2  # in the crop, and whole
+    monkeypatch.setattr(Renders, "_render", None)
+    kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
+    assert np.array_equal(kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0))
+
+
+def test_a_recording_with_errors_gives_the_points_of_an_evaluation(recording):
+    rough = Renders.of(recording, errors=TYPICAL)
+    for k in (1, 0):
+        expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
+        assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
+    assert len({Renders.of(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
+    assert Renders.of(recording).digest == Renders.of(recording, errors=PAPER_ERRORS).digest
+
+
+def test_clocks_need_frames_that_lie_close(small_traffic, small_candidates):
+    late = ErrorProfile("late", (ClockOffset(0.1),))
+    with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
+        Renders(small_traffic, small_candidates, errors=late).clouds(0, 0)
+    dense = [replace(each, time=each.time / 50) for each in small_traffic.snapshots]
+    quick = replace(small_traffic, snapshots=tuple(dense))
+    said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
+    assert len(said) > 100

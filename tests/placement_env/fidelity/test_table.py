@@ -24,6 +24,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.array_files import write_arrays
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.errors.profiles import TYPICAL
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -207,3 +208,12 @@ def test_a_table_is_of_the_radius_it_was_made_with(tmp_path):
     far = replace(some_table(3), origin=replace(some_table(3).origin, hybrid_radius=5.0))
     save_table(far, tmp_path / "t.npz")
     assert load_table(tmp_path / "t.npz").origin.hybrid_radius == 5.0
+
+
+def test_a_table_says_by_which_errors_it_was_measured(tmp_path):
+    assert make_table(Street(), Guess(), tmp_path / "a.npz").origin.errors == "paper"
+    rough = Street()
+    vars(rough)["errors"] = TYPICAL
+    assert make_table(rough, Guess(), tmp_path / "b.npz").origin.errors == "typical"
+    assert load_table(tmp_path / "b.npz").origin.errors == "typical"
+    assert load_table("tjunction").origin.errors == "paper"

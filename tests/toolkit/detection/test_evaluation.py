@@ -7,6 +7,7 @@ import pytest
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
+from toolkit.datasets.readings import read_frame
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.evaluation import evaluate_dataset, format_table, save_evaluation
 from toolkit.detection.fusion import late
@@ -17,6 +18,9 @@ from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import centred_in, frame_points
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import TYPICAL
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
@@ -241,3 +245,73 @@ def test_figures_are_the_same_to_the_last_digit(golden_rows):
         for low, row in zip(golden_rows[::2], golden_rows[1::2], strict=True)
     }
     assert found == GOLDEN
+
+
+class OneCar:
+    """A car of which three sensors measure the same points on its roof, in ever the same place."""
+
+    site, sensors = Site("one", AREA), SENSORS
+
+    def __init__(self):
+        roof = np.array([[x, y, 1.0] for x in np.linspace(-1.5, 1.5, 9) for y in (-0.5, 0, 0.5)])
+        self.images = []
+        for c, sensor in enumerate(SENSORS):
+            image, way = np.zeros(sensor.model.shape, np.float32), roof - sensor.position
+            rays = sensor.world_rays.T / np.linalg.norm(sensor.world_rays, axis=0)[:, None]
+            nearest = np.unique((rays @ (way / np.linalg.norm(way, axis=1)[:, None]).T).argmax(axis=0))[: (5, 8, 4)[c]]
+            image.ravel()[nearest] = (1.0 - sensor.position[2]) / sensor.world_rays[2, nearest]
+            self.images.append(image)
+
+    def __len__(self):
+        return 3
+
+    def __getitem__(self, k):
+        return Frame(SENSORS, tuple(self.images), Objects(np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0]])), index=k)
+
+
+def points_of(k=0, **options):
+    return frame_points(read_frame(OneCar(), k, **options), area=AREA)
+
+
+class Mean:
+    """A car where the points lie in the mean, against where they lie without error."""
+
+    def __init__(self):
+        self.means = [cloud.mean(axis=0) for cloud in points_of(noise_seed=None)]
+        self.counts = [len(cloud) for cloud in points_of(noise_seed=None)]
+        assert len({*self.counts, sum(self.counts)}) == 4
+
+    def __call__(self, points):
+        if not len(points):
+            return Detections.empty()
+        one = self.counts.index(len(points)) if len(points) in self.counts else None
+        true = np.average(self.means, axis=0, weights=self.counts) if one is None else self.means[one]
+        box = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0]])
+        box[:, :3] += points.mean(axis=0) - true
+        return Detections(box, np.ones(1))
+
+
+def test_the_worse_the_calibration_the_lower_the_ap():
+    """Metamorphic: of the same draws, a larger error never raises AP, and no error at all is none."""
+    ious = np.arange(0.3, 1.0, 0.02).tolist()
+    sums = []
+    for scale in (0.0, 0.05, 0.15, 0.4, 1.2):
+        errors = ErrorProfile("scaled", (Calibration(0.01 * scale, scale),))
+        rows = evaluate_dataset(OneCar(), Mean(), schemes=["early", "late"], iou_thresholds=ious, errors=errors)
+        sums.append([sum(row.ap for row in rows if row.scheme == scheme) for scheme in ("early", "late")])
+    assert sums[0] == [len(ious), len(ious)]
+    assert (np.diff(sums, axis=0) < 0).all(), sums
+
+
+def test_errors_are_what_readings_have_and_the_results_say_which():
+    by_name = run(schemes=["early"], errors="typical")
+    assert by_name.provenance["errors"] == {"profile": "typical", "digest": TYPICAL.digest}
+    assert run(schemes=["early"]).provenance["errors"]["profile"] == "paper"
+    paper, default = run(schemes=["early"], errors="paper"), run(schemes=["early"])
+    assert [row.ap for row in paper] == [row.ap for row in default]
+    kbit = np.mean([[len(cloud) * 96 for cloud in points_of(k, errors=TYPICAL)] for k in range(3)]) / 1000
+    (row,) = evaluate_dataset(OneCar(), Mean(), schemes=["early"], iou_thresholds=[0.5], errors=TYPICAL)
+    assert row.kbit_per_sensor == pytest.approx(kbit)
+    for wrong, message in (({"errors": "bad"}, "no error profile"), ({"errors": "poor", "noise_seed": None}, "a seed")):
+        with pytest.raises(ValueError, match=message):
+            run(**wrong)

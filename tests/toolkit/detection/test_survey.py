@@ -69,3 +69,12 @@ def test_without_vehicles_the_share_of_unseen_is_nan():
     nobody = replace(empty, counts=empty.counts[:0])
     assert np.isnan(nobody.unseen([0]))
     assert len(nobody.points_on_vehicles([0, 1])) == 0
+
+
+def test_errors_take_points_and_are_named():
+    clean, rough = survey(Recording()), survey(Recording(), errors="poor")
+    assert rough.kbit_per_sensor.sum() < clean.kbit_per_sensor.sum()
+    assert rough.provenance["errors"]["profile"] == "poor"
+    assert clean.provenance["errors"]["profile"] == "paper"
+    with pytest.raises(ValueError, match="no error profile 'x'"):
+        survey(Recording(), errors="x")

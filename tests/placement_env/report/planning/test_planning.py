@@ -7,9 +7,11 @@ import pytest
 import shapely
 
 from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.renders import Renders
 from placement_env.report.planning.files import plan_json
-from placement_env.report.planning.planning import plan
+from placement_env.report.planning.planning import _Planning, plan
 from placement_env.report.planning.question import Question
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -154,3 +156,20 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
     estimate = detected(row[None])
     assert estimate.ap[0] == planned.plan.chosen.judged.ap
     assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)
+
+
+def test_the_search_knows_no_errors_and_the_judges_do():
+    stages = _Planning(replace(QUESTION, errors=POOR), QUESTION.pool, None, 1, None)
+    renders = stages._judge(QUESTION.pool, 1).detected.renders
+    assert isinstance(renders, Renders)
+    assert renders.errors == POOR
+    assert stages._preparation(QUESTION.pool, 0).errors == PAPER_ERRORS
+
+
+@pytest.mark.slow
+def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, cache):
+    rough = plan(replace(QUESTION, errors=POOR), cache=cache).plan
+    assert rough.provenance["errors"] == {"profile": "poor", "digest": POOR.digest}
+    assert planned.plan.provenance["errors"]["profile"] == "paper"
+    assert rough.provenance["traffic"] == planned.plan.provenance["traffic"]
+    assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap

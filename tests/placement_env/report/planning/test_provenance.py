@@ -10,6 +10,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
 from toolkit.objects import Objects
+from toolkit.sensors.errors.profiles import TYPICAL
 from toolkit.traffic.snapshots import Snapshot
 
 
@@ -48,5 +49,6 @@ def test_each_input_changes_its_digest(street):
     assert origin(street, other_site)["site_sha256"] != before["site_sha256"]
     fenced = replace(question, keep_out=(shapely.box(0, 0, 1, 1),))
     assert origin(street, fenced)["keep_out_sha256"] != before["keep_out_sha256"]
+    assert origin(street, replace(question, errors=TYPICAL))["errors"] != before["errors"]
     assert origin(street, question, frames=2)["traffic"] != before["traffic"]
     assert before["poles_sha256"] is None

@@ -6,6 +6,7 @@ import pytest
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.sentences import assumptions, money, unknown, verdict_of, why
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))
@@ -68,6 +69,17 @@ def test_assumptions_follow_the_question():
     assert "does not know" not in other
     assert "searches went by coverage" in other
     assert "With so many sensors" in other
+
+
+def test_errors_of_sensors_are_assumed_aloud():
+    def said(errors):
+        question = Question(site=SITE, errors=errors)
+        return " ".join(assumptions(question, search_fidelity="surrogate", detector="x", worth_sampled=False))
+
+    assert "Poses are exact" in said(PAPER_ERRORS)
+    assert "Poses are exact" not in said(TYPICAL)
+    named = "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
+    assert named in said(TYPICAL)
 
 
 def test_an_interval_without_width_is_named():

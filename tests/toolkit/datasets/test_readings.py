@@ -1,0 +1,158 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.dataset import noisy
+from toolkit.datasets.readings import read_frame, with_errors
+from toolkit.frame import Frame
+from toolkit.geometry import look, pose
+from toolkit.objects import Objects
+from toolkit.points import frame_points
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.errors.clock import ClockOffset
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.solid_state_lidar import SolidStateLidar
+from toolkit.sensors.spinning_lidar import SpinningLidar
+
+SENSORS = (
+    Sensor("camera", DepthCamera(width=80, height=60, stride=1), look((-15.0, 0.0, 5.0), 0.0, 0.3)),
+    Sensor("lidar", SpinningLidar(channels=16, azimuth_step=0.05), pose(0.0, 9.0, 4.0)),
+    Sensor("flash", SolidStateLidar(rows=16, columns=60), pose(0.0, -9.0, 4.0, yaw=1.0)),
+)
+BOXES = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0], [4.0, 5, 0.75, 4, 2, 1.5, 1.0]])
+AREA = [-40, -40, 40, 40]
+
+
+def frame_at(k, apart=0.1):
+    """Ground alone is seen; two cars drive at 10 m/s along x."""
+    depths = []
+    for sensor in SENSORS:
+        down = sensor.world_rays[2].reshape(sensor.model.shape)
+        with np.errstate(divide="ignore"):
+            depth = np.where(down < -0.05, -(sensor.position[2] - 0.5) / down, 0)  # half a metre above the ground
+        depths.append(depth.astype(np.float32))
+    boxes = BOXES + np.array([10.0 * apart * k, 0, 0, 0, 0, 0, 0])
+    return Frame(SENSORS, tuple(depths), Objects(boxes, ids=np.array([3, 5])), apart * k, k)
+
+
+@dataclass
+class Frames:
+    apart: float = 0.1
+
+    def __len__(self):
+        return 4
+
+    def __getitem__(self, k):
+        return frame_at(k, self.apart)
+
+
+def same(one, other):
+    return all(
+        a.pose.tobytes() == b.pose.tobytes() and m.tobytes() == n.tobytes()
+        for a, b, m, n in zip(one.sensors, other.sensors, one.measurements, other.measurements, strict=True)
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_paper_is_the_noise_there_was_to_the_bit(seed):
+    for k in (0, 3):
+        before, now = noisy(frame_at(k), seed), with_errors(frame_at(k), "paper", seed)
+        assert same(now, before)
+        assert now.sensors == SENSORS
+        assert now.shifts == ()
+        assert same(read_frame(Frames(), k, noise_seed=seed), before)
+    assert same(read_frame(Frames(), 2, noise_seed=None), frame_at(2))
+
+
+def test_every_model_has_the_errors_of_a_profile():
+    said, true = with_errors(frame_at(1), POOR, 0), frame_at(1)
+    for sensor, before, image, seen in zip(said.sensors, SENSORS, said.measurements, true.measurements, strict=True):
+        assert sensor.name == before.name
+        assert sensor.model == before.model
+        assert 0 < np.linalg.norm(sensor.position - before.position) < 0.3
+        assert 0.6 < (image > 0)[seen > 0].mean() < 0.95
+        assert image.dtype == np.float32
+    assert np.array_equal(said.objects.boxes, true.objects.boxes)
+    assert (said.index, said.time) == (true.index, true.time)
+
+
+def test_a_sensor_says_the_same_in_any_company_and_order():
+    frame = frame_at(2)
+    turned = replace(frame, sensors=frame.sensors[::-1], measurements=frame.measurements[::-1])
+    alone = replace(frame, sensors=frame.sensors[1:2], measurements=frame.measurements[1:2])
+    all_, back, one = (with_errors(each, POOR, 4) for each in (frame, turned, alone))
+    for c in range(3):
+        assert all_.measurements[c].tobytes() == back.measurements[2 - c].tobytes()
+        assert np.array_equal(all_.sensors[c].pose, back.sensors[2 - c].pose)
+    assert one.measurements[0].tobytes() == all_.measurements[1].tobytes()
+    assert same(with_errors(frame, POOR, 4), all_)
+    assert not same(with_errors(frame, POOR, 5), all_)
+
+
+def test_calibration_stays_over_the_frames_of_a_recording_and_noise_does_not():
+    poses = [[sensor.pose.tolist() for sensor in read_frame(Frames(), k, errors=TYPICAL).sensors] for k in range(4)]
+    assert poses[0] == poses[1] == poses[3]
+    still = replace(frame_at(0), index=1)
+    one, two = with_errors(frame_at(0), TYPICAL, 0), with_errors(still, TYPICAL, 0)
+    assert not np.array_equal(one.measurements[0], two.measurements[0])
+
+
+def test_the_cloud_is_placed_by_the_wrong_pose_and_the_measurement_is_right():
+    moved = ErrorProfile("moved", (Calibration(0.0, 0.5),))
+    frame = frame_at(0)
+    said = with_errors(frame, moved, 0)
+    clouds = (frame_points(each, area=[-900, -900, 900, 900], height=9.0) for each in (frame, said))
+    for c, (true, placed) in enumerate(zip(*clouds, strict=True)):
+        assert np.array_equal(said.measurements[c], frame.measurements[c])
+        assert np.allclose(placed - true, said.sensors[c].position - SENSORS[c].position, atol=1e-4)
+
+
+def test_a_clocks_offset_moves_the_points_on_cars_alone():
+    late = ErrorProfile("late", (ClockOffset(0.05),))
+    clouds = [frame_points(each, area=AREA) for each in (frame_at(1), read_frame(Frames(), 1, errors=late))]
+    moved = 0
+    for true, said in zip(*clouds, strict=True):
+        step = said - true
+        some = np.abs(step).sum(axis=1) > 0
+        assert np.allclose(step[:, 1:], 0)
+        assert len(np.unique(step[some, 0].round(4))) <= 1
+        moved += some.sum()
+    assert 10 < moved < sum(map(len, clouds[0])) / 2
+
+
+def test_a_clocks_offset_cannot_be_had_of_frames_far_apart():
+    late = ErrorProfile("late", (ClockOffset(0.05),))
+    with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
+        read_frame(Frames(5.0), 1, errors=late)
+    with pytest.raises(ValueError, match="needs the objects' velocities"):
+        with_errors(frame_at(1), late, 0)
+
+
+def test_no_terms_no_change_and_none_of_the_frame_is_written_to():
+    frame = frame_at(1)
+    before = [image.copy() for image in frame.measurements]
+    assert same(with_errors(frame, ErrorProfile("none", ()), 0), frame)
+    with_errors(frame, POOR, 0)
+    assert all(np.array_equal(*pair) for pair in zip(before, frame.measurements, strict=True))
+
+
+def test_numbers_stand_for_names():
+    frame = frame_at(1)
+    one, two = (with_errors(frame, TYPICAL, 0, numbers=numbers) for numbers in ([9, 8, 7], [9, 1, 2]))
+    assert np.array_equal(one.measurements[0], two.measurements[0])
+    assert not np.array_equal(one.measurements[1], two.measurements[1])
+
+
+def test_what_is_refused():
+    with pytest.raises(ValueError, match="seed must not be negative, got -1"):
+        with_errors(frame_at(0), PAPER_ERRORS, -1)
+    with pytest.raises(ValueError, match="no error profile 'rotten'"):
+        read_frame(Frames(), 0, errors="rotten")
+    with pytest.raises(ValueError, match="drawn from a seed"):
+        read_frame(Frames(), 0, errors="typical", noise_seed=None)
+    with pytest.raises(ValueError, match="3 sensors but 1 shifts"):
+        replace(frame_at(0), shifts=(None,))

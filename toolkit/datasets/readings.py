@@ -1,0 +1,86 @@
+"""A frame as real sensors would say it: errors drawn when it is read, none of them rendered.
+
+The frame that comes out has its sensors where they are believed to be and the measurements they make where they really
+are; its objects stay the truth.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.frame import Frame
+from toolkit.sensors.errors.clock import velocities
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, profile_of
+from toolkit.sensors.errors.reading import TrueImage
+from toolkit.sensors.sensor import Sensor
+
+
+@runtime_checkable
+class Readable(Protocol):
+    """Frames in order, such as `toolkit.datasets.dataset.CoopDataset`."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Frame: ...
+
+
+def read_frame(
+    frames: Readable, k: int, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = 0
+) -> Frame:
+    """Frame k as its sensors say it, drawn from the seed; noise_seed: None for no noise, which only `paper` allows.
+
+    Raises ValueError for a profile that there is not, a negative seed, and a clock's offset where frames lie too far
+    apart to know velocities.
+    """
+    errors, frame = profile_of(errors), frames[k]
+    check_drawn(errors, noise_seed)
+    if noise_seed is None:
+        return frame
+    speed = None
+    if errors.needs_velocities:
+        around = [frames[other] for other in (k - 1, k + 1) if 0 <= other < len(frames)]
+        speed = velocities(frame.objects, frame.time, [(each.objects, each.time) for each in around])
+    return with_errors(frame, errors, noise_seed, velocities=speed)
+
+
+def with_errors(
+    frame: Frame,
+    errors: ErrorProfile | str,
+    seed: int,
+    *,
+    velocities: Float64[np.ndarray, "n 3"] | None = None,
+    numbers: Sequence[int] | None = None,
+) -> Frame:
+    """A frame with the errors of its sensors, drawn from the seed, the frame's index and the sensors' names alone.
+
+    velocities: of its objects (m/s), which a clock's offset needs; numbers: that stand for the sensors when drawing, in
+    place of their names. With `paper` it is `toolkit.datasets.dataset.noisy`, to the bit.
+    """
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    errors = profile_of(errors)
+    numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
+    readings = [
+        errors.read(
+            TrueImage(sensor, measurement, frame.objects, frame.time, velocities),
+            seed=seed, sensor=number, frame=frame.index,
+        )
+        for sensor, measurement, number in zip(frame.sensors, frame.measurements, numbers, strict=True)
+    ]  # fmt: skip
+    believed = tuple(
+        sensor if reading.pose is sensor.pose else Sensor(sensor.name, sensor.model, reading.pose)
+        for sensor, reading in zip(frame.sensors, readings, strict=True)
+    )
+    shifts = tuple(reading.shift for reading in readings)
+    return replace(
+        frame,
+        sensors=believed,
+        measurements=tuple(reading.measurement for reading in readings),
+        shifts=shifts if any(shift is not None for shift in shifts) else (),
+    )
