@@ -132,7 +132,10 @@ class Job:
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
         for body in self.bodies:
-            bodies.update(f"{body.name} {body.label}".encode() + body.vertices.tobytes() + body.triangles.tobytes())
+            truth = "" if body.truth is None else f" {body.truth}"
+            bodies.update(
+                f"{body.name} {body.label}{truth}".encode() + body.vertices.tobytes() + body.triangles.tobytes()
+            )
         return {
             "site": f"{self.site.name} {_digest(dumps(self.site))}",
             "frames": int(self.frames),
