@@ -118,6 +118,11 @@ def placed(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: f
     return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)
 
 
+def shifted(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+    """The mesh moved, without being turned."""
+    return Mesh(mesh.vertices + np.array([x, y, z]), mesh.triangles)
+
+
 def mirrored(mesh: Mesh) -> Mesh:
     """The mesh with left and right (y) exchanged."""
     return Mesh(mesh.vertices * [1.0, -1.0, 1.0], mesh.triangles[:, ::-1])

@@ -61,9 +61,7 @@ class Renderer:
         self._arguments = (site, self.bodies, self.sensors, scenery, threads)
         self._threads = threads
         self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
-        self._sizes = np.array([body.size for body in bodies]).reshape(-1, 3)
-        self._bounds = np.array([body.bounds for body in bodies]).reshape(-1, 6)
-        self._sticking_out = np.array([body.truth is not None for body in bodies], bool)
+        self._measure_bodies()
         self._still = _scene(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
@@ -77,6 +75,15 @@ class Renderer:
         site, bodies, _, scenery, threads = self._arguments
         other._arguments = (site, bodies, other.sensors, scenery, threads)
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
+        return other
+
+    def of(self, bodies: Sequence[Body]) -> Renderer:
+        """The same site and sensors with other bodies; what stands still is not cast again."""
+        other = object.__new__(Renderer)
+        site, _, sensors, scenery, threads = self._arguments
+        other.__dict__.update(self.__dict__, bodies=tuple(bodies), _scenes=OrderedDict())
+        other._arguments = (site, other.bodies, sensors, scenery, threads)
+        other._measure_bodies()
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
@@ -149,6 +156,11 @@ class Renderer:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(chosen)
         return self._scenes[chosen]
+
+    def _measure_bodies(self) -> None:
+        self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)
+        self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
+        self._sticking_out = np.array([body.truth is not None for body in self.bodies], bool)
 
     def _check(self, boxes: np.ndarray, chosen: np.ndarray) -> None:
         misfit = np.abs(boxes[:, 3:6] - self._sizes[chosen]).max(axis=1, initial=0) > 0.02

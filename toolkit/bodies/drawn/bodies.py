@@ -11,11 +11,11 @@ import numpy as np
 
 from toolkit.bodies.body import Body, boxed
 from toolkit.bodies.drawn.cars import block_car, lofted_car
-from toolkit.bodies.drawn.extras import NOTHING, mirrors, on_roof, trailer
-from toolkit.bodies.drawn.heavy import drawn_heavy
-from toolkit.bodies.drawn.people import drawn_person
-from toolkit.bodies.drawn.proportions import drawn_proportions
-from toolkit.bodies.drawn.two_wheelers import drawn_two_wheeler
+from toolkit.bodies.drawn.extras import CARRIED, NOTHING, TRAILERS, mirrors, on_roof, trailer
+from toolkit.bodies.drawn.heavy import BUSES, SUPERSTRUCTURES, drawn_heavy
+from toolkit.bodies.drawn.people import PEOPLE, drawn_person
+from toolkit.bodies.drawn.proportions import KINDS, drawn_proportions
+from toolkit.bodies.drawn.two_wheelers import TWO_WHEELERS, drawn_two_wheeler
 from toolkit.mesh import Mesh, merge
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
@@ -38,6 +38,21 @@ def drawn_body(label: int | str, rng: np.random.Generator) -> Body:
 def drawn_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body, ...]:
     """So many bodies of each class, in the order of the classes given."""
     return tuple(drawn_body(label, rng) for label, count in counts.items() for _ in range(count))
+
+
+def drawn_names() -> tuple[str, ...]:
+    """Every name a drawn body may have: its class and what kind of one it is."""
+    cars = [kind.name for kind in KINDS]
+    kinds = {
+        VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
+        CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
+        PEDESTRIAN: list(PEOPLE),
+        HEAVY: [
+            *(f"{load}_truck" for load in SUPERSTRUCTURES), *(f"articulated_{load}" for load in SUPERSTRUCTURES),
+            *BUSES, *(f"{car}_with_{behind}" for car in cars for behind in TRAILERS),
+        ],
+    }  # fmt: skip
+    return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
 
 
 def _car(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:

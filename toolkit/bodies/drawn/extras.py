@@ -7,9 +7,11 @@ import numpy as np
 from toolkit.bodies.cars import wheel_at
 from toolkit.bodies.drawn.cars import bed_of, plank
 from toolkit.bodies.drawn.proportions import Proportions
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, placed, tube
+from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, placed, shifted, tube
 
 NOTHING = merge([])
+CARRIED = ("taxi", "light_bar", "roof_box", "rack", "rails", "spare_wheel", "hard_top", "load")
+TRAILERS = ("open_trailer", "box_trailer", "caravan")
 _TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "minivan", "pickup")
 
 
@@ -61,13 +63,13 @@ def on_roof(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
         spare = wheel_at(0.0, 0.0, 0.92 * shape.wheel, breadth)
         turned = placed(spare, yaw=np.pi / 2)
-        return "spare_wheel", Mesh(turned.vertices + [x, 0.0, 0.36 * shape.height], turned.triangles)
+        return "spare_wheel", shifted(turned, x, 0.0, 0.36 * shape.height)
     return "", NOTHING
 
 
 def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
     """A trailer behind the car with its drawbar: open, boxed, or a caravan."""
-    kind = ("open_trailer", "box_trailer", "caravan")[int(rng.integers(3))]
+    kind = TRAILERS[int(rng.integers(3))]
     length = float(rng.uniform(*{"open_trailer": (1.8, 3.4), "box_trailer": (2.0, 4.2), "caravan": (3.8, 6.6)}[kind]))
     width = float(rng.uniform(*{"open_trailer": (1.3, 2.0), "box_trailer": (1.4, 2.1), "caravan": (2.0, 2.4)}[kind]))
     bar, floor = float(rng.uniform(0.8, 1.4)), float(rng.uniform(0.4, 0.6))

@@ -11,6 +11,12 @@ from toolkit.bodies.cars import wheel_at
 from toolkit.bodies.drawn.cars import plank
 from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
 
+SUPERSTRUCTURES = {
+    "box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13, "tank": 0.07, "refuse": 0.07, "container": 0.08,
+    "mixer": 0.05,
+}  # fmt: skip
+BUSES = ("minibus", "bus", "bendy_bus")
+
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
 
 
@@ -50,8 +56,12 @@ def _cab(front: float, width: float, height: float, deep: float, rng: np.random.
     nose = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0  # a bonnet
     x, corner = front - nose, float(rng.uniform(0.03, 0.15))
     sill = low + 0.45 * (height - low)
-    rings = [(x - deep + nose, width, low, height), (x - 0.6 * rake - corner, width, low, height),
-             (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)), (x, width - 2 * corner, low, sill)]  # fmt: skip
+    rings = [
+        (x - deep + nose, width, low, height),
+        (x - 0.6 * rake - corner, width, low, height),
+        (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
+        (x, width - 2 * corner, low, sill),
+    ]
     parts = [_lofted(rings)]
     if nose:
         parts.append(_lofted([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)]))
@@ -87,8 +97,7 @@ def _superstructure(
     front: float, rear: float, width: float, floor: float, cab: float, rng: np.random.Generator
 ) -> tuple[str, Mesh]:
     """What a truck carries between `front` and `rear` (m), and the word for it."""
-    kind = str(rng.choice(["box", "curtain", "flatbed", "tipper", "tank", "refuse", "container", "mixer"],
-                          p=[0.32, 0.12, 0.16, 0.13, 0.07, 0.07, 0.08, 0.05]))  # fmt: skip
+    kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     length, middle = front - rear, (front + rear) / 2
     deck = plank((length, width, 0.14), middle, 0.0, floor - 0.02)
     top = float(np.clip(cab + rng.uniform(-0.2, 1.0), floor + 1.0, 4.0))
@@ -150,9 +159,14 @@ def _bus(rng: np.random.Generator) -> Built:
         height = float(rng.uniform(4.0, 4.4))  # double-decker
     x, low, round_ = length / 2, float(rng.uniform(0.25, 0.4)), float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
-    rings = [(-x, 0.94 * width, low + 0.08, height - round_), (-x + 0.15, width, low, height - 0.03), (-x + 0.5, width, low, height),
-             (x - rake - 0.3, width, low, height), (x - 0.5 * rake, width * 0.99, low, height - 0.35),
-             (x, 0.92 * width, low + 0.05, low + 0.55 * (height - low))]  # fmt: skip
+    rings = [
+        (-x, 0.94 * width, low + 0.08, height - round_),
+        (-x + 0.15, width, low, height - 0.03),
+        (-x + 0.5, width, low, height),
+        (x - rake - 0.3, width, low, height),
+        (x - 0.5 * rake, width * 0.99, low, height - 0.35),
+        (x, 0.92 * width, low + 0.05, low + 0.55 * (height - low)),
+    ]
     if bendy:
         fold = -0.05 * length
         bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]

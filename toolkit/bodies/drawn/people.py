@@ -22,8 +22,9 @@ from toolkit.bodies.pedestrians import (
     trolley,
     umbrella,
 )  # fmt: skip
-from toolkit.mesh import Mesh, merge, mirrored, tube
+from toolkit.mesh import Mesh, merge, mirrored, shifted, tube
 
+PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
 _PUSHING = {
     "elbows": ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
     "hands": ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
@@ -116,7 +117,7 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.3:
         pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
         companion = person(pushing, float(rng.uniform(1.55, 1.85)))
-        parts.append(Mesh(companion.vertices + [-0.75, 0.0, 0.0], companion.triangles))
+        parts.append(shifted(companion, -0.75))
     return merge(parts)
 
 

@@ -1,7 +1,8 @@
 """Proportions of cars: length, width, height and side profile, drawn for a kind of car.
 
-Within a kind the length is drawn first; width and height follow it on average, with a spread of their own of a decimetre
-and more, so that the length of a car does not tell its width. Ranges over all kinds: 3.0-6.0 m, 1.45-2.2 m, 1.25-2.6 m.
+Within a kind the length is drawn first; width and height follow it on average with a spread of their own of a
+decimetre and more, so that the length of a car does not tell its width. Over all kinds lengths are 3.0 to 6.0 m, widths
+1.45 to 2.2 m and heights 1.25 to 2.6 m.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drawn two-wheelers: bicycles of every size, cargo bicycles, e-scooters, motorcycles, scooters; most of them ridden."""
+"""Drawn two-wheelers: bicycles of every size, cargo bicycles, e-scooters, motorcycles, scooters; most are ridden."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from toolkit.bodies.cyclists import bicycle, motorcycle, rider, scooter
 from toolkit.bodies.drawn.cars import plank
 from toolkit.bodies.drawn.people import drawn_pose, standing
 from toolkit.bodies.pedestrians import backpack, grown, person
-from toolkit.mesh import Mesh, Vector, merge, tube
+from toolkit.mesh import Mesh, Vector, merge, shifted, tube
 
+TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")  # each also "_alone"
 RIDERLESS = 0.1  # of all but e-scooters
 
 
@@ -34,7 +35,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     extra = rng.random()
     if scale > 0.84 and extra < 0.1:
         size = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6))
-        parts = [_longer(bike, 1.3), plank(tuple(size.tolist()), 0.5 + 0.2 * size[0], 0.0, 0.42)]  # type: ignore[arg-type]
+        parts = [_longer(bike, 1.3), plank(tuple(size.tolist()), 0.5 + 0.2 * size[0], 0.0, 0.42)]
         kind = "cargo_bicycle"
     elif extra < 0.3:
         parts.append(plank((0.36, float(rng.uniform(0.25, 0.42)), 0.32), -0.6 * scale, 0.0, 0.68 * scale))
@@ -64,7 +65,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
         stout=pose.stout,
     )
     body = person(figure, height)
-    parts.append(Mesh(standing(body).vertices + [-0.12, 0.0, radius + 0.06], body.triangles))
+    parts.append(shifted(standing(body), -0.12, 0.0, radius + 0.06))
     return "e_scooter", merge(parts)
 
 
