@@ -196,6 +196,7 @@ class Spawner:
                 continue
             del self.spawned[name]
             if not spawned.inserted:
+                self.supply.give_back(spawned.body)
                 self.due.append(int(self.types.labels[spawned.body]))
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.spawned:

@@ -30,6 +30,10 @@ class Supply:
         """Note that a row is used."""
         self._taken[row] = True
 
+    def give_back(self, row: int) -> None:
+        """Note that a row was not used after all."""
+        self._taken[row] = False
+
     def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
         """`number` of these rows, drawn and taken."""
         if not self._once:

@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.bodies.cars import wheel_at
 from toolkit.bodies.drawn.proportions import Proportions
-from toolkit.mesh import Mesh, box, loft, merge, mirrored
+from toolkit.mesh import Mesh, box, loft, merge, mirrored, shifted
 
 _STATIONS = 26
 _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
@@ -139,10 +139,11 @@ def _roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarra
 
 
 def _wheels(shape: Proportions) -> list[Mesh]:
-    breadth, wheels = 0.115 * shape.width, []
+    breadth = 0.115 * shape.width
+    one, wheels = wheel_at(0.0, 0.0, shape.wheel, breadth), []
     for axle in shape.axles:
         y = float(half_width(shape, np.array([axle / shape.length]))[0]) * 0.985
-        wheel = wheel_at(shape.length / 2 - axle, y - breadth / 2, shape.wheel, breadth)
+        wheel = shifted(one, shape.length / 2 - axle, y - breadth / 2)
         wheels += [wheel, mirrored(wheel)]
     return wheels
 

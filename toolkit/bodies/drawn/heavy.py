@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.bodies.cars import wheel_at
 from toolkit.bodies.drawn.cars import plank
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
+from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, shifted, tube
 
 SUPERSTRUCTURES = {
     "box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13, "tank": 0.07, "refuse": 0.07, "container": 0.08,
@@ -145,7 +145,8 @@ def _chassis(length: float, width: float, floor: float, deep: float, rng: np.ran
 def _wheels(rows: list[float], width: float, radius: float) -> list[Mesh]:
     """A pair of wheels at every x."""
     breadth = 0.3
-    wheels = [wheel_at(x, width / 2 - breadth / 2 - 0.02, radius, breadth, 12) for x in rows]
+    one = wheel_at(0.0, width / 2 - breadth / 2 - 0.02, radius, breadth, 12)
+    wheels = [shifted(one, x) for x in rows]
     return wheels + [mirrored(wheel) for wheel in wheels]
 
 

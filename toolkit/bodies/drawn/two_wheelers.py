@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from toolkit.bodies.cars import wheel_at
@@ -30,7 +32,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
         height = float(np.clip(rng.normal(1.73, 0.09), 1.5, 2.0))
         scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
     sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
-    bike = grown(bicycle(float(rng.uniform(0.31, 0.36))), scale)
+    bike = grown(_bare_bicycle(int(rng.integers(31, 37))), scale)
     parts, kind = [_longer(bike, float(rng.uniform(0.95, 1.08)))], "bicycle"
     extra = rng.random()
     if scale > 0.84 and extra < 0.1:
@@ -71,7 +73,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
-    bike = _longer(grown(motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
+    bike = _longer(grown(_bare_motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
     if rng.random() < RIDERLESS:
         return "motorcycle_alone", bike
     bent, height = float(rng.uniform(0, 1)), float(np.clip(rng.normal(1.77, 0.07), 1.58, 1.98))
@@ -82,7 +84,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     scale = float(rng.uniform(0.9, 1.12))
-    bike = _longer(grown(scooter(), scale), float(rng.uniform(0.95, 1.08)))
+    bike = _longer(grown(_bare_scooter(), scale), float(rng.uniform(0.95, 1.08)))
     if rng.random() < RIDERLESS:
         return "scooter_alone", bike
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
@@ -99,6 +101,14 @@ def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mes
     if rng.random() > 0.12:
         return []
     return [Mesh(mesh.vertices * [0.8, 0.95, 0.97] + [-behind - 0.05, 0.0, 0.08], mesh.triangles) for mesh in on]
+
+
+@cache
+def _bare_bicycle(wheel_cm: int) -> Mesh:
+    return bicycle(wheel_cm / 100)
+
+
+_bare_motorcycle, _bare_scooter = cache(motorcycle), cache(scooter)
 
 
 def _longer(mesh: Mesh, factor: float) -> Mesh:
