@@ -57,6 +57,9 @@ def simulate(
     check_least("--frames", frames, 1)
     check_least("--workers", workers, 1, "leave it out for one per core")
     chosen = fleet_named(fleet, meshes, held_out=held_out, mirrors=mirrors_in_boxes)
+    if not json:
+        for note in chosen.notes:
+            print(note)
     place, started = load_site(site), perf_counter()
     check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
     with progress_bar("frame", frames, hidden=json) as bar:
@@ -65,7 +68,8 @@ def simulate(
             overwrite=overwrite, progress=bar.to,
         )  # fmt: skip
     seconds = perf_counter() - started
-    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
+    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds,
+               "meshes": list(chosen.notes)}  # fmt: skip
     text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"
     print_result(summary, text, as_json=json)
     return OK

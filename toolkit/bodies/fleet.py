@@ -46,12 +46,14 @@ class Fleet:
     """Where the bodies of traffic come from: some that stay, some drawn afresh for everyone who is spawned, or both.
 
     fixed: bodies that stay; drawn: classes whose bodies are drawn, mixed half and half with the fixed ones of a class;
-    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise.
+    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise;
+    notes: how each mesh of a folder was taken, a line for each.
     """
 
     fixed: tuple[Body, ...] = ()
     drawn: tuple[int, ...] = ()
     mirrors: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,7 +85,8 @@ def fleet_named(name: str, meshes: str | Path | None = None, *, held_out: bool =
     """A fleet of `FLEETS`: `catalogue`, our 47 bodies and any meshes; `own`, everyone drawn; `meshes`, those of the
     folder, and drawn ones of classes it has none of; `both`, half drawn, half from the folder, class by class.
 
-    held_out: see `catalogue`; mirrors: see `Fleet`.
+    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, of drawn bodies and of meshes where
+    they can be seen to stick out. The catalogue's boxes hold them, and those of meshes beside it.
     Raises ValueError for another name, where a folder is missing or given in vain, and for what cannot be combined.
     """
     if name not in FLEETS:
@@ -91,18 +94,30 @@ def fleet_named(name: str, meshes: str | Path | None = None, *, held_out: bool =
     if held_out and name != "catalogue":
         raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
     if name == "catalogue":
-        return Fleet(catalogue(meshes, held_out))
+        return Fleet(catalogue(held_out=held_out)) if meshes is None else _with_meshes(meshes, held_out)
     if name == "own":
         if meshes is not None:
             raise ValueError(f"fleet 'own' takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
         return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors)
     if meshes is None:
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
-    from toolkit.bodies.meshes import load_meshes
+    from toolkit.bodies.meshes import taken_meshes
 
-    fixed = load_meshes(meshes)
-    given = {body.label for body in fixed} if name == "meshes" else set()
-    return Fleet(fixed, tuple(label for label in range(len(LABELS)) if label not in given), mirrors)
+    taken = taken_meshes(meshes, mirrors=mirrors)
+    given = {each.body.label for each in taken} if name == "meshes" else set()
+    drawn = tuple(label for label in range(len(LABELS)) if label not in given)
+    return Fleet(
+        tuple(each.body for each in taken), drawn, mirrors, tuple(f"{each.file}: {each.how}" for each in taken)
+    )
+
+
+def _with_meshes(meshes: str | Path, held_out: bool) -> Fleet:
+    """The catalogue and the meshes of a folder, whose boxes are tight around all of them, mirrors included."""
+    from toolkit.bodies.meshes import taken_meshes
+
+    taken = taken_meshes(meshes)
+    bodies = catalogue(held_out=held_out) + tuple(each.body for each in taken)
+    return Fleet(bodies, notes=tuple(f"{each.file}: {each.how}" for each in taken))
 
 
 @lru_cache(maxsize=1)

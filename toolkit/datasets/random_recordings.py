@@ -108,7 +108,8 @@ class _Job:
 
     def __call__(self, number: int) -> Any:
         try:
-            chosen = {} if self.fleet is None else {"fleet": self.fleet}
-            return self.encode(random_recording(self.seed, number, self.frames, **chosen))
+            if self.fleet is None:
+                return self.encode(random_recording(self.seed, number, self.frames))
+            return self.encode(random_recording(self.seed, number, self.frames, fleet=self.fleet))
         except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
             return Failed(number, f"{type(error).__name__}: {error}")

@@ -16,7 +16,7 @@ from toolkit.arrays import Float64
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
 _GRID = np.linspace(0, 1, 61)  # of profiles, 0 front to 1 rear
 
-Point = tuple[float | int, float]
+Point = tuple[float | int, float | int]
 
 
 @dataclass(frozen=True)
