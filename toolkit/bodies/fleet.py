@@ -18,7 +18,7 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
-MOST_FRAMES = 60  # that a draw of bodies is enough for; in longer traffic they come again
+LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
 # How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
 _SPAWNED = {VEHICLE: (26, 4.2), CYCLIST: (12, 1.6), PEDESTRIAN: (14, 2.0), HEAVY: (6, 0.5)}
@@ -64,7 +64,7 @@ class Fleet:
 
     def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
         """Bodies for `frames` frames of traffic; where some are drawn, enough for everyone who is spawned in up to
-        `MOST_FRAMES` frames, if `simulate` is asked to take each `once`."""
+        `LARGEST_DRAW` frames, if `simulate` is asked to take each `once`."""
         if not self.drawn:
             return self.fixed
         from toolkit.bodies.drawn.bodies import drawn_body
@@ -73,7 +73,7 @@ class Fleet:
         for label in range(len(LABELS)):
             fixed = [body for body in self.fixed if body.label == label]
             at_first, per_frame = _SPAWNED[label]
-            spawned = at_first + round(per_frame * min(frames, MOST_FRAMES))
+            spawned = at_first + round(per_frame * min(frames, LARGEST_DRAW))
             count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
             drawn = (drawn_body(label, rng) for _ in range(count))
             bodies += [tight(body) if self.mirrors else body for body in drawn]

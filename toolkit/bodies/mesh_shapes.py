@@ -36,7 +36,7 @@ class Shape(NamedTuple):
     ahead: float
 
 
-def measured(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
+def measured_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
     """The shape of a mesh that stands on its lowest point with z up and x forward. Raises ValueError for flat ones."""
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
     if not (size > 0).all():

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.objects import label_index
+from toolkit.objects import LABELS
 
 TABLE = "meshes.toml"
 _AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enumerate("xyz") for sign in ("", "-")}
@@ -89,8 +89,9 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
         raise ValueError(f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both")
     if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6):
         raise ValueError(f"{where}: scale must be a number above 0, metres of one unit, got {scale!r}")
-    try:
-        label = None if "label" not in row else label_index(row["label"])
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    return MeshEntry(label, up, forward, None if scale is None else float(scale))
+    label = row.get("label")
+    if label is not None and label not in LABELS:
+        raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
+    return MeshEntry(
+        None if label is None else LABELS.index(label), up, forward, None if scale is None else float(scale)
+    )

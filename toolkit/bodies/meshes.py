@@ -19,7 +19,7 @@ import open3d as o3d
 from toolkit.arrays import Float64, Int64
 from toolkit.bodies.body import Body, centred
 from toolkit.bodies.guarded_meshes import GUARDED, read_guarded_mesh
-from toolkit.bodies.mesh_shapes import Shape, clear_class, measured, mirror_span, wrong_stand
+from toolkit.bodies.mesh_shapes import Shape, clear_class, measured_shape, mirror_span, wrong_stand
 from toolkit.bodies.mesh_table import NOTHING_SAID, TABLE, MeshEntry, read_mesh_table
 from toolkit.bodies.off_meshes import read_off_mesh
 from toolkit.bodies.ply_meshes import read_ply_mesh
@@ -42,7 +42,7 @@ PLAUSIBLE = {
 _TYPICAL = {
     VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)
 }  # fmt: skip
-_FRONT_TOLD = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
+_FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
 _Y_UP_X_FORWARD = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 _Y_FORWARD = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
@@ -139,7 +139,7 @@ def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mi
 
 def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np.ndarray) -> str:
     """Class, size and frame of a body, and what each was told by."""
-    told = (
+    known = (
         f"as {TABLE} says"
         if entry.label is not None
         else "by its folder or name"
@@ -152,13 +152,13 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     forward, _, up = (axes[tuple(row)] for row in turn)
     frame = f"{up} up, {forward} forward"
     if not entry.framed and body.label == VEHICLE:
-        frame += " (its profile agrees)" if shape.ahead > _FRONT_TOLD else " (assumed, its profile does not tell)"
+        frame += " (its profile agrees)" if shape.ahead > _FRONT_CLEAR else " (assumed, its profile does not tell)"
     elif not entry.framed:
         frame += " (front assumed)"
     mirrors = "" if body.truth is None else ", mirrors left out of its box"
     scale = "" if entry.scale is None else f", scaled by {entry.scale:g}"
     size = " x ".join(f"{extent:.2f}" for extent in body.size)
-    return f"{LABELS[body.label]} ({told}), {size} m, {frame}{scale}{mirrors}"
+    return f"{LABELS[body.label]} ({known}), {size} m, {frame}{scale}{mirrors}"
 
 
 def _either(labels: list[int]) -> str:
@@ -167,7 +167,7 @@ def _either(labels: list[int]) -> str:
 
 def _shape(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     try:
-        return measured(vertices, triangles)
+        return measured_shape(vertices, triangles)
     except ValueError as error:
         raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
 
@@ -229,7 +229,7 @@ def _remedy(vertices: np.ndarray, triangles: np.ndarray, named: int | None) -> s
             off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
             if off >= best:
                 continue
-            shape = measured(read, triangles)
+            shape = measured_shape(read, triangles)
             if wrong_stand(shape, label) is None and (named is not None or clear_class(shape, label)):
                 best, remedy = off, what
     return remedy

@@ -3,7 +3,7 @@ import pytest
 
 from toolkit.bodies.body import Body
 from toolkit.bodies.drawn.bodies import drawn_body
-from toolkit.bodies.fleet import FLEETS, HELD_OUT, MOST_FRAMES, Fleet, catalogue, fleet_named
+from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.mesh import Mesh, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -62,7 +62,7 @@ def test_own_bodies_are_as_many_as_are_spawned_and_follow_the_seed():
     assert counts == [[30, 14, 16, 6], [34, 15, 18, 7]]
     heavy = Fleet(drawn=(HEAVY,))
     assert len(heavy.bodies(10**6, np.random.default_rng(0))) == len(
-        heavy.bodies(MOST_FRAMES, np.random.default_rng(0))
+        heavy.bodies(LARGEST_DRAW, np.random.default_rng(0))
     )
     assert {body.name for body in few} <= set(own.names)
 

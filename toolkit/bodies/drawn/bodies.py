@@ -14,7 +14,7 @@ from toolkit.bodies.drawn.cars import block_car, lofted_car
 from toolkit.bodies.drawn.extras import CARRIED, NOTHING, TRAILERS, mirrors, on_roof, trailer
 from toolkit.bodies.drawn.heavy import BUSES, SUPERSTRUCTURES, drawn_heavy
 from toolkit.bodies.drawn.people import PEOPLE, drawn_person
-from toolkit.bodies.drawn.proportions import KINDS, drawn_proportions
+from toolkit.bodies.drawn.proportions import CAR_KINDS, drawn_proportions
 from toolkit.bodies.drawn.two_wheelers import TWO_WHEELERS, drawn_two_wheeler
 from toolkit.mesh import Mesh, merge
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
@@ -42,7 +42,7 @@ def drawn_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body
 
 def drawn_names() -> tuple[str, ...]:
     """Every name a drawn body may have: its class and what kind of one it is."""
-    cars = [kind.name for kind in KINDS]
+    cars = [kind.name for kind in CAR_KINDS]
     kinds = {
         VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
         CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],

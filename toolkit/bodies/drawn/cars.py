@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.bodies.cars import wheel_at
 from toolkit.bodies.drawn.proportions import Proportions
-from toolkit.mesh import Mesh, box, loft, merge, mirrored, shifted
+from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, shifted
 
 _STATIONS = 26
 _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
@@ -151,3 +151,10 @@ def _wheels(shape: Proportions) -> list[Mesh]:
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
     """A cuboid standing on height z, about x and y."""
     return box(size, (x, y, z + size[2] / 2))
+
+
+def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
+    """A heap as long, wide and high as `size`, on height z about x and y = 0."""
+    length, width, height = size
+    round_ = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
+    return Mesh(np.maximum(round_.vertices, [-np.inf, -np.inf, z]), round_.triangles)

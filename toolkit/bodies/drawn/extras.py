@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toolkit.bodies.cars import wheel_at
-from toolkit.bodies.drawn.cars import bed_of, plank
+from toolkit.bodies.drawn.cars import bed_of, mound, plank
 from toolkit.bodies.drawn.proportions import Proportions
 from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, placed, shifted, tube
 
@@ -31,7 +31,7 @@ def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.4:
         mirror = box((deep, 2 * reach, 2 * high), (x, y, z))
     else:
-        mirror = ellipsoid((x, y, z), (deep, reach, high), 3, 6)
+        mirror = ellipsoid((x, y, z), (deep, reach, high), 3, 8)
     arm = tube([(x, 0.75 * shape.width / 2, z - 0.6 * high), (x, y, z - 0.6 * high)], 0.025, 4)
     mirror = merge([mirror, arm])
     return mirror if chance > 0.98 else merge([mirror, mirrored(mirror)])
@@ -82,8 +82,7 @@ def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         parts += [plank((length, 0.05, wall), middle, y, floor) for y in (-width / 2 + 0.025, width / 2 - 0.025)]
         parts += [plank((0.05, width, wall), x, 0.0, floor) for x in (front - 0.025, front - length + 0.025)]
         if rng.random() < 0.5:
-            heap = (0.45 * length, 0.44 * width, float(rng.uniform(0.3, 0.8)))
-            parts.append(ellipsoid((middle, 0.0, floor + 0.1), heap, 5, 10))
+            parts.append(mound((0.9 * length, 0.88 * width, float(rng.uniform(0.3, 0.9))), middle, floor + 0.06))
     else:
         top = float(rng.uniform(1.3, 2.3) if kind == "box_trailer" else rng.uniform(2.3, 2.65))
         slope = 0.02 if kind == "box_trailer" else float(rng.uniform(0.06, 0.16))
@@ -116,7 +115,7 @@ def _bed_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
             (front - rear, shape.width * (1 - shape.lean), shape.height - z - 0.02), middle, 0.0, z
         )
     if chance < 0.3:
-        return "load", ellipsoid((middle, 0.0, floor + 0.1), (room / 2, width / 2, float(rng.uniform(0.4, 0.9))), 5, 10)
+        return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
     if chance < 0.45:
         sizes = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3)) * [room, width, 1.0]
         boxes = [

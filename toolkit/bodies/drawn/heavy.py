@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from toolkit.bodies.cars import wheel_at
-from toolkit.bodies.drawn.cars import plank
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, shifted, tube
+from toolkit.bodies.drawn.cars import mound, plank
+from toolkit.mesh import Mesh, box, loft, merge, mirrored, shifted, tube
 
 SUPERSTRUCTURES = {
     "box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13, "tank": 0.07, "refuse": 0.07, "container": 0.08,
@@ -123,8 +123,8 @@ def _superstructure(
     parts += [plank((0.06, width, wall), x, 0.0, floor) for x in (rear + 0.03, front - 0.03)]
     chance = rng.random()
     if kind == "tipper" or chance < 0.3:
-        heap = (0.46 * length, 0.45 * width, wall * float(rng.uniform(0.5, 1.25)))
-        parts.append(ellipsoid((middle, 0.0, floor + 0.15), heap, 5, 12))
+        heap = 0.92 * length, 0.9 * width, wall * float(rng.uniform(0.6, 1.35))
+        parts.append(mound(heap, middle, floor + 0.12))
     elif chance < 0.75:
         sizes = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3)) * [length, width - 0.15, 1.0]
         parts += [

@@ -16,7 +16,7 @@ from toolkit.arrays import Float64
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
 _GRID = np.linspace(0, 1, 61)  # of profiles, 0 front to 1 rear
 
-Point = tuple[float | int, float | int]
+ProfileCorner = tuple[float | int, float | int]
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Kind:
     length: tuple[float, float]
     width: tuple[float, float]
     height: tuple[float, float]
-    profile: tuple[Point, ...]
+    profile: tuple[ProfileCorner, ...]
     wheel: tuple[float, float]
     lean: tuple[float, float]
     belt: tuple[float, float] = (0.56, 0.66)
     clearance: tuple[float, float] = (0.13, 0.2)
 
 
-KINDS = (
+CAR_KINDS = (
     Kind(
         "kei", 0.07, (3.0, 3.5), (1.45, 1.56), (1.45, 1.95),
         ((0, 0.34), (0.02, 0.44), (0.15, 0.53), (0.3, 0.96), (0.42, 1), (0.93, 0.985), (0.985, 0.66), (1, 0.42)),
@@ -130,7 +130,7 @@ class Proportions:
 
 def drawn_proportions(rng: np.random.Generator) -> Proportions:
     """The proportions of a car of any kind."""
-    kind = KINDS[int(rng.choice(len(KINDS), p=np.array([each.share for each in KINDS]) / _TOTAL))]
+    kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=np.array([each.share for each in CAR_KINDS]) / _TOTAL))]
     along = rng.uniform()
     length = float(np.interp(along, (0, 1), kind.length))
     width = np.interp(0.6 * along + 0.4 * rng.uniform(), (0, 1), kind.width) + 0.085 * np.clip(
@@ -155,14 +155,14 @@ def drawn_proportions(rng: np.random.Generator) -> Proportions:
 
 def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
     """The kind's side profile with its corners moved, and a little of another kind's mixed in; its top is 1."""
-    own, other = _moved(kind.profile, rng), _moved(KINDS[int(rng.integers(len(KINDS)))].profile, rng)
+    own, other = _moved(kind.profile, rng), _moved(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
     share = float(np.clip(rng.exponential(0.06), 0, 0.2)) if kind.name != "pickup" else 0.0
     stations = np.unique(np.concatenate([own[:, 0], _GRID]))
     heights = (1 - share) * np.interp(stations, *own.T) + share * np.interp(stations, *other.T)
     return np.column_stack([stations, heights / heights.max()])
 
 
-def _moved(profile: tuple[Point, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+def _moved(profile: tuple[ProfileCorner, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
     corners = np.array(profile)
     corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     corners[:, 1] += np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04) * (corners[:, 1] < 0.93)
@@ -170,4 +170,4 @@ def _moved(profile: tuple[Point, ...], rng: np.random.Generator) -> Float64[np.n
     return corners[np.argsort(corners[:, 0], kind="stable")]
 
 
-_TOTAL = sum(each.share for each in KINDS)
+_TOTAL = sum(each.share for each in CAR_KINDS)

@@ -38,7 +38,9 @@ def test_meshes_are_sound_and_stand_on_their_box(label):
         assert body.triangles.max() == len(body.vertices) - 1
         assert 40 <= len(body.triangles) < 3500, body.name
         assert volume(Mesh(body.vertices.astype(np.float64), body.triangles.astype(np.int64))) > 0
-        assert body.vertices[:, 2].min() == pytest.approx(-body.size[2] / 2, abs=1e-3), body.name
+        low = body.vertices[body.vertices[:, 2] < 0.015 - body.size[2] / 2]
+        if label != PEDESTRIAN and body.name != "vehicle/block":
+            assert np.ptp(low[:, 0]) > 0.3 * body.size[0], body.name  # stands on what is far apart: wheels, no heap
 
 
 @pytest.mark.parametrize("label", RANGES)
