@@ -36,8 +36,8 @@ def test_there_are_no_holes_from_above_nor_from_the_side():
         height = 5 - first_hits(mesh, np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)]), [0.0, 0, -1])
         assert height.min() > 0.25 * car.height, car.kind
         assert height.max() <= car.height + 1e-4
-        z = np.linspace(car.clearance + 0.16, 0.8 * car.belt * car.height, 8)  # above the lips of the bumpers
-        x, z = np.meshgrid(np.linspace(-0.44, 0.44, 41) * car.length, z)
+        z = np.linspace(car.clearance + 0.16, 0.65 * car.belt * car.height, 8)  # above the lips of the bumpers
+        x, z = np.meshgrid(np.linspace(-0.43, 0.43, 41) * car.length, z)
         across = 5 - first_hits(mesh, np.column_stack([x.ravel(), np.full(x.size, 5.0), z.ravel()]), [0.0, -1, 0])
         assert across.min() > 0.2 * car.width, car.kind
 
