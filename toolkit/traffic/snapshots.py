@@ -64,7 +64,8 @@ def simulate(
 ) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
 
-    once: no body is used again before all of its class have been, as is right for a fleet drawn afresh.
+    once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
+    pedestrians walk in groups then.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;

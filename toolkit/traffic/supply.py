@@ -15,11 +15,11 @@ class Supply:
     """
 
     def __init__(self, count: int, once: bool = False) -> None:
-        self._once, self._taken = once, np.zeros(count, bool)
+        self.once, self._taken = once, np.zeros(count, bool)
 
     def offer(self, rows: Int64[np.ndarray, " n"], rng: np.random.Generator) -> int:
         """One of these rows, drawn; `take` it where it is used."""
-        if not self._once:
+        if not self.once:
             return int(rng.choice(rows))
         free = rows[~self._taken[rows]]
         if not len(free):
@@ -36,7 +36,7 @@ class Supply:
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
         """`number` of these rows, drawn and taken."""
-        if not self._once:
+        if not self.once:
             return rng.choice(rows, number)
         drawn = []
         for _ in range(number):
