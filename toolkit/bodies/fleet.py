@@ -21,7 +21,7 @@ FLEETS = ("catalogue", "own", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
 # How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
-_SPAWNED = {VEHICLE: (26, 4.2), CYCLIST: (12, 1.6), PEDESTRIAN: (18, 2.6), HEAVY: (6, 0.5)}
+_SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:

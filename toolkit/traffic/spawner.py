@@ -28,6 +28,7 @@ _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
 _TRIES = 8  # places looked at before a spawn is put off to the next step
 _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
 _COMPANIONS = (0.7, 0.19, 0.08, 0.03)  # shares of pedestrians of a drawn fleet who walk with 0, 1, 2, 3 others
+_RESERVED = 2  # of the places are left to companions where there may be some
 _SHOULDER = (0.55, 0.8)  # m between two who walk side by side, from .. to
 
 
@@ -117,7 +118,7 @@ class Spawner:
 
     def _spawn(self) -> None:
         """Fill up to `most`. What finds no place keeps its turn, so that the shares hold where the road is full."""
-        reserved = len(_COMPANIONS) - 1 if self.supply.once else 0
+        reserved = _RESERVED if self.supply.once else 0
         missing = self.most - reserved - len(self.spawned) - len(self.due)
         if missing > 0:
             self.due += self.rng.choice(list(self.choices), missing, p=self.shares).tolist()

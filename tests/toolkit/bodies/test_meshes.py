@@ -211,7 +211,7 @@ def test_how_each_was_taken_is_said(tmp_path):
     assert [f"{taken.file}: {taken.how}" for taken in taken_meshes(tmp_path)] == [
         "b.ply: vehicle (by its shape), 4.55 x 1.87 x 1.41 m, z up, x forward (its profile agrees)",
         "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
-        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.97 x 1.60 m, z up, x forward (its profile agrees)",
+        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.97 x 1.59 m, z up, x forward (its profile agrees)",
     ]
 
 
