@@ -7,7 +7,7 @@ from toolkit.runtime.lazy import lazily
 # isort: off
 if TYPE_CHECKING:
     from toolkit.bodies.body import Body as Body
-    from toolkit.bodies.fleet import catalogue as catalogue
+    from toolkit.bodies.fleet import Fleet as Fleet, catalogue as catalogue, fleet_named as fleet_named
     from toolkit.bodies.meshes import load_meshes as load_meshes
     from toolkit.clouds import (
         crop as crop,
@@ -74,7 +74,7 @@ else:
         __name__,
         {
             "bodies.body": ("Body",),
-            "bodies.fleet": ("catalogue",),
+            "bodies.fleet": ("Fleet", "catalogue", "fleet_named"),
             "bodies.meshes": ("load_meshes",),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from toolkit.mesh import box, ellipsoid, extrude, merge, mirrored, placed, triangulate, tube, volume
+from toolkit.mesh import box, ellipsoid, extrude, merge, mirrored, placed, shifted, triangulate, tube, volume
 
 L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
 
@@ -37,3 +37,17 @@ def test_triangulated_holes_stay_open_and_face_up():
 
 def test_moved_turns_counter_clockwise():
     assert np.allclose(placed(box((2, 0.1, 1), (1, 0, 0)), yaw=np.pi / 2).vertices[:, 1].max(), 2.0)
+
+
+def test_shifting_moves_without_turning():
+    cube = box((1, 1, 1))
+    assert np.allclose(shifted(cube, 1.0, 2.0, 3.0).vertices, cube.vertices + np.array([1, 2, 3]))
+    assert np.array_equal(shifted(cube, z=2.0).triangles, cube.triangles)
+    assert np.allclose(cube.vertices.mean(axis=0), 0)
+
+
+def test_lofts_do_not_share_their_triangles():
+    first, second = box((1, 1, 1)), box((1, 1, 1))
+    first.triangles[:] = 0
+    assert volume(second) == pytest.approx(1)
+    assert volume(box((1, 1, 1))) == pytest.approx(1)

@@ -17,6 +17,7 @@ from toolkit.objects import PEDESTRIAN
 from toolkit.sites.site import Site
 from toolkit.traffic.routes import Roads, distance_to_area
 from toolkit.traffic.sumo import STEP
+from toolkit.traffic.supply import Supply
 from toolkit.traffic.vehicle_types import POSITIONS, SHARES, SWAY, VehicleTypes
 
 LIFE = 4  # frames an object is seen in
@@ -26,11 +27,15 @@ _LEEWAY = 10.0
 _ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
 _TRIES = 8  # places looked at before a spawn is put off to the next step
 _ASIDE = 0.3  # m a pedestrian walks beside the middle of its stripe
+_COMPANIONS = (0.7, 0.19, 0.08, 0.03)  # shares of pedestrians of a drawn fleet who walk with 0, 1, 2, 3 others
+_RESERVED = 2  # of the places are left to companions where there may be some
+_SHOULDER = (0.55, 0.8)  # m between two who walk side by side, from .. to
 
 
 @dataclass
 class Spawned:
-    """One spawned object: row of its body, frames it has been seen in, and how it deviates from SUMO's pose."""
+    """One spawned object: row of its body, frames it has been seen in, and how it deviates from SUMO's pose: by `turn`
+    (rad), `aside` and `behind` (m). leader: whose pose that is where SUMO does not know it, for companions on foot."""
 
     body: int
     walks: bool
@@ -38,6 +43,8 @@ class Spawned:
     turn: float
     inserted: bool = False
     frames: int = 0
+    behind: float = 0.0
+    leader: int | None = None
 
 
 class Spawner:
@@ -55,9 +62,10 @@ class Spawner:
         ids: Iterator[int],
         *,
         most: int,
+        supply: Supply | None = None,
     ) -> None:
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
-        self.types = types
+        self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
         self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
         if not len(self.places["passenger"]):
@@ -97,7 +105,8 @@ class Spawner:
         """Take objects out of the simulation; ids that do not move are left alone."""
         for name in ids.tolist():
             spawned = self.spawned.pop(name, None)
-            if spawned:
+            self.spawned = {other: each for other, each in self.spawned.items() if each.leader != name}
+            if spawned and spawned.leader is None:
                 (self.sumo.person if spawned.walks else self.sumo.vehicle).remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
@@ -109,7 +118,8 @@ class Spawner:
 
     def _spawn(self) -> None:
         """Fill up to `most`. What finds no place keeps its turn, so that the shares hold where the road is full."""
-        missing = self.most - len(self.spawned) - len(self.due)
+        reserved = _RESERVED if self.supply.once else 0
+        missing = self.most - reserved - len(self.spawned) - len(self.due)
         if missing > 0:
             self.due += self.rng.choice(list(self.choices), missing, p=self.shares).tolist()
         if not self.due:
@@ -118,16 +128,19 @@ class Spawner:
         waiting, self.due = self.due, []
         for label in waiting:
             walks = label == PEDESTRIAN
-            body = int(self.rng.choice(self.choices[label]))
+            body = self.supply.offer(self.choices[label], self.rng)
             place = self._free_place(body, positions[walks])
             if place is None:
                 self.due.append(label)
                 continue
+            self.supply.take(body)
             name = next(self.ids)
             (self._add_walker if walks else self._add_driver)(str(name), body, place)
             aside = self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0
             turn = float(np.radians(self.rng.normal(0, SWAY[label])))
             self.spawned[name] = Spawned(body, walks, aside, turn)
+            if walks and self.supply.once:
+                self._add_companions(name, self.most - len(self.spawned) - len(waiting))
             positions[walks] = np.vstack([positions[walks], self.places[self.types.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
@@ -170,16 +183,30 @@ class Spawner:
         arrival = places.offsets[there] if walk[-1] == end else places.lengths[place] / 2  # no way there: stay here
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
+    def _add_companions(self, leader: int, room: int) -> None:
+        """Some who walk beside a pedestrian, not more than there is room for."""
+        first, beside = self.spawned[leader], 0.0
+        for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
+            body = self.supply.offer(self.choices[PEDESTRIAN], self.rng)
+            self.supply.take(body)
+            beside = beside + self.rng.uniform(*_SHOULDER) if beside >= 0 else -beside
+            turn = first.turn + float(np.radians(self.rng.normal(0, SWAY[PEDESTRIAN])))
+            behind = self.rng.uniform(-0.4, 0.4)
+            self.spawned[next(self.ids)] = Spawned(body, True, first.aside + beside, turn, behind=behind, leader=leader)
+
     def _positions(self, walks: bool) -> Float64[np.ndarray, "n 2"]:
         domain = self.sumo.person if walks else self.sumo.vehicle
-        names = [str(name) for name, spawned in self.spawned.items() if spawned.walks == walks]
+        names = [
+            str(name) for name, spawned in self.spawned.items() if spawned.walks == walks and spawned.leader is None
+        ]
         return np.array([domain.getPosition(name) for name in names]).reshape(-1, 2)
 
     def _pose(self, name: int, spawned: Spawned) -> Float64[np.ndarray, "3"]:
         domain = self.sumo.person if spawned.walks else self.sumo.vehicle
-        x, y = domain.getPosition(str(name))
-        yaw = np.pi / 2 - np.radians(domain.getAngle(str(name)))  # SUMO: clockwise from north
-        back = 0.0 if spawned.walks else self.types.sizes[spawned.body, 0] / 2
+        known = str(name if spawned.leader is None else spawned.leader)
+        x, y = domain.getPosition(known)
+        yaw = np.pi / 2 - np.radians(domain.getAngle(known))  # SUMO: clockwise from north
+        back = spawned.behind if spawned.walks else self.types.sizes[spawned.body, 0] / 2
         x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
         y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
         return np.array([x, y, yaw + spawned.turn])
@@ -188,11 +215,13 @@ class Spawner:
         """Drop what has arrived. What SUMO could not insert is due again, and must not come later on its own."""
         there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
         for name, spawned in list(self.spawned.items()):
-            if str(name) in there:
+            if str(name if spawned.leader is None else spawned.leader) in there:
                 spawned.inserted = True
                 continue
             del self.spawned[name]
             if not spawned.inserted:
+                self.supply.give_back(spawned.body)
+            if not spawned.inserted and spawned.leader is None:
                 self.due.append(int(self.types.labels[spawned.body]))
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.spawned:

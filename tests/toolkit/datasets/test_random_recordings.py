@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.fleet import HELD_OUT, catalogue
+from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
 from toolkit.datasets import random_recordings as module
 from toolkit.datasets.random_recordings import random_recording, random_recordings
 from toolkit.objects import VEHICLE
@@ -72,3 +72,13 @@ def test_counts_must_make_sense():
 def test_the_number_of_workers_changes_nothing():
     alone, helped = (list(random_recordings(3, 2, 5, digest, workers=workers)) for workers in (1, 2))
     assert alone == helped
+
+
+def test_a_fleet_takes_the_place_of_the_bodies_of_training():
+    own = fleet_named("own")
+    first, again = (random_recording(seed=4, number=1, frames=2, fleet=own) for _ in range(2))
+    (third,) = random_recordings(1, 2, 4, digest, workers=1, fleet=own)
+    assert digest(first) == digest(again)
+    assert third == digest(random_recording(seed=4, number=0, frames=2, fleet=own))
+    sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames])
+    assert len({tuple(size) for size in sizes.round(4).tolist()}) > 5

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.bodies.fleet import catalogue
+from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
@@ -205,3 +205,23 @@ def test_parked_vehicles_stay_in_their_bays(site, snapshots):
         assert len(set(bay)) == len(bay), "one vehicle to a bay"
         assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
         assert len(bay) <= MOST_OBJECTS // 5
+
+
+def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(site):
+    bodies = fleet_named("own").bodies(25, np.random.default_rng(2))
+    worn: dict[int, set[int]] = {}
+    abreast = alone = 0
+    for frame in simulate(site, bodies, frames=25, seed=2, once=True):
+        objects = frame.objects
+        assert len(objects) <= MOST_OBJECTS
+        assert np.allclose(objects.boxes[:, 3:6], [bodies[row].size for row in frame.bodies])
+        for name, row in zip(objects.ids.tolist(), frame.bodies.tolist(), strict=True):
+            worn.setdefault(name, set()).add(row)
+        walkers = objects[objects.labels == PEDESTRIAN]
+        gaps = np.hypot(*(walkers.boxes[:, None, :2] - walkers.boxes[None, :, :2]).transpose(2, 0, 1))
+        gaps[np.arange(len(walkers)), np.arange(len(walkers))] = np.inf
+        near = (gaps < 1.0).any(axis=1) if len(walkers) else np.zeros(0, bool)
+        abreast, alone = abreast + int(near.sum()), alone + int((~near).sum())
+    assert all(len(rows) == 1 for rows in worn.values())
+    assert len(set.union(*worn.values())) == len(worn) > 130
+    assert 0.15 < abreast / (abreast + alone) < 0.75
