@@ -25,6 +25,7 @@ from models.training.loop import LOG_STEPS, train
 from models.training.options import TrainingOptions, parsed
 from models.training.presets import ANYWHERE, PRESETS, area_for, config_for
 from models.training.validation import validation
+from models.training.widening import widened
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.sites.files import load_site
@@ -49,12 +50,12 @@ def run(
     area = tuple(place.area.tolist()) if place else area_for("general" if site else preset, options.data)
     named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
-    config = config_for(area, preset, options.size)
+    config = config_for(area, preset, options.size, options.classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
     _check_folder(options)
-    start = load_weights(weights_file(options.start))[0] if options.start else None
+    start = widened(load_weights(weights_file(options.start))[0], config) if options.start else None
     validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
     if options.threads:
         torch.set_num_threads(options.threads)

@@ -12,9 +12,12 @@ from models.detector import VoxelNetDetector, relocated
 from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
 from toolkit.detection.metrics import evaluate
+from toolkit.objects import LABELS, VEHICLE
 from toolkit.points import centred_in
 
+VEHICLE_LABEL = LABELS[VEHICLE]
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
+OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicles, which are small, or vary more
 
 
 def average_precision(
@@ -25,9 +28,10 @@ def average_precision(
     seed: int = 0,
     device: str | torch.device = "cpu",
 ) -> dict[str, float]:
-    """AP3D of early fusion of all sensors over the first `count` frames (None: all), named "AP@0.7" and so on.
+    """AP3D of early fusion of all sensors over the first `count` frames (None: all), named "AP@0.7" and so on for
+    vehicles, "pedestrian AP@0.5" and so on for others; without those of which there is none.
 
-    Counted are vehicles centred in the area; what else is there is neither a miss nor a false alarm (protocol "exact").
+    Counted are objects centred in the area; what else is there is neither a miss nor a false alarm (protocol "exact").
     Each frame is detected in its own area. seed: of the sensors' noise.
     """
     training = network.training
@@ -43,8 +47,15 @@ def average_precision(
         truths.append(frames.objects(k))
         counted.append(centred_in(truths[-1].boxes, np.array(area)))
     network.train(training)
-    at = evaluate(detections, truths, iou_thresholds=IOU_THRESHOLDS, counted=counted)
-    return {f"AP@{threshold:g}": result.ap for threshold, result in at.items()}
+    figures: dict[str, float] = {}
+    for label in network.config.labels:
+        vehicle = label == VEHICLE_LABEL
+        thresholds = IOU_THRESHOLDS if vehicle else OTHER_THRESHOLDS
+        at = evaluate(detections, truths, iou_thresholds=thresholds, counted=counted, label=label)
+        prefix = "" if vehicle else f"{label} "
+        known = {threshold: result.ap for threshold, result in at.items() if result.truths or vehicle}
+        figures |= {f"{prefix}AP@{threshold:g}": ap for threshold, ap in known.items()}
+    return figures
 
 
 def validation(
