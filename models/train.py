@@ -19,10 +19,13 @@ import torch
 
 from models.detector import relocated, weights_file
 from models.network.voxelnet import VoxelNet
+from models.training.calibration import calibrated_on
 from models.training.checkpoint import CHECKPOINT
+from models.training.faces import with_faces
 from models.training.log import LOG
 from models.training.loop import LOG_STEPS, train
 from models.training.options import TrainingOptions, parsed
+from models.training.packed import PackedFrames
 from models.training.presets import ANYWHERE, PRESETS, area_for, config_for
 from models.training.validation import validation
 from models.training.widening import widened
@@ -69,6 +72,12 @@ def run(
         options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
         every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
     )  # fmt: skip
+    if options.faces:
+        network = with_faces(network, PackedFrames(options.data), options.faces, seed=options.seed)
+    if options.calibrate and options.validate:
+        network = calibrated_on(network, PackedFrames(options.validate), count=options.validate_frames)
+    if validate and (options.faces or options.calibrate):
+        measure(network)
     trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
     save_weights(weights, relocated(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
     return weights, measured

@@ -39,10 +39,10 @@ _EXTRAS = 2 + 3 + len(LABELS)  # how many points there are, the size of the box,
 class FaceFeatures(NamedTuple):
     """What the networks see of n boxes. counted: points about the face or the one opposite."""
 
-    end: Float32[np.ndarray, "2n F"]  # the fronts of all boxes, then their rears
-    side: Float32[np.ndarray, "2n F"]  # the left sides, then the right ones
+    end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
+    side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
     top: Float32[np.ndarray, "n F"]
-    counted: tuple[Int64[np.ndarray, " 2n"], Int64[np.ndarray, " 2n"], Int64[np.ndarray, " n"]]
+    counted: tuple[Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " n"]]
 
 
 class FaceNetworks(nn.Module):
@@ -97,8 +97,8 @@ def measured(
 
 def moved(
     boxes: Float[np.ndarray, "n 7"],
-    end: Float[np.ndarray, " 2n"],
-    side: Float[np.ndarray, " 2n"],
+    end: Float[np.ndarray, " 2*n"],
+    side: Float[np.ndarray, " 2*n"],
     top: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 7"]:
     """Boxes with their faces moved outwards (m), at most to a fifth of their size inwards; the floor stays.
@@ -121,7 +121,7 @@ def moved(
 
 def face_offsets(
     boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
-) -> tuple[Float[np.ndarray, " 2n"], Float[np.ndarray, " 2n"], Float[np.ndarray, " n"]]:
+) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
     """How far outwards (m) each face of a box belongs to be that of the truth beside it, as `moved` takes it. A truth
     that faces the other way has the faces that lie there."""
     (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])

@@ -6,7 +6,7 @@ of a vehicle of another make the first stage's sizes are guesses, and what the p
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,10 @@ import torch
 from torch import Tensor
 
 from models.network.faces import SORTS, FaceFeatures, FaceNetworks, face_features, face_offsets
+from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
+from models.training.validation import detectors_for
+from models.training.widening import rebuilt
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import count_points, iou_bev
 from toolkit.objects import Detections, label_index
@@ -23,6 +26,7 @@ from toolkit.points import centred_in
 FARTHEST = 0.6  # m; a face that is farther off than its points are counted cannot be found
 FEWEST_POINTS = 5  # on an object, below which it teaches nothing
 MATCHED = 0.4  # BEV IoU from which a detection is of an object
+LOWEST_SCORE = 0.2  # of a detection to learn from
 BATCH = 512
 OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # deviations of boxes that are off at random
 
@@ -36,14 +40,15 @@ class FaceExamples(NamedTuple):
 
 def face_examples(
     frames: PackedFrames,
-    detector: Callable[[Float32[np.ndarray, "n 3"]], Detections] | None,
-    labels: tuple[str, ...],
+    network: VoxelNet | None,
+    labels: Sequence[str],
     *,
     count: int | None = None,
     seed: int = 0,
 ) -> FaceExamples:
-    """Examples of the first `count` frames (None: all), half of them seen by a random subset of the sensors. detector:
-    without a second stage; None: boxes that are off at random alone."""
+    """Examples of the first `count` frames (None: all), half of them seen by a random subset of the sensors. network:
+    what detects them, without a second stage; None: boxes that are off at random alone."""
+    detectors = None if network is None else detectors_for(network, frames, score_threshold=LOWEST_SCORE)
     rows: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     offsets: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     wanted = [label_index(label) for label in labels]
@@ -54,8 +59,8 @@ def face_examples(
         there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
         boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels
-        if detector is not None:
-            found, owner = _detected(detector(points), objects.boxes, objects.labels)
+        if detectors is not None:
+            found, owner = _detected(detectors[frames.rig(k).area](points), objects.boxes, objects.labels)
             boxes = np.concatenate([boxes, found])
             truths, kinds = np.concatenate([truths, truths[owner]]), np.concatenate([kinds, kinds[owner]])
         if len(boxes):
@@ -64,6 +69,16 @@ def face_examples(
         {sort: np.concatenate(parts) for sort, parts in rows.items()},
         {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()},
     )
+
+
+def with_faces(
+    network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 800, seed: int = 0
+) -> VoxelNet:
+    """The network with a second stage for the boxes of these labels, trained on the first `count` frames."""
+    bare, staged = rebuilt(network, faces=()), rebuilt(network, faces=tuple(labels))
+    assert staged.faces is not None
+    fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
+    return staged
 
 
 def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:

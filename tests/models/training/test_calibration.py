@@ -1,0 +1,123 @@
+"""Calibration on made-up detections whose truth is known."""
+
+import numpy as np
+import pytest
+import torch
+
+from models.detector import calibrated
+from models.network.voxelnet import VoxelNet
+from models.training import calibration
+from models.training.calibration import (
+    FEWEST,
+    LOWEST,
+    calibrated_on,
+    logit,
+    lowest_threshold,
+    platt,
+    reliability,
+    sigmoid,
+)
+from models.training.presets import config_for
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+
+
+def drawn(count=20000, slope=2.0, intercept=-1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    scores = rng.uniform(0.02, 0.98, count)
+    return scores, rng.random(count) < sigmoid(slope * logit(scores) + intercept)
+
+
+def test_it_finds_the_slope_and_intercept_of_what_was_drawn():
+    assert platt(*drawn()) == pytest.approx((2.0, -1.0), abs=0.08)
+    assert platt(*drawn(slope=0.7, intercept=0.5)) == pytest.approx((0.7, 0.5), abs=0.05)
+
+
+def test_calibrated_scores_are_shares():
+    scores, hits = drawn()
+    slope, intercept = platt(scores, hits)
+    assert reliability(scores, hits).error > 0.1
+    assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
+
+
+def test_few_or_spotless_detections_give_no_wild_answer():
+    assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
+    slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
+    assert 1.0 <= slope < 3
+    assert 0 <= intercept < 2
+    upside_down = platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)
+    assert upside_down[0] == 0.05  # order is kept
+
+
+def test_reliability_counts_every_detection_once():
+    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
+    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
+    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_above_the_threshold_nearly_all_are_true_however_many_are_kept(seed):
+    scores, hits = drawn(3000, seed=seed)
+    lowest = lowest_threshold(scores, hits, 0.9)
+    for threshold in [lowest, *scores[scores > lowest]]:
+        kept = scores > threshold
+        assert kept.sum() <= FEWEST or hits[kept].mean() >= 0.9
+    below = scores > np.sort(scores[scores <= lowest])[-2]
+    assert hits[below].mean() < 0.9
+    assert lowest_threshold(scores, np.ones(3000, bool), 0.95) == 0.0
+
+
+def fake(found):
+    """Stands for what a network detects on a packed file."""
+    return lambda network, frames, *, count, seed: found
+
+
+def scene(rng, label, score, true):
+    """A frame with one detection of a class, on an object or far from it."""
+    size = {VEHICLE: (4.0, 1.8, 1.5), CYCLIST: (1.8, 0.6, 1.7), HEAVY: (9, 2.5, 3)}[label]
+    box = np.array([[0.0, 0.0, 1.0, *size, 0.0]])
+    there = Objects(box + np.array([0.0 if true else 50.0, 0, 0, 0, 0, 0, 0]), np.array([label]))
+    return Detections(box, np.array([score]), np.array([label])), there, np.array([True])
+
+
+def test_every_class_is_calibrated_by_itself_and_the_hardest_sets_the_threshold(monkeypatch, packed):
+    rng = np.random.default_rng(0)
+    frames = []
+    for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
+        scores = rng.uniform(0.05, 0.98, 900)
+        hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
+        frames += [scene(rng, label, *pair) for pair in zip(scores, hits, strict=True)]
+    frames += [scene(rng, HEAVY, 0.5, False)] * (FEWEST - 1)  # too few to say anything
+    monkeypatch.setattr(calibration, "detections_of", fake(frames))
+    torch.manual_seed(0)
+    network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
+    result = calibrated_on(network, packed).config
+    assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
+    assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
+    assert result.calibration[2] == (1.0, 0.0)
+    assert result.score_threshold > 0.7  # cyclists of a calibrated 0.7 are true 7 times out of 10
+    kept = [found for found in frames if found[0].labels[0] == CYCLIST]
+    slope, intercept = result.calibration[1]
+    above = [f for f in kept if sigmoid(slope * logit(f[0].scores) + intercept)[0] > result.score_threshold]
+    assert np.mean([abs(f[1].boxes[0, 0]) < 1 for f in above]) >= 0.95
+
+
+def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(calibration, "detections_of", fake([scene(rng, VEHICLE, 0.6, True)] * 50))
+    assert calibrated_on(VoxelNet(config_for(AREA, "fast")), packed).config.score_threshold == LOWEST
+
+
+def test_the_detector_calibrates_as_the_fit_does():
+    config = config_for(AREA, "fast", classes=("vehicle", "pedestrian"))
+    from dataclasses import replace
+
+    config = replace(config, calibration=((2.0, -1.0), (0.5, 0.25)))
+    scores = torch.tensor([0.1, 0.5, 0.9]).repeat(2, 1, 1, 1).permute(0, 1, 3, 2)[..., None].reshape(2, 1, 1, 3, 1)
+    after = calibrated(scores, config)
+    expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
+    np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
+    assert torch.equal(calibrated(scores, replace(config, calibration=())), scores)
