@@ -16,8 +16,8 @@ from toolkit.arrays import Bool, Float, Int64
 from toolkit.detection.metrics import match
 from toolkit.objects import LABELS, PEDESTRIAN
 
-PRECISION = 0.95  # of the detections above the threshold that is chosen, of every class
-FEWEST = 30  # detections of a class, below which it is left as it is and has no say in the threshold
+PRECISION = 0.95  # of the detections above the threshold that is chosen
+FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
 TRUE_IOU = {label: 0.25 if label == PEDESTRIAN else 0.5 for label in range(len(LABELS))}  # 3D, of a true detection
 LOWEST = 0.05  # score of detections that are looked at
 _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
@@ -69,30 +69,28 @@ def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tupl
 
 
 def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
-    """The lowest score such that of the detections above it, and above any higher one that leaves `FEWEST`, this share
-    is true; of the detections at the threshold itself none is kept.
+    """The lowest score above which such a share of the detections is true, 0 where that holds for all of them. Where it
+    holds for no `FEWEST` or more, the score above which that many are left.
 
     >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
     0.2
     """
     order = np.argsort(-scores, kind="stable")
     share = np.cumsum(hits[order]) / np.arange(1, len(order) + 1)
-    bad = np.flatnonzero((share < precision) & (np.arange(len(order)) >= FEWEST))
-    return float(scores[order][bad[0]]) if len(bad) else 0.0
+    good = np.flatnonzero((share >= precision) & (np.arange(1, len(order) + 1) >= FEWEST))
+    first_out = good[-1] + 1 if len(good) else min(FEWEST, len(order))
+    return float(scores[order][first_out]) if first_out < len(order) else 0.0
 
 
 def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """The network with a calibration per class and the lowest threshold that leaves every class a precision of 0.95,
-    as they are over the first `count` frames (None: all) of a file it was not trained on."""
+    """The network with a calibration per class and the lowest threshold above which 0.95 of the detections of all
+    classes are true, over the first `count` frames (None: all) of a file it was not trained on."""
     bare = rebuilt(network, calibration=(), score_threshold=LOWEST)
     labels = network.config.labels
     rows, hits = _judged(bare, frames, count, seed)
     pairs = [platt(rows[k], hits[k]) if len(rows[k]) >= FEWEST else (1.0, 0.0) for k in range(len(labels))]
-    threshold = LOWEST
-    for (slope, intercept), score, hit in zip(pairs, rows, hits, strict=True):
-        if len(score) >= FEWEST:
-            sure = sigmoid(slope * logit(score) + intercept)
-            threshold = max(threshold, lowest_threshold(sure, hit, PRECISION))
+    sure = [sigmoid(slope * logit(score) + shift) for (slope, shift), score in zip(pairs, rows, strict=True)]
+    threshold = max(LOWEST, lowest_threshold(np.concatenate(sure), np.concatenate(hits), PRECISION))
     return rebuilt(network, calibration=tuple(pairs), score_threshold=round(threshold, 3))
 
 
