@@ -13,7 +13,7 @@ from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames
 from toolkit.arrays import Bool
 from toolkit.detection.metrics import evaluate
-from toolkit.objects import LABELS, VEHICLE, Detections, Objects
+from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects
 from toolkit.points import centred_in
 
 VEHICLE_LABEL = LABELS[VEHICLE]
@@ -23,7 +23,7 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 
 def detectors_for(
     network: VoxelNet, frames: PackedFrames, device: str | torch.device = "cpu", score_threshold: float = 0.05
-) -> dict[Area, VoxelNetDetector]:
+) -> dict[Area, Detector]:
     """The network at work in each area of a packed file."""
     return {
         rig.area: VoxelNetDetector(
