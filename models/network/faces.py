@@ -27,9 +27,9 @@ from toolkit.objects import LABELS, Detections, label_index
 STEP = 0.04  # m
 NEAREST, BINS = -0.6, 28  # m inside of the face where the counts begin, and how many steps there are
 ZONES = 3
-LIFT = 0.2  # m above the floor of a box, below which a point may be of the ground
+FLOOR_GAP = 0.2  # m above the floor of a box, below which a point may be of the ground
 BESIDE = 0.1  # m beside a face in which its points are counted too
-FEWEST = 3  # points about a face or the one opposite, below which a face stays
+LEAST_POINTS = 3  # points about a face or the one opposite, below which a face stays
 HIDDEN = 56
 SORTS = ("end", "side", "top")
 _OWN = BINS * ZONES
@@ -71,7 +71,9 @@ class FaceNetworks(nn.Module):
         found = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
-            sure = (torch.exp(spread) < self.prior[number]) & (torch.from_numpy(features.counted[number]) >= FEWEST)
+            sure = (torch.exp(spread) < self.prior[number]) & (
+                torch.from_numpy(features.counted[number]) >= LEAST_POINTS
+            )
             found.append(torch.where(sure, shift, 0.0).double().numpy())
         return found
 
@@ -184,6 +186,8 @@ def _near_points(points: np.ndarray, boxes: np.ndarray) -> list[Float[np.ndarray
     for box, begin, end in zip(boxes, first, last, strict=True):
         (x, y, z), (cos, sin) = (points[begin:end] - box[:3]).T, (np.cos(box[6]), np.sin(box[6]))
         u, v, t = x * cos + y * sin, y * cos - x * sin, z + box[5] / 2
-        inside = (np.abs(u) < box[3] / 2 + reach) & (np.abs(v) < box[4] / 2 + reach) & (t > LIFT) & (t < box[5] + reach)
+        inside = (
+            (np.abs(u) < box[3] / 2 + reach) & (np.abs(v) < box[4] / 2 + reach) & (t > FLOOR_GAP) & (t < box[5] + reach)
+        )
         near.append(np.stack([u[inside], v[inside], t[inside]], axis=1).astype(np.float64))
     return near

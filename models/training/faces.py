@@ -23,11 +23,12 @@ from toolkit.boxes import count_points, iou_bev
 from toolkit.objects import Detections, label_index
 from toolkit.points import centred_in
 
-FARTHEST = 0.6  # m; a face that is farther off than its points are counted cannot be found
+FARTHEST_FACE = 0.6  # m; a face that is farther off than its points are counted cannot be found
 FEWEST_POINTS = 5  # on an object, below which it teaches nothing
 MATCHED = 0.4  # BEV IoU from which a detection is of an object
 LOWEST_SCORE = 0.2  # of a detection to learn from
 BATCH = 512
+STEPS = 5000
 OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # deviations of boxes that are off at random
 
 
@@ -94,18 +95,25 @@ def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> 
 
 
 def fit_faces(
-    networks: FaceNetworks, examples: FaceExamples, *, steps: int = 6000, learning_rate: float = 3e-3, seed: int = 0
+    networks: FaceNetworks,
+    examples: FaceExamples,
+    *,
+    steps: int | None = None,
+    learning_rate: float = 3e-3,
+    seed: int = 0,
 ) -> dict[str, float]:
-    """Train the three networks; returns the mean error (m) of each sort of face before and after, over the examples.
+    """Train the three networks, `STEPS` steps each; returns the mean error (m) of each sort of face before and after,
+    over the examples.
 
     Raises ValueError where a sort of face has no examples.
     """
     figures: dict[str, float] = {}
+    steps = STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):
         if not len(examples.offsets[sort]):
             raise ValueError(f"there are no examples of a {sort}: pack frames with vehicles that have points")
         features = torch.from_numpy(examples.features[sort])
-        target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST, FARTHEST)
+        target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST_FACE, FARTHEST_FACE)
         _fit(networks, sort, features, target, steps, learning_rate, seed)
         with torch.inference_mode():
             error = (networks.answers(sort, features)[0] - target).abs().mean()

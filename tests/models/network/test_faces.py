@@ -8,7 +8,7 @@ from models.config import VoxelNetConfig
 from models.detector import VoxelNetDetector
 from models.network.faces import (
     BINS,
-    FEWEST,
+    LEAST_POINTS,
     NEAREST,
     SORTS,
     STEP,
@@ -139,9 +139,9 @@ def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_ther
     known = Known()
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
-    seen = measured(known, found, cloud_at_the_front(FEWEST), ("vehicle",))
+    seen = measured(known, found, cloud_at_the_front(LEAST_POINTS), ("vehicle",))
     np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
-    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(FEWEST - 1), ("vehicle",)).boxes, BOX)
+    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(LEAST_POINTS - 1), ("vehicle",)).boxes, BOX)
     np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
     known.prior[:] = 0.019
     np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)

@@ -7,7 +7,7 @@ import torch
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measured
 from models.network.voxelnet import VoxelNet
 from models.training.faces import (
-    FARTHEST,
+    FARTHEST_FACE,
     FaceExamples,
     face_examples,
     fit_faces,
@@ -80,7 +80,7 @@ def test_training_is_the_same_every_time_and_leaves_the_generator_alone():
 def test_faces_that_are_too_far_off_teach_no_more_than_the_farthest():
     rows = examples(20)
     far = FaceExamples(rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()})
-    assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST)
+    assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST_FACE)
 
 
 def test_without_examples_it_says_so():
