@@ -51,6 +51,7 @@ def formats() -> dict[str, Format]:
         "published.hdf5": Format(_published, _read_recording, HDF5, 3),
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),
         "network.safetensors": Format(_weights, _read_weights, SAFETENSORS, 2),
+        "classes.safetensors": Format(_class_weights, _read_weights, SAFETENSORS, 2),
         "published.pth": Format(_published_checkpoint, _read_published_checkpoint, BYTES, 0.5),
         "checkpoint.pt": Format(_checkpoint, _read_checkpoint, BYTES, 1),
         **{
@@ -181,6 +182,28 @@ def _weights(path: Path) -> None:
     from models.weight_files import Header, save_weights
 
     save_weights(path, _network(), Header("yard", 3, "abc", {"0.7": 0.5}))
+
+
+def _class_weights(path: Path) -> None:
+    """Of several classes, with a second stage and a calibration."""
+    import torch
+
+    from models.config import VoxelNetConfig, road_users
+    from models.network.voxelnet import VoxelNet
+    from models.weight_files import Header, save_weights
+
+    torch.manual_seed(0)
+    light = VoxelNetConfig.light(
+        (0, 0, 6.4, 6.4),
+        **road_users(),
+        faces=("vehicle", "heavy"),
+        calibration=((1.2, -0.1),) * 4,
+        score_threshold=0.3,
+    )
+    network = VoxelNet(light)
+    assert network.faces is not None
+    network.faces.prior[:] = 0.1
+    save_weights(path, network, Header("yard", 3, "abc", {"AP@0.7": 0.5, "pedestrian AP@0.5": 0.4}))
 
 
 def _read_weights(path: Path) -> None:
