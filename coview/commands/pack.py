@@ -33,6 +33,8 @@ def pack(
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
 
+    Killed while it draws random sites and started again it goes on where it was, to the same bytes.
+
     Example: coview pack tjunction.hdf5 --out tjunction.packed
 
     Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
@@ -49,7 +51,7 @@ def pack(
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
-    from models.training.packing import drawn_recording, recording_of
+    from models.training.packing import drawn_file, join_packed, recording_of
     from models.training.packing import pack as write
 
     check_frames(frames)
@@ -59,13 +61,13 @@ def pack(
         raise ValueError("give recordings, or --random-sites N")
     check_file(out, inputs=[*datasets, *site_file(site)], overwrite=overwrite)
     if random_sites:
-        from toolkit.datasets.random_recordings import random_recordings
+        from toolkit.datasets.random_recordings import random_recordings_file
 
         with progress_bar("site", random_sites, hidden=json) as bar:
-            drawn = random_recordings(
-                random_sites, frames or FRAMES, seed, drawn_recording, workers=workers, progress=bar.to
-            )
-            total = write(drawn, out)
+            total = random_recordings_file(
+                random_sites, frames or FRAMES, seed, out, encode=drawn_file, join=join_packed, workers=workers,
+                progress=bar.to, overwrite=overwrite,
+            )  # fmt: skip
     else:
         with ExitStack() as stack:
             recordings = [

@@ -8,7 +8,6 @@ from models.config import VoxelNetConfig
 from models.detector import VoxelNetDetector
 from models.network.faces import (
     BINS,
-    LEAST_POINTS,
     NEAREST,
     SORTS,
     STEP,
@@ -50,11 +49,11 @@ def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
 def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
     points = np.array([
         [5.09, -2.0, 0.3],  # 9 cm before the front, low
-        [5.09, -2.0, 0.8],  # in the middle
+        [5.09, -2.0, 0.7],  # in the middle
         [0.71, -2.5, 1.3],  # 29 cm behind the rear, high
         [3.0, -0.85, 0.5],  # 15 cm left of the left side, low
         [4.0, -3.09, 1.2],  # 9 cm right of the right side, high and ahead
-        [2.0, -3.09, 1.2],  # the same, behind
+        [2.0, -3.17, 1.2],  # 17 cm right of it, high and behind
         [2.1, -2.0, 1.71],  # 11 cm above the top, behind
     ])  # fmt: skip
     points, boxes = turned(points, BOX, yaw)
@@ -62,7 +61,7 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
     front, rear = seen.end
     left, right = seen.side
     for row, zone, distance in (
-        (front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.09),
+        (front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17),
         (seen.top[0], 0, 0.11),
     ):  # fmt: skip
         assert counts(row, zone)[step_of(distance)] == 1, (zone, distance)
@@ -77,6 +76,17 @@ def test_only_points_about_a_face_and_above_the_ground_count():
     assert np.expm1(seen.end[:, : 2 * OWN]).sum() == 0
     near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])  # 9 cm beside the box is still its front, 11 cm not
     assert face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("distance", "step"), [(-0.59, 0), (-0.55, 1), (0.01, 15), (0.51, 27), (0.53, None), (-0.61, None)]
+)
+def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
+    front = face_features(np.array([[5.0 + distance, -2.0, 0.8]]), BOX, CAR).end[0]
+    expected = np.zeros(28)
+    if step is not None:
+        expected[step] = 1
+    np.testing.assert_array_equal(counts(front, 1), expected)
 
 
 def test_what_is_known_of_the_box_comes_last():
@@ -139,9 +149,9 @@ def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_ther
     known = Known()
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
-    seen = measured(known, found, cloud_at_the_front(LEAST_POINTS), ("vehicle",))
+    seen = measured(known, found, cloud_at_the_front(3), ("vehicle",))
     np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
-    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(LEAST_POINTS - 1), ("vehicle",)).boxes, BOX)
+    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
     np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
     known.prior[:] = 0.019
     np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)

@@ -18,7 +18,7 @@ from models.training.calibration import (
     sigmoid,
 )
 from models.training.presets import config_for
-from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
@@ -79,12 +79,13 @@ def fake(found):
     return lambda network, frames, *, count, seed: found
 
 
-def scene(rng, label, score, true):
-    """A frame with one detection of a class, on an object or far from it."""
+def scene(label, scores, hits):
+    """A frame with detections of one class, each on an object or 10 m beside it."""
     size = {VEHICLE: (4.0, 1.8, 1.5), CYCLIST: (1.8, 0.6, 1.7), HEAVY: (9, 2.5, 3)}[label]
-    box = np.array([[0.0, 0.0, 1.0, *size, 0.0]])
-    there = Objects(box + np.array([0.0 if true else 50.0, 0, 0, 0, 0, 0, 0]), np.array([label]))
-    return Detections(box, np.array([score]), np.array([label])), there, np.array([True])
+    boxes = np.array([[20.0 * k, 0.0, 1.0, *size, 0.0] for k in range(len(scores))])
+    there, labels = boxes.copy(), np.full(len(scores), label)
+    there[:, 1] += np.where(hits, 0.0, 10.0)
+    return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
 
 
 def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypatch, packed):
@@ -93,8 +94,8 @@ def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypat
     for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
         scores = rng.uniform(0.05, 0.98, 900)
         hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
-        frames += [scene(rng, label, *pair) for pair in zip(scores, hits, strict=True)]
-    frames += [scene(rng, HEAVY, 0.5, False)] * (FEWEST - 1)  # too few to say anything
+        frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
+    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]  # too few to say anything
     monkeypatch.setattr(calibration, "detections_of", fake(frames))
     torch.manual_seed(0)
     network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
@@ -102,19 +103,18 @@ def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypat
     assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
     assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
     assert result.calibration[2] == (1.0, 0.0)
-    sure = [
-        (float(sigmoid(slope * logit(found.scores) + shift)[0]), abs(there.boxes[0, 0]) < 1)
-        for found, there, _ in frames
-        for slope, shift in [result.calibration[[VEHICLE, CYCLIST, HEAVY].index(found.labels[0])]]
-    ]
+    sure = []
+    for found, there, _ in frames:
+        slope, shift = result.calibration[[VEHICLE, CYCLIST, HEAVY].index(found.labels[0])]
+        sure += zip(sigmoid(slope * logit(found.scores) + shift), there.boxes[:, 1] == 0, strict=True)
     above = [true for score, true in sure if score > result.score_threshold]
     assert len(above) > 400
     assert np.mean(above) == pytest.approx(0.95, abs=0.002)
 
 
 def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
-    rng = np.random.default_rng(0)
-    monkeypatch.setattr(calibration, "detections_of", fake([scene(rng, VEHICLE, 0.6, True)] * 50))
+    flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
+    monkeypatch.setattr(calibration, "detections_of", fake(flawless))
     assert calibrated_on(VoxelNet(config_for(AREA, "fast")), packed).config.score_threshold == LOWEST
 
 
@@ -128,3 +128,7 @@ def test_the_detector_calibrates_as_the_fit_does():
     expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
     np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
     assert torch.equal(calibrated(scores, replace(config, calibration=())), scores)
+
+
+def test_what_is_true_is_by_the_iou_of_its_class():
+    assert calibration.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}

@@ -154,3 +154,12 @@ def test_one_class_by_name_costs_what_one_class_costs():
     maps = Prediction(*(torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)))
     one, named = quality_loss(maps, labels, wanted, ANCHORS), quality_loss(maps, labels, wanted, ANCHORS, (0, 0))
     assert all(torch.equal(one[name], named[name]) for name in one)
+
+
+def test_losses_are_per_positive_anchor_so_that_the_same_twice_costs_the_same():
+    labels, wanted, grid = class_targets()
+    once = quality_loss(class_maps(), labels, wanted, grid, OWNERS)
+    twice = [torch.cat((each, each)) for each in (*class_maps(), labels, wanted)]
+    again = quality_loss(Prediction(*twice[:4]), twice[4], twice[5], grid, OWNERS)
+    for name, value in once.items():
+        torch.testing.assert_close(again[name], value)

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.bodies.fleet import HELD_OUT, catalogue
 from toolkit.datasets import random_recordings as module
-from toolkit.datasets.random_recordings import random_recording, random_recordings
+from toolkit.datasets.random_recordings import random_recording, random_recordings, random_recordings_file
 from toolkit.objects import VEHICLE
 
 
@@ -72,3 +72,63 @@ def test_counts_must_make_sense():
 def test_the_number_of_workers_changes_nothing():
     alone, helped = (list(random_recordings(3, 2, 5, digest, workers=workers)) for workers in (1, 2))
     assert alone == helped
+
+
+class Noted:
+    """Stands for drawing: what was drawn, and a kill when its time has come."""
+
+    def __init__(self, kill_at=None):
+        self.numbers, self.kill_at = [], kill_at
+
+    def __call__(self, seed, number, frames):
+        if number == self.kill_at:
+            raise KeyboardInterrupt
+        if number == 2:
+            raise ValueError("no road")
+        self.numbers.append(number)
+        return f"{seed} {number} {frames}"
+
+
+def as_bytes(drawn):
+    return drawn.encode()
+
+
+def as_lines(paths, target):
+    lines = [path.read_text() for path in paths]
+    target.write_text("\n".join(lines))
+    return len(lines)
+
+
+def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch):
+    out, first, second = tmp_path / "x.packed", Noted(kill_at=3), Noted()
+    settings = {"encode": as_bytes, "join": as_lines, "workers": 1}
+    monkeypatch.setattr(module, "random_recording", first)
+    with pytest.raises(KeyboardInterrupt):
+        random_recordings_file(5, 4, 7, out, **settings)
+    assert not out.exists()
+    with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
+        random_recordings_file(5, 4, 8, out, **settings)
+    monkeypatch.setattr(module, "random_recording", second)
+    done = []
+    with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):
+        assert random_recordings_file(5, 4, 7, out, **settings, progress=done.append) == 4
+    assert (first.numbers, second.numbers, done) == ([0, 1], [3, 4], [4, 5])
+    assert out.read_text().split("\n") == ["7 0 4", "7 1 4", "7 3 4", "7 4 4"]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
+
+
+def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
+    out = tmp_path / "x.packed"
+    monkeypatch.setattr(module, "random_recording", Noted(kill_at=1))
+    with pytest.raises(KeyboardInterrupt):
+        random_recordings_file(2, 4, 7, out, encode=as_bytes, join=as_lines, workers=1)
+    monkeypatch.setattr(module, "random_recording", Noted())
+    random_recordings_file(2, 4, 8, out, encode=as_bytes, join=as_lines, workers=1, overwrite=True)
+    assert out.read_text() == "8 0 4\n8 1 4"
+
+
+@pytest.mark.parametrize(("count", "frames", "seed"), [(0, 4, 7), (5, 0, 7), (5, 4, -1)])
+def test_numbers_that_are_none_are_refused_before_anything_is_written(count, frames, seed, tmp_path):
+    with pytest.raises(ValueError, match="at least one site and one frame"):
+        random_recordings_file(count, frames, seed, tmp_path / "x", encode=as_bytes, join=as_lines)
+    assert list(tmp_path.iterdir()) == []
