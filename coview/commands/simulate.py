@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -22,7 +23,9 @@ def simulate(
     frames: int = 1000,
     seed: int = 0,
     workers: int | None = None,
+    fleet: Literal["catalogue", "own", "meshes", "both"] = "catalogue",
     meshes: Path | None = None,
+    mirrors_in_boxes: bool = False,
     held_out: bool = False,
     overwrite: bool = False,
     json: bool = False,
@@ -39,26 +42,34 @@ def simulate(
         frames: How many frames.
         seed: Same seed, same machine: same bytes.
         workers: Processes; one per core when left out.
-        meshes: Folder of your own meshes, anything Open3D reads.
+        fleet: catalogue: our 47 bodies and your meshes; own: everyone drawn afresh; meshes: yours, and drawn ones
+            of classes you have none of; both: half drawn, half yours.
+        meshes: Folder of your own meshes, anything Open3D reads; how each was taken is printed.
+        mirrors_in_boxes: Let the boxes of drawn vehicles hold their wing mirrors; they end at the body otherwise.
         held_out: Of our own cars take those that no shipped detector was trained on, to test one.
         overwrite: Replace a file that holds another recording.
         json: Print the summary as JSON.
     """
-    from toolkit.bodies.fleet import catalogue
+    from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import simulate_dataset
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
     check_least("--workers", workers, 1, "leave it out for one per core")
+    chosen = fleet_named(fleet, meshes, held_out=held_out, mirrors=mirrors_in_boxes)
+    if not json:
+        for note in chosen.notes:
+            print(note)
     place, started = load_site(site), perf_counter()
     check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
     with progress_bar("frame", frames, hidden=json) as bar:
         new = simulate_dataset(
-            place, frames=frames, seed=seed, out=out, workers=workers, bodies=catalogue(meshes, held_out),
+            place, frames=frames, seed=seed, out=out, workers=workers, fleet=chosen,
             overwrite=overwrite, progress=bar.to,
         )  # fmt: skip
     seconds = perf_counter() - started
-    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
+    summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds,
+               "meshes": list(chosen.notes)}  # fmt: skip
     text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"
     print_result(summary, text, as_json=json)
     return OK

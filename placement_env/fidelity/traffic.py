@@ -46,6 +46,7 @@ class Traffic:
         sha = sha256(dumps(self.site).encode())
         for body in self.bodies:
             sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
+            sha.update(b"" if body.truth is None else repr(body.truth).encode())
             sha.update(body.vertices.tobytes() + body.triangles.tobytes())
         for snapshot in self.snapshots:
             objects = snapshot.objects

@@ -1,42 +1,77 @@
-"""Bodies of what moves: a triangle mesh per car, two-wheeler, person and truck, in a box that fits it exactly.
+"""Bodies of what moves: a triangle mesh per car, two-wheeler, person and truck, and the ground truth box it stands in.
 
-A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. The box is tight
-around the whole mesh, mirrors, umbrellas and loads included, and wheels or soles touch its floor at z = -height / 2.
+A body's frame is its ground truth box: origin at the centre of the box, x forward, y left, z up. Wheels or soles touch
+its floor at z = -height / 2. The box is tight around the whole mesh, umbrellas and loads included, unless `truth` says
+otherwise: what is drawn afresh has wing mirrors that stick out of its box, as annotators of real data leave them out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Int, Int32
+from toolkit.arrays import Float, Float32, Float64, Int, Int32
+from toolkit.mesh import Mesh, merge
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid mesh: vertices (k, 3) m, centred on their bounds; triangles (m, 3), rows of `vertices`; a class label."""
+    """A rigid mesh: vertices (k, 3) m, from the middle of its box; triangles (m, 3), rows of `vertices`; a class label.
+
+    truth: length, width, height (m) of its ground truth box where parts stick out of it, None where it is tight.
+    """
 
     name: str
     label: int
     vertices: Float32[np.ndarray, "k 3"] = field(repr=False)
     triangles: Int32[np.ndarray, "m 3"] = field(repr=False)
+    truth: tuple[float, float, float] | None = None
 
     @property
     def size(self) -> tuple[float, float, float]:
-        """Length, width and height of the tight box (m)."""
+        """Length, width and height of the ground truth box (m)."""
+        if self.truth is not None:
+            return self.truth
         length, width, height = np.ptp(self.vertices, axis=0).tolist()
         return length, width, height
 
+    @cached_property
+    def bounds(self) -> Float64[np.ndarray, "6"]:
+        """Of all the mesh, in the body's frame: middle x y z and length, width, height (m)."""
+        if self.truth is None:
+            return np.array([0.0, 0.0, 0.0, *self.size])
+        low, high = self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
+        return np.concatenate([(low + high) / 2, high - low])
+
 
 def centred(name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]) -> Body:
-    """A body from a mesh anywhere: the origin goes to the centre of its bounds."""
+    """A body from a mesh anywhere: the origin goes to the centre of its bounds, which are its box."""
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return Body(name, label, (vertices - middle).astype(np.float32), np.asarray(triangles, np.int32))
 
 
+def boxed(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
+    """A body whose box is tight around `mesh`, while `outside` (mirrors) belongs to it but not to its box."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    whole = merge([mesh, outside])
+    length, width, height = (high - low).tolist()
+    vertices = (whole.vertices - (low + high) / 2).astype(np.float32)
+    return Body(name, label, vertices, whole.triangles.astype(np.int32), (length, width, height))
+
+
+def tight(body: Body) -> Body:
+    """The body with a box around all of its mesh, mirrors included: the other convention."""
+    return centred(body.name, body.label, body.vertices, body.triangles)
+
+
 def vary(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
     """The body stretched along each of its axes by a factor N(1, spread), cut at two spreads; its box follows."""
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
-    return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles)
+    truth = None
+    if body.truth is not None:
+        length, width, height = (np.array(body.truth) * factors).tolist()
+        truth = length, width, height
+    return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth)

@@ -15,20 +15,20 @@ def two_wheelers() -> dict[str, Mesh]:
     """Bicycles, motorcycles and a scooter, each with its rider; x forward, wheels on z = 0."""
     crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
     people = {
-        "city_bicycle": (_bicycle(0.34), _rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
-        "racing_bicycle": (_bicycle(0.335), _rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
-        "child_bicycle": (grown(_bicycle(0.34), 0.72), _rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
-        "cargo_bicycle": (_bicycle(0.33), crate, _rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
-        "motorcycle": (_motorcycle(), _rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
+        "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
+        "racing_bicycle": (bicycle(0.335), rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
+        "child_bicycle": (grown(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
+        "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
+        "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
         "sport_motorcycle": (
-            _motorcycle(fairing=True), _rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
+            motorcycle(fairing=True), rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
         ),
-        "scooter": (_scooter(), _rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
+        "scooter": (scooter(), rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
     }  # fmt: skip
     return {name: merge(parts) for name, parts in people.items()}
 
 
-def _rider(
+def rider(
     height: float,
     saddle: float,
     grip: Vector,
@@ -68,7 +68,8 @@ def _knee(hip: Vector, ankle: Vector) -> Vector:
     return float(knee[0]), math.copysign(0.06, ankle[1]), float(knee[2])
 
 
-def _bicycle(radius: float) -> Mesh:
+def bicycle(radius: float) -> Mesh:
+    """A bicycle whose wheels have this radius (m)."""
     rear, front, crank = (-0.52, 0.0, radius), (0.52, 0.0, radius), (-0.08, 0.0, 0.29)
     seat, head, bar = (-0.2, 0.0, 0.88), (0.36, 0.0, 0.82), (0.40, 0.0, 1.0)
     frame = [(crank, seat), (crank, head), (seat, head), (crank, rear), ((-0.18, 0.0, 0.78), rear), (bar, front)]
@@ -92,7 +93,8 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
     return loft(rings)
 
 
-def _motorcycle(fairing: bool = False) -> Mesh:
+def motorcycle(fairing: bool = False) -> Mesh:
+    """A motorcycle, bare or with a fairing and a top case."""
     parts = [wheel_at(-0.70, 0.0, 0.31, 0.16), wheel_at(0.74, 0.0, 0.30, 0.12)]
     parts += [ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22)), ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))]
     parts += [tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)]
@@ -107,7 +109,8 @@ def _motorcycle(fairing: bool = False) -> Mesh:
     return merge(parts)
 
 
-def _scooter() -> Mesh:
+def scooter() -> Mesh:
+    """A motor scooter with mirrors on its handlebar."""
     parts = [wheel_at(-0.58, 0.0, 0.24, 0.13), wheel_at(0.60, 0.0, 0.24, 0.11)]
     parts += [ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19)), box((0.5, 0.34, 0.08), (0.05, 0, 0.30))]
     parts += [tube([(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)], [0.10, 0.12, 0.06], 8, flat=1.9)]

@@ -1,18 +1,27 @@
-"""The fleet: every body that traffic may use, our own and those of a folder of meshes."""
+"""The fleet: the bodies that traffic may use, those of the catalogue, drawn ones, and those of a folder of meshes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import cycle, islice
 from pathlib import Path
 
-from toolkit.bodies.body import Body, centred
+import numpy as np
+
+from toolkit.bodies.body import Body, centred, tight
 from toolkit.bodies.cars import CARS, car
 from toolkit.bodies.cyclists import two_wheelers
 from toolkit.bodies.pedestrians import pedestrians
 from toolkit.bodies.trucks import trucks
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
+FLEETS = ("catalogue", "own", "meshes", "both")
+MOST_FRAMES = 60  # that a draw of bodies is enough for; in longer traffic they come again
+
+# How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
+_SPAWNED = {VEHICLE: (26, 4.2), CYCLIST: (12, 1.6), PEDESTRIAN: (14, 2.0), HEAVY: (6, 0.5)}
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
@@ -30,6 +39,85 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
     from toolkit.bodies.meshes import load_meshes
 
     return ours + load_meshes(meshes)
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """Where the bodies of traffic come from: some that stay, some drawn afresh for everyone who is spawned, or both.
+
+    fixed: bodies that stay; drawn: classes whose bodies are drawn, mixed half and half with the fixed ones of a class;
+    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise;
+    notes: how each mesh of a folder was taken, a line for each.
+    """
+
+    fixed: tuple[Body, ...] = ()
+    drawn: tuple[int, ...] = ()
+    mirrors: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all bodies there may be, the fixed ones first."""
+        from toolkit.bodies.drawn.bodies import drawn_names
+
+        return tuple(body.name for body in self.fixed) + (drawn_names() if self.drawn else ())
+
+    def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
+        """Bodies for `frames` frames of traffic; where some are drawn, enough for everyone who is spawned in up to
+        `MOST_FRAMES` frames, if `simulate` is asked to take each `once`."""
+        if not self.drawn:
+            return self.fixed
+        from toolkit.bodies.drawn.bodies import drawn_body
+
+        bodies: list[Body] = []
+        for label in range(len(LABELS)):
+            fixed = [body for body in self.fixed if body.label == label]
+            at_first, per_frame = _SPAWNED[label]
+            spawned = at_first + round(per_frame * min(frames, MOST_FRAMES))
+            count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
+            drawn = (drawn_body(label, rng) for _ in range(count))
+            bodies += [tight(body) if self.mirrors else body for body in drawn]
+            bodies += islice(cycle(fixed), max(spawned - count, len(fixed)) if fixed else 0)
+        return tuple(bodies)
+
+
+def fleet_named(name: str, meshes: str | Path | None = None, *, held_out: bool = False, mirrors: bool = False) -> Fleet:
+    """A fleet of `FLEETS`: `catalogue`, our 47 bodies and any meshes; `own`, everyone drawn; `meshes`, those of the
+    folder, and drawn ones of classes it has none of; `both`, half drawn, half from the folder, class by class.
+
+    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, of drawn bodies and of meshes where
+    they can be seen to stick out. The catalogue's boxes hold them, and those of meshes beside it.
+    Raises ValueError for another name, where a folder is missing or given in vain, and for what cannot be combined.
+    """
+    if name not in FLEETS:
+        raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
+    if held_out and name != "catalogue":
+        raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
+    if name == "catalogue":
+        return Fleet(catalogue(held_out=held_out)) if meshes is None else _with_meshes(meshes, held_out)
+    if name == "own":
+        if meshes is not None:
+            raise ValueError(f"fleet 'own' takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
+        return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors)
+    if meshes is None:
+        raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
+    from toolkit.bodies.meshes import taken_meshes
+
+    taken = taken_meshes(meshes, mirrors=mirrors)
+    given = {each.body.label for each in taken} if name == "meshes" else set()
+    drawn = tuple(label for label in range(len(LABELS)) if label not in given)
+    return Fleet(
+        tuple(each.body for each in taken), drawn, mirrors, tuple(f"{each.file}: {each.how}" for each in taken)
+    )
+
+
+def _with_meshes(meshes: str | Path, held_out: bool) -> Fleet:
+    """The catalogue and the meshes of a folder, whose boxes are tight around all of them, mirrors included."""
+    from toolkit.bodies.meshes import taken_meshes
+
+    taken = taken_meshes(meshes)
+    bodies = catalogue(held_out=held_out) + tuple(each.body for each in taken)
+    return Fleet(bodies, notes=tuple(f"{each.file}: {each.how}" for each in taken))
 
 
 @lru_cache(maxsize=1)

@@ -22,6 +22,7 @@ from toolkit.runtime.parallel import spread
 from toolkit.runtime.resumable import ShardFolder, make_shards
 
 if TYPE_CHECKING:
+    from toolkit.bodies.fleet import Fleet
     from toolkit.sites.site import Site
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
@@ -47,11 +48,14 @@ class Failed:
     reason: str
 
 
-def random_recording(seed: int, number: int, frames: int, threads: int = 1) -> RandomRecording:
+def random_recording(
+    seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
+) -> RandomRecording:
     """Recording `number` of a seed: a random junction, three to ten random sensors, the bodies of training each a
     little stretched, traffic, noise-free measurements.
 
-    threads: of the ray casting. Raises what drawing the site and SUMO raise.
+    threads: of the ray casting; fleet: bodies in place of those of training.
+    Raises what drawing the site and SUMO raise.
     """
     from toolkit.bodies.body import vary
     from toolkit.bodies.fleet import catalogue
@@ -62,11 +66,12 @@ def random_recording(seed: int, number: int, frames: int, threads: int = 1) -> R
     rng = np.random.default_rng([seed, number])
     site = random_site(rng)
     sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
-    bodies = tuple(vary(body, rng) for body in catalogue())
+    bodies = tuple(vary(body, rng) for body in catalogue()) if fleet is None else fleet.bodies(frames, rng)
+    snapshots = simulate(site, bodies, frames=frames, seed=rng, once=fleet is not None)
     renderer = Renderer(site, bodies, sensors, threads=threads)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
-        for index, snapshot in enumerate(simulate(site, bodies, frames=frames, seed=rng))
+        for index, snapshot in enumerate(snapshots)
     )
     return RandomRecording(site, recorded, renderer.background)
 
@@ -79,15 +84,17 @@ def random_recordings(
     *,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
+    fleet: Fleet | None = None,
 ) -> Iterator[Any]:
     """`count` random recordings of `frames` frames, in order, each as `encode` makes it in the process it was made in.
 
     A recording that fails is left out with a warning that says why. workers: processes, one per core when None; their
-    number changes nothing but the time. progress: told how many recordings are done. Few results wait in memory.
+    number changes nothing but the time. fleet: see `random_recording`. progress: told how many recordings are done.
+    Few results wait in memory.
     """
     _check(count, frames, seed)
     workers = min(count, os.cpu_count() or 1 if workers is None else workers)
-    for result in spread(_Job(seed, frames, encode), range(count), workers=workers, progress=progress):
+    for result in spread(_Job(seed, frames, encode, fleet), range(count), workers=workers, progress=progress):
         if isinstance(result, Failed):
             warnings.warn(f"random site {result.number} of seed {seed} left out: {result.reason}", stacklevel=2)
         else:
@@ -177,9 +184,12 @@ class _Job:
     seed: int
     frames: int
     encode: Callable[[RandomRecording], Any]
+    fleet: Fleet | None
 
     def __call__(self, number: int) -> Any:
         try:
-            return self.encode(random_recording(self.seed, number, self.frames))
+            if self.fleet is None:
+                return self.encode(random_recording(self.seed, number, self.frames))
+            return self.encode(random_recording(self.seed, number, self.frames, fleet=self.fleet))
         except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
             return Failed(number, f"{type(error).__name__}: {error}")

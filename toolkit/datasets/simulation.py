@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from toolkit.bodies.fleet import Fleet, catalogue
 from toolkit.datasets.recording import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
-from toolkit.objects import Objects
+from toolkit.objects import LABELS, Objects
+from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -44,6 +46,7 @@ def simulate_dataset(
     meshes: str | Path | None = None,
     sensors: Sequence[Sensor] | None = None,
     bodies: Sequence[Body] | None = None,
+    fleet: Fleet | None = None,
     progress: Callable[[int], None] | None = None,
     overwrite: bool = False,
 ) -> int:
@@ -54,20 +57,23 @@ def simulate_dataset(
     several workers, which are processes, a script must call it under `if __name__ == "__main__":`.
 
     site: or the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
-    sensors: None for the site's own; bodies: None for `catalogue(meshes)`; progress: told how many frames are done;
+    sensors: None for the site's own; bodies: None for `catalogue(meshes)`, or in their place a fleet, whose drawn
+    bodies are drawn afresh for every block of frames; progress: told how many frames are done;
     overwrite: replace a file, or drop an unfinished simulation, that was made from something else.
     Returns how many frames were simulated now: 0 where `out` was complete already.
 
     Raises ValueError for arguments that do not fit; FileExistsError where `out`, or what is left of an unfinished run,
     was made from something else; OSError, which says how many frames are safe, where the disk is full.
     """
-    from toolkit.bodies.fleet import catalogue
-
     if not (isinstance(frames, Integral) and isinstance(seed, Integral)):
         raise ValueError(f"frames and seed must be whole numbers, got {frames} and {seed}")
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
-    job = Job(site, chosen, tuple(catalogue(meshes) if bodies is None else bodies), int(frames), int(seed))
+    if fleet is None:
+        fleet = Fleet(catalogue(meshes) if bodies is None else tuple(bodies))
+    elif bodies is not None or meshes is not None:
+        raise ValueError("bodies or meshes were given beside a fleet, which has its own: give one of them")
+    job = Job(site, chosen, fleet, int(frames), int(seed))
     if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
         raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
     out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
@@ -97,7 +103,7 @@ class Job:
 
     site: Site
     sensors: tuple[Sensor, ...]
-    bodies: tuple[Body, ...]
+    fleet: Fleet
     frames: int
     seed: int
 
@@ -131,39 +137,51 @@ class Job:
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
-        for body in self.bodies:
-            bodies.update(f"{body.name} {body.label}".encode() + body.vertices.tobytes() + body.triangles.tobytes())
+        for body in self.fleet.fixed:
+            truth = "" if body.truth is None else f" {body.truth}"
+            bodies.update(
+                f"{body.name} {body.label}{truth}".encode() + body.vertices.tobytes() + body.triangles.tobytes()
+            )
+        drawn = ""
+        if self.fleet.drawn:
+            code, mirrors = code_digest("toolkit.bodies.drawn.bodies")[:12], "with" if self.fleet.mirrors else "without"
+            drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
         return {
             "site": f"{self.site.name} {_digest(dumps(self.site))}",
             "frames": int(self.frames),
             "seed": int(self.seed),
             "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
-            "bodies": f"{len(self.bodies)} {bodies.hexdigest()[:12]}",
+            "bodies": f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}",
             "schema": RECORDING_SCHEMA,
         }
 
     @property
     def header(self) -> Header:
         """What all frames share, for the file."""
-        return Header(self.site, self.sensors, tuple(body.name for body in self.bodies), json.dumps(self.plan))
+        return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
         """Build what stands still, once a process; returns the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
         from toolkit.traffic.snapshots import INTERVAL, simulate
 
-        renderer = Renderer(self.site, self.bodies, self.sensors, threads=threads)
+        empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
+        number_of = {name: number for number, name in enumerate(self.fleet.names)}
 
         def scenes(block: int) -> Iterator[Scene]:
             seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
-            frames = self.frames_of(block)
-            snapshots = simulate(self.site, self.bodies, frames=len(frames), seed=seed)
+            frames, renderer, numbers, once = self.frames_of(block), empty, np.arange(len(self.fleet.fixed)), False
+            if self.fleet.drawn:
+                bodies = self.fleet.bodies(len(frames), np.random.default_rng([self.seed, block, 1]))
+                renderer, once = empty.of(bodies), True
+                numbers = np.array([number_of[body.name] for body in bodies])
+            snapshots = simulate(self.site, renderer.bodies, frames=len(frames), seed=seed, once=once)
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects
                 objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)  # other blocks, other tracks
                 measurements = renderer.render(snapshot).measurements
                 time = block * BLOCK * INTERVAL + snapshot.time
-                yield Scene(Frame(self.sensors, measurements, objects, time, index), snapshot.bodies)
+                yield Scene(Frame(self.sensors, measurements, objects, time, index), numbers[snapshot.bodies])
 
         return scenes
 

@@ -7,6 +7,7 @@ frame of its body and cast there, so nothing is rebuilt between frames. The near
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float32, Float64, Int32
+from toolkit.arrays import Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
 from toolkit.geometry import invert, pose, transform
@@ -25,6 +26,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
+_MOST_SCENES = 400  # of bodies, kept at a time: of a drawn fleet every object has a body of its own
 Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene and the pose body_SE3_world
 
 
@@ -58,8 +60,8 @@ class Renderer:
         scenery = build_scenery(site) if scenery is None else scenery
         self._arguments = (site, self.bodies, self.sensors, scenery, threads)
         self._threads = threads
-        self._scenes: dict[int, o3d.t.geometry.RaycastingScene] = {}
-        self._sizes = np.array([body.size for body in bodies]).reshape(-1, 3)
+        self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
+        self._measure_bodies()
         self._still = _scene(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
@@ -75,16 +77,35 @@ class Renderer:
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
         return other
 
+    def of(self, bodies: Sequence[Body]) -> Renderer:
+        """The same site and sensors with other bodies; what stands still is not cast again."""
+        other = object.__new__(Renderer)
+        site, _, sensors, scenery, threads = self._arguments
+        other.__dict__.update(self.__dict__, bodies=tuple(bodies), _scenes=OrderedDict())
+        other._arguments = (site, other.bodies, sensors, scenery, threads)
+        other._measure_bodies()
+        return other
+
     def render(self, snapshot: Snapshot) -> Rendered:
         """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
-        world_corners = corners(snapshot.objects.boxes)
+        world_corners = corners(self.reach(snapshot.bodies, snapshot.objects.boxes))
         movers = [
             (self._scene_of(body), invert(pose(x, y, z, yaw=yaw)))
             for body, (x, y, z, *_, yaw) in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
         ]
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
+
+    def reach(self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+        """Boxes round all of the bodies' meshes, mirrors that stick out of the ground truth boxes included."""
+        reached, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
+        middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
+        reached[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
+        reached[out, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
+        reached[out, 2] += middle[:, 2]
+        reached[out, 3:6] = self._bounds[chosen[out], 3:]
+        return reached
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """How many times its direction each line (start, direction; body frame) goes until it meets the body, infinite
@@ -128,9 +149,18 @@ class Renderer:
         return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
 
     def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
-        if body not in self._scenes:
-            self._scenes[body] = _scene(self.bodies[body].vertices, self.bodies[body].triangles, self._threads)
-        return self._scenes[body]
+        chosen = self.bodies[body]
+        if chosen not in self._scenes:
+            self._scenes[chosen] = _scene(chosen.vertices, chosen.triangles, self._threads)
+            if len(self._scenes) > _MOST_SCENES:
+                self._scenes.popitem(last=False)
+        self._scenes.move_to_end(chosen)
+        return self._scenes[chosen]
+
+    def _measure_bodies(self) -> None:
+        self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)
+        self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
+        self._sticking_out = np.array([body.truth is not None for body in self.bodies], bool)
 
     def _check(self, boxes: np.ndarray, chosen: np.ndarray) -> None:
         misfit = np.abs(boxes[:, 3:6] - self._sizes[chosen]).max(axis=1, initial=0) > 0.02

@@ -54,7 +54,8 @@ class SensorRays:
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"]) -> Silhouette:
         """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves."""
-        pixels, sensors = self._in_windows(corners(box[None])[0])
+        reached = self._renderer.reach(np.array([body]), box[None])
+        pixels, sensors = self._in_windows(corners(reached)[0])
         x, y, z, *_, yaw = box.tolist()
         world_SE3_body = pose(x, y, z, yaw=yaw)
         turn = world_SE3_body[:3, :3].astype(np.float32)

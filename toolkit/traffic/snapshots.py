@@ -25,6 +25,7 @@ from toolkit.traffic.collisions import Obstacles, separate
 from toolkit.traffic.parking import Parked
 from toolkit.traffic.spawner import Spawner
 from toolkit.traffic.sumo import STEP, running
+from toolkit.traffic.supply import Supply
 from toolkit.traffic.vehicle_types import VehicleTypes
 
 if TYPE_CHECKING:
@@ -59,9 +60,11 @@ def simulate(
     seed: int | np.random.Generator,
     interval: float = INTERVAL,
     most: int = MOST_OBJECTS,
+    once: bool = False,
 ) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
 
+    once: no body is used again before all of its class have been, as is right for a fleet drawn afresh.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
@@ -75,20 +78,28 @@ def simulate(
         raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} s, got {interval}")
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, most=most)
+    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, most=most, once=once)
 
 
 def _run(
-    site: Site, bodies: Sequence[Body], frames: int, rng: np.random.Generator, *, interval: float, most: int
+    site: Site,
+    bodies: Sequence[Body],
+    frames: int,
+    rng: np.random.Generator,
+    *,
+    interval: float,
+    most: int,
+    once: bool,
 ) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
-    parked = Parked.draw(site, obstacles, types, rng, ids, most=most // 5)
+    supply = Supply(len(bodies), once)
+    parked = Parked.draw(site, obstacles, types, rng, ids, most=most // 5, supply=supply)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids))
+        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids), supply=supply)
         spawner.advance(WARM_UP)
         for index in range(frames):
             yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval)
-            parked = parked.later(types, rng, ids)
+            parked = parked.later(types, rng, ids, supply)
             spawner.advance(interval)
 
 

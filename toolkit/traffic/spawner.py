@@ -17,6 +17,7 @@ from toolkit.objects import PEDESTRIAN
 from toolkit.sites.site import Site
 from toolkit.traffic.routes import Roads, distance_to_area
 from toolkit.traffic.sumo import STEP
+from toolkit.traffic.supply import Supply
 from toolkit.traffic.vehicle_types import POSITIONS, SHARES, SWAY, VehicleTypes
 
 LIFE = 4  # frames an object is seen in
@@ -55,9 +56,10 @@ class Spawner:
         ids: Iterator[int],
         *,
         most: int,
+        supply: Supply | None = None,
     ) -> None:
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
-        self.types = types
+        self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
         self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
         if not len(self.places["passenger"]):
@@ -118,11 +120,12 @@ class Spawner:
         waiting, self.due = self.due, []
         for label in waiting:
             walks = label == PEDESTRIAN
-            body = int(self.rng.choice(self.choices[label]))
+            body = self.supply.offer(self.choices[label], self.rng)
             place = self._free_place(body, positions[walks])
             if place is None:
                 self.due.append(label)
                 continue
+            self.supply.take(body)
             name = next(self.ids)
             (self._add_walker if walks else self._add_driver)(str(name), body, place)
             aside = self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0
@@ -193,6 +196,7 @@ class Spawner:
                 continue
             del self.spawned[name]
             if not spawned.inserted:
+                self.supply.give_back(spawned.body)
                 self.due.append(int(self.types.labels[spawned.body]))
         for name in self.sumo.vehicle.getIDList():
             if int(name) not in self.spawned:

@@ -1,7 +1,8 @@
 import numpy as np
 
-from toolkit.bodies.body import centred, vary
+from toolkit.bodies.body import boxed, centred, tight, vary
 from toolkit.bodies.fleet import catalogue
+from toolkit.mesh import box
 from toolkit.objects import VEHICLE
 
 CAR = catalogue()[0]
@@ -20,3 +21,15 @@ def test_varied_bodies_keep_tight_centred_boxes_and_stay_near_their_size():
     assert all(np.allclose(b.vertices.min(axis=0), -b.vertices.max(axis=0), atol=1e-5) for b in varied)
     assert (np.abs(ratios - 1) <= 0.0601).all()
     assert ratios.std(axis=0).min() > 0.015
+
+
+def test_what_sticks_out_of_the_box_belongs_to_the_mesh_alone():
+    body = boxed("m", VEHICLE, box((4.0, 2.0, 1.5), (1, 1, 1)), box((0.2, 0.4, 0.2), (1.5, 2.1, 1)))
+    assert body.size == body.truth == (4.0, 2.0, 1.5)
+    assert np.allclose(body.bounds, [0, 0.15, 0, 4, 2.3, 1.5], atol=1e-6)
+    assert np.allclose(tight(body).size, (4, 2.3, 1.5), atol=1e-6)
+    assert tight(body).truth is None
+    assert np.allclose(CAR.bounds, [0, 0, 0, *CAR.size])
+    stretched = vary(body, np.random.default_rng(1))
+    factors = np.ptp(stretched.vertices, axis=0) / np.ptp(body.vertices, axis=0)
+    assert np.allclose(stretched.size, body.size * factors, rtol=1e-5)

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.fleet import HELD_OUT, catalogue
+from toolkit.bodies.drawn.bodies import drawn_body
+from toolkit.bodies.fleet import FLEETS, HELD_OUT, MOST_FRAMES, Fleet, catalogue, fleet_named
 from toolkit.mesh import Mesh, volume
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 EVERY = catalogue() + tuple(body for body in catalogue(held_out=True) if body.name in HELD_OUT)
 IDS = [body.name for body in EVERY]
@@ -37,3 +38,71 @@ def test_box_is_tight_and_mesh_is_sound(body):
     assert set(np.unique(body.triangles)) == set(range(len(body.vertices)))  # no vertex that no triangle uses
     assert 300 <= len(body.triangles) <= 2500
     assert volume(Mesh(body.vertices.astype(float), body.triangles.astype(int))) > 0
+
+
+CARS_ONLY = Fleet(tuple(of(VEHICLE, catalogue()))[:3], drawn=(CYCLIST, HEAVY))
+
+
+def digests(bodies: tuple[Body, ...]) -> list[bytes]:
+    return [body.vertices.tobytes() for body in bodies]
+
+
+def test_a_fleet_without_drawn_bodies_is_the_same_whatever_is_asked():
+    fleet = fleet_named("catalogue")
+    assert fleet.bodies(9, np.random.default_rng(0)) == fleet.fixed == catalogue()
+    assert fleet.names == tuple(body.name for body in catalogue())
+    assert fleet_named("catalogue", held_out=True).fixed == catalogue(held_out=True)
+
+
+def test_own_bodies_are_as_many_as_are_spawned_and_follow_the_seed():
+    own = fleet_named("own")
+    few, again, other = (own.bodies(1, np.random.default_rng(seed)) for seed in (0, 0, 1))
+    assert digests(few) == digests(again) != digests(other)
+    counts = [[len(of(label, own.bodies(n, np.random.default_rng(0)))) for label in range(4)] for n in (1, 2)]
+    assert counts == [[30, 14, 16, 6], [34, 15, 18, 7]]
+    heavy = Fleet(drawn=(HEAVY,))
+    assert len(heavy.bodies(10**6, np.random.default_rng(0))) == len(
+        heavy.bodies(MOST_FRAMES, np.random.default_rng(0))
+    )
+    assert {body.name for body in few} <= set(own.names)
+
+
+def test_classes_that_are_not_drawn_keep_their_bodies_and_both_are_mixed_half_and_half():
+    bodies = CARS_ONLY.bodies(2, np.random.default_rng(0))
+    assert {body.name for body in of(VEHICLE, bodies)} == {body.name for body in CARS_ONLY.fixed}
+    assert not of(PEDESTRIAN, bodies)
+    mixed = of(VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0)))
+    fixed = [body for body in mixed if body in CARS_ONLY.fixed]
+    assert len(mixed) == 34
+    assert abs(len(fixed) - len(mixed) / 2) <= 0.5
+    assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
+
+
+def test_mirrors_may_belong_into_the_boxes():
+    out, into = (fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2)) for flag in (False, True))
+    wider = [b.size[1] - a.size[1] for a, b in zip(out, into, strict=True) if a.label == VEHICLE]
+    assert max(wider) > 0.1
+    assert min(wider) > -1e-6
+    assert all(body.truth is None for body in into)
+
+
+@pytest.mark.parametrize("label", range(len(LABELS)))
+def test_every_name_that_is_drawn_is_announced(label):
+    names = {drawn_body(label, np.random.default_rng([5, k])).name for k in range(150)}
+    assert names <= set(fleet_named("own").names)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("mine", {}, "fleet must be one of catalogue, own, meshes, both, got 'mine'"),
+        ("meshes", {}, "fleet 'meshes' needs a folder"),
+        ("both", {}, "fleet 'both' needs a folder"),
+        ("own", {"meshes": "somewhere"}, "fleet 'own' takes no meshes, got somewhere"),
+        ("own", {"held_out": True}, "held-out cars are of the catalogue"),
+    ],
+)
+def test_what_cannot_be_combined_is_refused(name, options, says):
+    with pytest.raises(ValueError, match=says):
+        fleet_named(name, **options)
+    assert len(FLEETS) == 4

@@ -6,9 +6,9 @@ import open3d as o3d
 import pytest
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.fleet import catalogue
-from toolkit.bodies.meshes import load_mesh, load_meshes
-from toolkit.mesh import box
+from toolkit.bodies.fleet import catalogue, fleet_named
+from toolkit.bodies.meshes import load_mesh, load_meshes, taken_meshes
+from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 
 SEDAN = next(body for body in catalogue() if body.name == "family_sedan")
@@ -136,3 +136,95 @@ def test_missing_and_empty_folders(tmp_path):
         load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
         load_meshes(tmp_path)
+
+
+Y_UP_X_FORWARD = ((1, 0, 0), (0, 0, 1), (0, -1, 0))
+Y_UP_Z_FORWARD = ((0, 1, 0), (0, 0, 1), (1, 0, 0))
+OURS = {body.name: body for body in catalogue()}
+INCHES, FEET = 1 / 0.0254, 1 / 0.3048
+
+
+def elephant() -> Body:
+    legs = [tube([(x, y, 0), (x, y, 0.9)], 0.2, 8) for x in (-0.9, 0.9) for y in (-0.45, 0.45)]
+    parts = [ellipsoid((0, 0, 1.3), (1.5, 0.8, 0.7)), ellipsoid((1.7, 0, 1.6), (0.7, 0.5, 0.5)), *legs]
+    mesh: Mesh = merge([*parts, tube([(2.2, 0, 1.6), (2.6, 0, 0.8), (2.6, 0, 0.2)], 0.15)])
+    return Body("e", 0, mesh.vertices.astype(np.float32), mesh.triangles.astype(np.int32))
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "change", "says"),
+    [
+        ("car.ply", "family_sedan", {"turn": Y_UP_X_FORWARD}, "y up and x forward, turn it"),
+        ("vehicle_car.ply", "family_sedan", {"turn": Y_UP_X_FORWARD}, "lies on its side.*y up and x forward, turn it"),
+        ("car.ply", "family_sedan", {"turn": Y_UP_Z_FORWARD}, "y up and z forward, turn it"),
+        ("car.ply", "compact_suv", {"turn": Y_UP_Z_FORWARD, "scale": 0.46}, "not clearly|no size of any road user"),
+        ("car.ply", "family_sedan", {"scale": INCHES}, "it seems to be in inches, scale it by 0.0254"),
+        ("car.ply", "compact_suv", {"scale": FEET}, "it seems to be in feet, scale it by 0.3048"),
+        ("car.ply", "compact_suv", {"scale": 100.0}, "it seems to be in centimetres, scale it by 0.01"),
+        ("bus.ply", "city_bus", {"scale": FEET}, "it seems to be in feet, scale it by 0.3048"),
+        ("bus.ply", "city_bus", {"scale": INCHES}, "it seems to be in inches, scale it by 0.0254"),
+        ("bus.ply", "city_bus", {"turn": Y_UP_X_FORWARD}, "y up and x forward, turn it"),
+        ("bus.ply", "city_bus", {"scale": 0.5}, "by its size it may be a vehicle or a heavy vehicle"),
+        ("car.ply", "compact_suv", {"turn": ((-1, 0, 0), (0, -1, 0), (0, 0, 1))}, "face backwards: -x forward"),
+        ("man.ply", "man_standing", {"scale": FEET}, "in feet, scale it by 0.3048"),
+        ("pedestrian_man.ply", "man_standing", {"scale": INCHES}, "in inches, scale it by 0.0254"),
+    ],
+)
+def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, change, says):
+    write(tmp_path / name, OURS[body], **change)
+    with pytest.raises(ValueError, match=says) as error:
+        load_meshes(tmp_path)
+    assert "\n" not in str(error.value)
+    assert name in str(error.value)
+
+
+def test_an_elephant_is_no_car_unless_somebody_says_so(tmp_path):
+    path = write(tmp_path / "dumbo.ply", elephant())
+    with pytest.raises(ValueError, match=r"may be .* vehicle.* not clearly that of one: put it into a folder vehicle/"):
+        load_meshes(tmp_path)
+    (tmp_path / "meshes.toml").write_text('[[mesh]]\nfile = "dumbo.ply"\nlabel = "vehicle"\n')
+    assert [(body.name, body.label) for body in load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
+    path.unlink()
+
+
+def test_one_triangle_is_refused(tmp_path):
+    flat = Body("t", 0, np.array([[0, 0, 0], [4, 0, 0], [4, 2, 1.5]], np.float32), np.array([[0, 1, 2]], np.int32))
+    with pytest.raises(ValueError, match="not clearly that of one|has no volume"):
+        load_mesh(write(tmp_path / "one.ply", flat))
+
+
+def test_the_table_turns_scales_and_names(tmp_path):
+    write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
+    entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
+    (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
+    (taken,) = taken_meshes(tmp_path)
+    assert taken.body.label == HEAVY
+    assert np.allclose(taken.body.vertices, OURS["city_bus"].vertices, atol=1e-3)
+    assert taken.file == "sub/x1.ply"
+    assert taken.how == "heavy (as meshes.toml says), 12.06 x 2.88 x 3.19 m, y up, z forward, scaled by 0.0254"
+
+
+def test_how_each_was_taken_is_said(tmp_path):
+    write(tmp_path / "vehicle" / "a.ply", OURS["compact_suv"])
+    write(tmp_path / "b.ply", OURS["classic_sedan"])
+    write(tmp_path / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
+    assert [f"{taken.file}: {taken.how}" for taken in taken_meshes(tmp_path)] == [
+        "b.ply: vehicle (by its shape), 4.57 x 1.87 x 1.42 m, z up, x forward (its profile agrees)",
+        "c.glb: cyclist (by its shape), 1.72 x 0.60 x 1.81 m, y up, z forward (front assumed)",
+        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.97 x 1.60 m, z up, x forward (its profile agrees)",
+    ]
+
+
+def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_folder_has_none_of(tmp_path):
+    write(tmp_path / "a.ply", OURS["compact_suv"])
+    fleet = fleet_named("meshes", tmp_path)
+    (suv,) = fleet.fixed
+    assert suv.size[1] == pytest.approx(1.79, abs=0.01)
+    assert np.ptp(suv.vertices, axis=0)[1] == pytest.approx(1.97, abs=0.01)
+    assert fleet.drawn == (CYCLIST, PEDESTRIAN, HEAVY)
+    assert "mirrors left out of its box" in fleet.notes[0]
+    assert fleet_named("meshes", tmp_path, mirrors=True).fixed[0].size[1] == pytest.approx(1.97, abs=0.01)
+    assert fleet_named("both", tmp_path).drawn == (VEHICLE, CYCLIST, PEDESTRIAN, HEAVY)
+    assert fleet_named("catalogue", tmp_path).fixed[-1].truth is None
+    bodies = fleet.bodies(1, np.random.default_rng(0))
+    assert {body.name for body in bodies if body.label == VEHICLE} == {"a"}

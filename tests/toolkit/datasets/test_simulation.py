@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import subprocess
@@ -9,12 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.bodies.fleet import catalogue
+from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import points_in_boxes
+from toolkit.datasets import simulation
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import BLOCK, simulate_dataset
 from toolkit.geometry import transform
-from toolkit.objects import HEAVY, VEHICLE
+from toolkit.objects import HEAVY, LABELS, VEHICLE
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -240,3 +242,36 @@ def test_progress_is_told_while_processes_work(tmp_path):
     simulate_dataset(out=tmp_path / "out.hdf5", workers=2, progress=told.append, **small_job())
     assert told == sorted(told)
     assert told[-1] == FRAMES
+
+
+def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(tmp_path, monkeypatch):
+    monkeypatch.setattr(simulation, "BLOCK", 5)
+    job = {**small_job(frames=8), "bodies": None, "fleet": fleet_named("own"), "workers": 1}
+    whole, resumed = tmp_path / "whole.hdf5", tmp_path / "resumed.hdf5"
+
+    def broken_off(done):
+        if done == 6:
+            raise KeyboardInterrupt
+
+    assert simulate_dataset(out=whole, **job) == 8
+    with pytest.raises(KeyboardInterrupt):
+        simulate_dataset(out=resumed, progress=broken_off, **job)
+    assert simulate_dataset(out=resumed, **job) == 3
+    assert resumed.read_bytes() == whole.read_bytes()
+    with h5py.File(whole) as file:
+        names, numbers = json.loads(file["coview/bodies"][()]), file["coview/object_bodies"][:]
+        ids, halves = file["coview/object_ids"][:], np.concatenate([file[f"objects/{k}"][:, 6:9] for k in range(8)])
+        plan = json.loads(file["coview"].attrs["plan"])
+    labels = np.concatenate([frame.objects.labels for frame in CoopDataset(whole)])
+    assert [names[number].split("/")[0] for number in numbers] == [LABELS[label] for label in labels]
+    sizes = {name: {tuple(size) for size in halves[ids == name].round(6)} for name in set(ids.tolist())}
+    assert all(len(each) == 1 for each in sizes.values())
+    assert len(set.union(*sizes.values())) == len(sizes) > 70
+    assert "drawn vehicle cyclist pedestrian heavy without mirrors" in plan["bodies"]
+    with pytest.raises(FileExistsError, match=r"without mirrors .* instead of .* with mirrors"):
+        simulate_dataset(out=whole, **{**job, "fleet": fleet_named("own", mirrors=True)})
+
+
+def test_a_fleet_has_its_own_bodies(tmp_path):
+    with pytest.raises(ValueError, match="bodies or meshes were given beside a fleet"):
+        simulate_dataset(out=tmp_path / "out.hdf5", **small_job(fleet=fleet_named("own")))

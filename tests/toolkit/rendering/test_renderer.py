@@ -4,13 +4,15 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies.body import Body, centred
-from toolkit.bodies.fleet import catalogue
+from toolkit.bodies.body import Body, boxed, centred
+from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import corners
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.mesh import box, merge, placed
 from toolkit.objects import VEHICLE, Objects
+from toolkit.rendering import renderer as module
 from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import scenery
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.model import NEAR
@@ -218,3 +220,43 @@ def test_objects_are_where_their_boxes_are_also_above_the_ground():
     (depth,), (hits,) = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 4.0)),)).render(lifted)
     assert (hits == 0).sum() > 30
     assert depth[30, 40] == pytest.approx(11.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed):
+    """Wide mirrors, on one side only too, that reach out of the boxes by which rays are chosen."""
+    rng = np.random.default_rng(seed)
+    wing = boxed("wing", VEHICLE, box((4.0, 1.6, 1.5)), box((0.3, 3.0, 0.3), (1.5, 2.3, 0.4)))
+    bodies = (wing, *fleet_named("own").bodies(1, rng))
+    rows = [(0, 3.0, 2.0, 0.7), (0, -4.0, -6.0, -2.5)]
+    rows += [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(14)]
+    frame = snapshot(bodies, *rows)
+    sensors = (
+        camera((-25.0, 3.0, 5.0), 0.1, 0.15, DepthCamera(200, 150, 1)),
+        camera((0.0, 0.0, 9.0), 2.0, 1.4, DepthCamera(160, 120, 1, fov=2.0)),
+        lidar((2.0, -3.0, 3.0), 1.0, channels=32),
+    )
+    renderer = Renderer(FLAT, catalogue(), sensors).of(bodies)
+    rendered, out = renderer.render(frame), 0
+    for sensor, depth, hits in zip(sensors, *rendered, strict=True):
+        whole, ids = everything_at_once(FLAT, bodies, frame, sensor)
+        assert np.isclose(depth, whole, atol=2e-3).mean() > 0.9997
+        assert (hits == ids).mean() > 0.9997
+        rays = (sensor.model.rays() * depth[..., None])[hits == 0].astype(np.float64)
+        x, y, z, *_, yaw = frame.objects.boxes[0]
+        in_body = transform(invert(pose(x, y, z, yaw=yaw)) @ sensor.pose, rays)
+        out += int((in_body[:, 1] > 0.81).sum())
+    assert out > 50
+    rays = SensorRays(renderer, sensors)
+    seen = rays.silhouette(0, frame.objects.boxes[0]).points
+    assert (transform(invert(pose(x, y, z, yaw=yaw)), seen.astype(np.float64))[:, 1] > 0.81).sum() >= out
+
+
+def test_only_so_many_scenes_are_kept(monkeypatch):
+    monkeypatch.setattr(module, "_MOST_SCENES", 2)
+    bodies = catalogue()[:4]
+    renderer = Renderer(FLAT, bodies, (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
+    frame = snapshot(bodies, *((k, 4.0 * k, 0.0, 0.3) for k in range(4)))
+    first, again = renderer.render(frame), renderer.render(frame)
+    assert len(renderer._scenes) == 2
+    assert np.array_equal(first.hits[0], again.hits[0])

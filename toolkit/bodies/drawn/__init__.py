@@ -1,0 +1,1 @@
+"""Bodies drawn afresh from continuous proportions: cars, heavy vehicles, two-wheelers, people."""
