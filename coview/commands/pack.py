@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -25,6 +26,7 @@ def pack(
     random_sites: int = 0,
     frames: int | None = None,
     seed: int = 0,
+    fleet: Literal["catalogue", "own"] = "catalogue",
     workers: int | None = None,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -45,6 +47,7 @@ def pack(
         random_sites: Draw so many junctions with sensors and traffic instead, and record each.
         frames: Only the first so many of each recording; of each random site, 20 when left out.
         seed: Of the random sites.
+        fleet: Bodies at random sites; catalogue: ours, each a little stretched; own: everyone drawn afresh.
         workers: Processes for random sites; one per core when left out.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.
@@ -61,12 +64,13 @@ def pack(
         raise ValueError("give recordings, or --random-sites N")
     check_file(out, inputs=[*datasets, *site_file(site)], overwrite=overwrite)
     if random_sites:
+        from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file
 
         with progress_bar("site", random_sites, hidden=json) as bar:
             total = random_recordings_file(
                 random_sites, frames or FRAMES, seed, out, encode=drawn_file, join=join_packed, workers=workers,
-                progress=bar.to, overwrite=overwrite,
+                progress=bar.to, fleet=None if fleet == "catalogue" else fleet_named(fleet), overwrite=overwrite,
             )  # fmt: skip
     else:
         with ExitStack() as stack:

@@ -9,6 +9,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -111,28 +112,29 @@ def random_recordings_file(
     join: Callable[[Iterator[Path], Path], _Made],
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
+    fleet: Fleet | None = None,
     overwrite: bool = False,
 ) -> _Made:
     """`random_recordings` as one file that `join` makes of a file of each. Killed at any moment and called again it
     goes on, to the same bytes; every recording that is done lies in `FILE.parts/`.
 
     encode: the content of the file of a recording, made in the process that made it; join: told their files in order
-    and what to write, its result is returned. overwrite: drop what is left of a run of another count, seed or code.
+    and what to write, its result is returned. overwrite: drop what is left of a run of another count, seed, fleet or
+    code; other arguments as in `random_recordings`.
     Raises FileExistsError where there is such a run, OSError where the disk is full, and says how many are safe.
     """
     _check(count, frames, seed)
     workers = min(count, os.cpu_count() or 1 if workers is None else workers)
     code = code_digest(__name__, encode.__module__)[:12]
-    shards = ShardFolder(
-        out.with_name(out.name + ".parts"), {"random sites": count, "frames": frames, "seed": seed, "code": code}
-    )
+    plan = {"random sites": count, "frames": frames, "seed": seed, "fleet": _described(fleet), "code": code}
+    shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     made: list[_Made] = []
     with shards.locked(), shards.disk_errors_explained(out, lambda blocks: len(list(blocks))):
         shards.open(overwrite)
         safe = shards.verified()
         todo = [number for number in range(count) if number not in safe]
         tell = (lambda done: None) if progress is None else (lambda done: progress(min(count, len(safe) + done)))
-        make_shards(_FileJob(seed, frames, encode), shards, todo, workers=workers, progress=tell)
+        make_shards(_FileJob(seed, frames, encode, fleet), shards, todo, workers=workers, progress=tell)
         shards.publish(out, lambda paths, target: made.append(join(_without_failed(paths, seed), target)))
     return made[0]
 
@@ -155,6 +157,7 @@ class _FileJob:
     seed: int
     frames: int
     encode_one: Callable[[RandomRecording], bytes]
+    fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
         """Nothing is got ready."""
@@ -165,10 +168,20 @@ class _FileJob:
         return items[0]
 
     def _content(self, number: int) -> bytes:
-        made = _Job(self.seed, self.frames, self.encode_one)(number)
+        made = _Job(self.seed, self.frames, self.encode_one, self.fleet)(number)
         if isinstance(made, Failed):
             return _NOTE + f"{made.number} {made.reason}".encode()[: _LONGEST_NOTE // 2]
         return made
+
+
+def _described(fleet: Fleet | None) -> str:
+    """What must be equal for two fleets to be the same."""
+    if fleet is None:
+        return "that of training"
+    bodies = sha256()
+    for body in fleet.fixed:
+        bodies.update(f"{body.name} {body.label} {body.size}".encode() + body.vertices.tobytes())
+    return f"{len(fleet.fixed)} {bodies.hexdigest()[:12]} drawn {list(fleet.drawn)} mirrors {fleet.mirrors}"
 
 
 def _check(count: int, frames: int, seed: int) -> None:

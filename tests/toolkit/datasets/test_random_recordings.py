@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.fleet import HELD_OUT, catalogue
+from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
 from toolkit.datasets import random_recordings as module
 from toolkit.datasets.random_recordings import random_recording, random_recordings, random_recordings_file
 from toolkit.objects import VEHICLE
@@ -108,6 +108,8 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch)
     assert not out.exists()
     with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
         random_recordings_file(5, 4, 8, out, **settings)
+    with pytest.raises(FileExistsError, match="fleet that of training instead of 0 "):
+        random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("own"))
     monkeypatch.setattr(module, "random_recording", second)
     done = []
     with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):
@@ -125,6 +127,19 @@ def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "random_recording", Noted())
     random_recordings_file(2, 4, 8, out, encode=as_bytes, join=as_lines, workers=1, overwrite=True)
     assert out.read_text() == "8 0 4\n8 1 4"
+
+
+def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
+    asked = []
+
+    def drawn(seed, number, frames, *, fleet):
+        asked.append(fleet)
+        return "drawn"
+
+    monkeypatch.setattr(module, "random_recording", drawn)
+    fleet = fleet_named("own")
+    random_recordings_file(2, 4, 8, tmp_path / "x", encode=as_bytes, join=as_lines, workers=1, fleet=fleet)
+    assert asked == [fleet, fleet]
 
 
 @pytest.mark.parametrize(("count", "frames", "seed"), [(0, 4, 7), (5, 0, 7), (5, 4, -1)])
