@@ -67,12 +67,13 @@ def test_it_learns_where_faces_are_whatever_the_size():
 
 
 def test_training_is_the_same_every_time_and_leaves_the_generator_alone():
-    rows, state = examples(20), torch.get_rng_state()
+    rows = examples(20)
     first, second = FaceNetworks(), FaceNetworks()
-    torch.set_rng_state(state)
     for networks in (first, second):
+        torch.rand(5)
+        state = torch.get_rng_state()
         fit_faces(networks, rows, steps=5)
-    assert torch.equal(torch.get_rng_state(), state)
+        assert torch.equal(torch.get_rng_state(), state)
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
 
