@@ -7,8 +7,48 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, SupportsFloat
 
+from toolkit.objects import LABELS
+
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
+
+
+@dataclass(frozen=True)
+class AnchorKind:
+    """The anchors of one class, in every cell one for each yaw (rad).
+
+    size: length width height, m; z: height of their centres, m; margin: by which length and width of anchors and
+    objects are enlarged (m) while they are matched, so that a small object has more than one anchor; positive,
+    negative: IoU thresholds of that matching.
+
+    Raises ValueError where that is no anchor.
+    """
+
+    label: str
+    size: tuple[float, float, float]
+    z: float
+    yaws: tuple[float, ...] = (0.0, math.pi / 2)
+    margin: float = 0.0
+    positive: float = 0.5
+    negative: float = 0.35
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 3 or min(self.size) <= 0 or not self.yaws:
+            raise ValueError(f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}")
+        if self.margin < 0 or not 0 <= self.negative <= self.positive <= 1:
+            raise ValueError(
+                "anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, "
+                f"got {self.margin}, {self.negative} and {self.positive}"
+            )
+
+
+ROAD_USERS = (
+    AnchorKind("vehicle", (3.9, 1.56, 1.6), 0.8),
+    AnchorKind("heavy", (9.0, 2.5, 3.2), 1.6, positive=0.45, negative=0.3),
+    AnchorKind("cyclist", (1.8, 0.65, 1.65), 0.85, margin=0.6),
+    AnchorKind("pedestrian", (0.65, 0.6, 1.7), 0.85, yaws=(0.0,), margin=0.8),
+)
+"""The classes of a network for all road users, vehicle first with the anchors of the networks that know no other."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +95,14 @@ class VoxelNetConfig:
     quality_power: float = 0.0  # score = class probability · (predicted IoU)^quality_power
     averaging: float = 0.0  # > 0: a box is the mean of all candidates whose footprints overlap it by a larger IoU
 
+    kinds: tuple[AnchorKind, ...] = ()
+    """Anchors by class, in the order of `labels`; (): all anchors are `anchor_size` and have a logit for every label,
+    which can be trained for one label only."""
+    faces: tuple[str, ...] = ()  # labels whose boxes' faces are measured by `models.network.faces`
+    calibration: tuple[tuple[float, float], ...] = ()
+    """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as they are."""
+    score_threshold: float = 0.1  # of detections, where the caller gives none
+
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
@@ -68,6 +116,24 @@ class VoxelNetConfig:
             )
         if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
             raise ValueError("middle_widths, rpn_widths and rpn_layers go in threes (middle_widths may be empty)")
+        self._check_classes()
+
+    def _check_classes(self) -> None:
+        """ValueError where labels, their anchors, faces and calibration do not fit each other."""
+        unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
+        if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
+            raise ValueError(f"labels must be different ones of {LABELS}, got {self.labels} with faces {self.faces}")
+        if self.kinds and (self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels):
+            raise ValueError(
+                "anchors by class need a quality head and a kind for each label in its order, "
+                f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head {self.head!r}"
+            )
+        if not set(self.faces) <= set(self.labels):
+            raise ValueError(f"faces are measured of labels that are detected, got {self.faces} of {self.labels}")
+        if len(self.calibration) not in (0, len(self.labels)) or any(slope <= 0 for slope, _ in self.calibration):
+            raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
+        if not 0 <= self.score_threshold < 1:
+            raise ValueError(f"score_threshold must lie in 0..1, got {self.score_threshold}")
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> VoxelNetConfig:
@@ -105,9 +171,25 @@ class VoxelNetConfig:
         return 2 * self.voxel_size[0], 2 * self.voxel_size[1]
 
     @property
+    def anchor_kinds(self) -> tuple[AnchorKind, ...]:
+        """The anchors of a cell, class after class: `kinds`, or the one kind that the other entries describe."""
+        if self.kinds:
+            return self.kinds
+        return (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
+
+    @property
+    def anchor_labels(self) -> tuple[int, ...]:
+        """The row in `anchor_kinds` of each anchor of a cell.
+
+        >>> VoxelNetConfig.light((0, 0, 8, 8), **road_users()).anchor_labels
+        (0, 0, 1, 1, 2, 2, 3)
+        """
+        return tuple(row for row, kind in enumerate(self.anchor_kinds) for _ in kind.yaws)
+
+    @property
     def classes(self) -> int:
         """Class logits per anchor."""
-        return len(self.labels) + (self.head == "published")
+        return (1 if self.kinds else len(self.labels)) + (self.head == "published")
 
     @property
     def residuals(self) -> int:
@@ -115,8 +197,11 @@ class VoxelNetConfig:
         return 7 if self.head == "published" else 8
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return asdict(self)
+        """Plain values, for JSON. Entries younger than the first weights are left out where they say nothing, so that
+        the digest of these stays what it was."""
+        values = asdict(self)
+        young = ("kinds", "faces", "calibration", "score_threshold")
+        return {name: value for name, value in values.items() if name not in young or value != _DEFAULTS[name]}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
@@ -127,10 +212,43 @@ class VoxelNetConfig:
             raise ValueError(f"no such entries in a VoxelNetConfig: {', '.join(sorted(unknown))}; is the file newer?")
         if "area" not in values:
             raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
-        example = asdict(cls.published("tjunction"))
+        example = asdict(_EXAMPLE)
         for name, value in values.items():
-            _check_like(value, example[name], name)
-        return cls(**{name: _tuples(value) for name, value in values.items()})
+            if name != "kinds":
+                _check_like(value, example[name], name)
+        kinds = _kinds(values.get("kinds", ()))
+        return cls(**{name: _tuples(value) for name, value in values.items()} | {"kinds": kinds})
+
+
+def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
+    """What a configuration needs to tell these classes apart."""
+    return {"kinds": kinds, "labels": tuple(kind.label for kind in kinds)}
+
+
+def kinds_of(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
+    """The anchors of some of `ROAD_USERS`, in the order of `labels`. Raises ValueError for others.
+
+    >>> [kind.label for kind in kinds_of(["pedestrian", "vehicle"])]
+    ['pedestrian', 'vehicle']
+    """
+    known = {kind.label: kind for kind in ROAD_USERS}
+    labels = tuple(labels)
+    if not labels or not set(labels) <= set(known) or len(set(labels)) != len(labels):
+        raise ValueError(f"classes must be different ones of {', '.join(known)}, got {', '.join(labels) or 'none'}")
+    return tuple(known[label] for label in labels)
+
+
+def _kinds(values: Any) -> tuple[AnchorKind, ...]:
+    """The kinds that `to_dict` wrote."""
+    if not isinstance(values, list | tuple):
+        raise ValueError(f"kinds must be a list of anchors, got {str(values)[:60]}")
+    example, names = asdict(ROAD_USERS[0]), [each.name for each in fields(AnchorKind)]
+    for value in values:
+        if not isinstance(value, dict) or not {"label", "size", "z"} <= set(value) <= set(names):
+            raise ValueError(f"an entry of kinds must be an object of {', '.join(names)}, got {str(value)[:60]}")
+        for name, entry in value.items():
+            _check_like(entry, example[name], name)
+    return tuple(AnchorKind(**{name: _tuples(entry) for name, entry in value.items()}) for value in values)
 
 
 def _check_like(value: Any, example: Any, name: str) -> None:
@@ -152,7 +270,9 @@ def _check_like(value: Any, example: Any, name: str) -> None:
 
 
 _LARGEST = 1e6
-_LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3}
+_LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
+_DEFAULTS = {each.name: each.default for each in fields(VoxelNetConfig)}
+_EXAMPLE = VoxelNetConfig((0.0, 0.0, 1.0, 1.0), faces=("vehicle",), calibration=((1.0, 0.0),))
 
 
 def _cells(length: float, size: float) -> int:

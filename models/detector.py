@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors, decode, per_anchor
+from models.network.faces import measured
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.network.voxels import collate, voxelise
@@ -29,8 +31,8 @@ class VoxelNetDetector:
     """Points (n, 3) in the world frame, m -> `Detections` in the world frame.
 
     Points outside the network's area are ignored, and so are boxes whose centre is outside it. score_threshold:
-    detections at or below it are dropped. nms_threshold: of two boxes whose footprints have a larger IoU, the better
-    scored one stays (0.1 in the paper).
+    detections at or below it are dropped, None for the configuration's own. nms_threshold: of two boxes of one class
+    whose footprints have a larger IoU, the better scored one stays (0.1 in the paper).
 
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
     >>> len(detector(np.zeros((0, 3), np.float32)))
@@ -42,15 +44,17 @@ class VoxelNetDetector:
         network: VoxelNet,
         *,
         device: str | torch.device = "cpu",
-        score_threshold: float = 0.1,
+        score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
         self.config = network.config
         self.device = torch.device(device)
-        self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
+        self.score_threshold = self.config.score_threshold if score_threshold is None else score_threshold
+        self.nms_threshold = nms_threshold
         self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self.anchors = anchors(self.config).to(self.device)
+        self.faces = None if network.faces is None else copy.deepcopy(network.faces).cpu().eval()
 
     @property
     def area(self) -> tuple[float, float, float, float]:
@@ -74,21 +78,30 @@ class VoxelNetDetector:
         prediction = self.network(collate(voxels))
         found = candidates(prediction, self.anchors, self.config, self.score_threshold)
         return [
-            suppressed(*each, self.config, self.nms_threshold) if len(cloud.cells) else Detections.empty()
-            for each, cloud in zip(found, voxels, strict=True)
+            self._measured(suppressed(*each, self.config, self.nms_threshold), cloud)
+            if len(cells.cells)
+            else Detections.empty()
+            for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
+
+    def _measured(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+        """The detections with the faces of their boxes where the points end, if the network measures any."""
+        if self.faces is None:
+            return found
+        return measured(self.faces, found, np.asarray(cloud), self.config.faces)
 
 
 def candidates(
     prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, score_threshold: float
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
     """Per cloud, the boxes of the best anchors above the threshold, and their score for each label."""
-    count = len(config.anchor_yaws)
+    count = len(config.anchor_labels)
     scores = label_scores(prediction, config)
     residuals = per_anchor(prediction.residuals, count)
     direction = (
         None if prediction.direction_logits is None else per_anchor(prediction.direction_logits, count)[..., 0] > 0
     )
+    own = torch.eye(len(config.labels), device=scores.device)[list(config.anchor_labels)]
     found = []
     for item, score in enumerate(scores):
         best = score.amax(-1).view(-1)
@@ -97,20 +110,30 @@ def candidates(
             chosen = chosen[torch.topk(best[chosen], MOST_CANDIDATES).indices]
         cell = torch.unravel_index(chosen, score.shape[:3])
         turned = None if direction is None else direction[item][cell]
-        found.append((decode(residuals[item][cell], anchors[cell], turned), score[cell]))
+        by_label = score[cell] * own[cell[2]] if config.kinds else score[cell]
+        found.append((decode(residuals[item][cell], anchors[cell], turned), by_label))
     return found
 
 
 def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
-    """How sure the network is of each label at each anchor, 0 to 1."""
-    count = len(config.anchor_yaws)
+    """How sure the network is of each label at each anchor, 0 to 1; where anchors are of one class, of that alone."""
+    count = len(config.anchor_labels)
     logits = per_anchor(prediction.class_logits, count)
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]
     scores = torch.sigmoid(logits)
     if prediction.quality_logits is not None and config.quality_power:
         scores = scores * torch.sigmoid(per_anchor(prediction.quality_logits, count)) ** config.quality_power
-    return scores
+    return calibrated(scores, config)
+
+
+def calibrated(scores: Float[Tensor, "B H W A L"], config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
+    """Scores that say which share of the detections of that score are true, by the configuration's calibration."""
+    if not config.calibration:
+        return scores
+    by_label = torch.tensor(config.calibration, dtype=scores.dtype, device=scores.device)
+    slope, intercept = by_label[list(config.anchor_labels)].T[..., None] if config.kinds else by_label.T
+    return torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
 
 
 def suppressed(
@@ -123,15 +146,17 @@ def suppressed(
     best, label = scores[inside].max(1)
     labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
     found = Detections(boxes[inside].double().cpu().numpy(), best.double().cpu().numpy(), labels)
-    kept = nms(found.boxes, found.scores, nms_threshold)
+    kept = nms(found.boxes, found.scores, nms_threshold, labels=found.labels)
     return averaged(found, kept, config.averaging) if config.averaging else found[kept]
 
 
 def averaged(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """The candidates kept, each box the mean of those whose footprints overlap it by more than the threshold, weighted
-    by their squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
+    """The candidates kept, each box the mean of those of its class whose footprints overlap it by more than the
+    threshold, weighted by their squared scores: neighbouring anchors err independently ("box voting", Gidaris and
+    Komodakis 2015)."""
     boxes, best = candidates.boxes, candidates.boxes[kept]
-    weights = np.where(iou_bev(best, boxes) > iou_threshold, candidates.scores**2, 0.0)
+    together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
+    weights = np.where(together, candidates.scores**2, 0.0)
     weights[np.arange(len(kept)), kept] = candidates.scores[kept] ** 2
     weights /= weights.sum(axis=1, keepdims=True)
     turn = boxes[:, 6] - best[:, 6:]
@@ -147,7 +172,7 @@ def load_detector(
     site: str | None = None,
     area: Iterable[SupportsFloat] | None = None,
     device: str | torch.device = "cpu",
-    score_threshold: float = 0.1,
+    score_threshold: float | None = None,
     nms_threshold: float = 0.1,
 ) -> VoxelNetDetector:
     """The detector of a weights file: a name of `models/weights` ("tjunction", "roundabout", "general", ...) or a path.

@@ -19,12 +19,16 @@ import torch
 
 from models.detector import relocated, weights_file
 from models.network.voxelnet import VoxelNet
+from models.training.calibration import calibrated_on
 from models.training.checkpoint import CHECKPOINT
+from models.training.faces import with_faces
 from models.training.log import LOG
 from models.training.loop import LOG_STEPS, train
 from models.training.options import TrainingOptions, parsed
+from models.training.packed import PackedFrames
 from models.training.presets import ANYWHERE, PRESETS, area_for, config_for
 from models.training.validation import validation
+from models.training.widening import widened
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.sites.files import load_site
@@ -49,12 +53,12 @@ def run(
     area = tuple(place.area.tolist()) if place else area_for("general" if site else preset, options.data)
     named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
-    config = config_for(area, preset, options.size)
+    config = config_for(area, preset, options.size, options.classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
     _check_folder(options)
-    start = load_weights(weights_file(options.start))[0] if options.start else None
+    start = widened(load_weights(weights_file(options.start))[0], config) if options.start else None
     validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
     if options.threads:
         torch.set_num_threads(options.threads)
@@ -68,6 +72,12 @@ def run(
         options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
         every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
     )  # fmt: skip
+    if options.faces:
+        network = with_faces(network, PackedFrames(options.data), options.faces, seed=options.seed)
+    if options.calibrate and options.validate:
+        network = calibrated_on(network, PackedFrames(options.validate), count=options.validate_frames)
+    if validate and (options.faces or options.calibrate):
+        measure(network)
     trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
     save_weights(weights, relocated(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
     return weights, measured

@@ -120,11 +120,14 @@ def nms(
     scores: ArrayLike,
     iou_threshold: float,
     metric: Overlap = "bev",
+    *,
+    labels: ArrayLike | None = None,
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
     A box goes if its IoU with a better kept box is greater than `iou_threshold`. Of equal scores the earlier is better.
-    Raises ValueError for a NaN score, a score per box missing, or a threshold outside 0..1.
+    labels: only boxes of the same one suppress each other; if not given, all do.
+    Raises ValueError for a NaN score, a score or label per box missing, or a threshold outside 0..1.
 
     >>> nms([[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]], [0.5, 0.9, 0.1], 0.1)
     array([1, 2])
@@ -141,6 +144,9 @@ def nms(
     boxes, keep = boxes[best_first], np.ones(len(boxes), bool)
     i, j = _near(boxes, boxes)
     i, j = i[i < j], j[i < j]
+    if labels is not None:
+        alike = _labels_of(labels, len(boxes))[best_first]
+        i, j = i[alike[i] == alike[j]], j[alike[i] == alike[j]]
     for _ in range(_ROUNDS):  # who is the best of all around stays, and what clashes with it goes, all over the place
         beaten = np.zeros(len(boxes), bool)
         beaten[j] = True
@@ -178,6 +184,13 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
     array([1])
     """
     return np.array([len(rows) for rows in _rows_inside(_points(points), check_boxes(boxes))], np.int64)
+
+
+def _labels_of(labels: ArrayLike, count: int) -> np.ndarray:
+    column = np.asarray(labels)
+    if column.shape != (count,):
+        raise ValueError(f"labels must have one entry for each of the {count} boxes, got shape {column.shape}")
+    return column
 
 
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -25,6 +26,7 @@ def pack(
     random_sites: int = 0,
     frames: int | None = None,
     seed: int = 0,
+    fleet: Literal["catalogue", "own"] = "catalogue",
     workers: int | None = None,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -32,6 +34,8 @@ def pack(
     json: bool = False,
 ) -> int:
     """Pack recordings for training: one small file that needs no Open3D and no SUMO to be read.
+
+    Killed while it draws random sites and started again it goes on where it was, to the same bytes.
 
     Example: coview pack tjunction.hdf5 --out tjunction.packed
 
@@ -43,13 +47,14 @@ def pack(
         random_sites: Draw so many junctions with sensors and traffic instead, and record each.
         frames: Only the first so many of each recording; of each random site, 20 when left out.
         seed: Of the random sites.
+        fleet: Bodies at random sites; catalogue: ours, each a little stretched; own: everyone drawn afresh.
         workers: Processes for random sites; one per core when left out.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
-    from models.training.packing import drawn_recording, recording_of
+    from models.training.packing import drawn_file, join_packed, recording_of
     from models.training.packing import pack as write
 
     check_frames(frames)
@@ -59,13 +64,14 @@ def pack(
         raise ValueError("give recordings, or --random-sites N")
     check_file(out, inputs=[*datasets, *site_file(site)], overwrite=overwrite)
     if random_sites:
-        from toolkit.datasets.random_recordings import random_recordings
+        from toolkit.bodies.fleet import fleet_named
+        from toolkit.datasets.random_recordings import random_recordings_file
 
         with progress_bar("site", random_sites, hidden=json) as bar:
-            drawn = random_recordings(
-                random_sites, frames or FRAMES, seed, drawn_recording, workers=workers, progress=bar.to
-            )
-            total = write(drawn, out)
+            total = random_recordings_file(
+                random_sites, frames or FRAMES, seed, out, encode=drawn_file, join=join_packed, workers=workers,
+                progress=bar.to, fleet=None if fleet == "catalogue" else fleet_named(fleet), overwrite=overwrite,
+            )  # fmt: skip
     else:
         with ExitStack() as stack:
             recordings = [

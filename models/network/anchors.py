@@ -19,7 +19,7 @@ from toolkit.arrays import Bool, Float
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """One box per cell and anchor yaw, in the frame of the grid; H along x, W along y.
+    """One box per cell, class and anchor yaw, in the frame of the grid; H along x, W along y.
 
     >>> anchors(VoxelNetConfig.published("tjunction"))[0, 0, 1]
     tensor([-39.8000, -19.8000,   1.6000,   3.9000,   1.5600,   1.6000,   1.5708])
@@ -27,11 +27,11 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
     (rows, columns), (dx, dy) = config.map_shape, config.stride
     x = config.area[0] + (torch.arange(rows, dtype=torch.float64) + 0.5) * dx
     y = config.area[1] + (torch.arange(columns, dtype=torch.float64) + 0.5) * dy
-    boxes = torch.empty(rows, columns, len(config.anchor_yaws), 7)
+    each = [(kind.z, *kind.size, yaw) for kind in config.anchor_kinds for yaw in kind.yaws]
+    boxes = torch.empty(rows, columns, len(each), 7)
     boxes[..., 0] = x[:, None, None]
     boxes[..., 1] = y[None, :, None]
-    boxes[..., 2:6] = torch.tensor([config.anchor_z, *config.anchor_size])
-    boxes[..., 6] = torch.tensor(config.anchor_yaws)
+    boxes[..., 2:] = torch.tensor(each)
     return boxes
 
 

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from models.config import VoxelNetConfig
+from models.network.faces import FaceNetworks
 from models.network.voxels import Voxels
 from toolkit.arrays import Float, Float32, Int64
 
@@ -23,8 +24,9 @@ from toolkit.arrays import Float, Float32, Int64
 class Prediction(NamedTuple):
     """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next.
 
-    class_logits: background and vehicle (published), or one logit per label. residuals: see `models.network.anchors`.
-    direction_logits: above 0 where the box faces away from what the residuals say. quality_logits: the predicted IoU.
+    class_logits: background and vehicle (published), or one logit per label of the anchor. residuals: see
+    `models.network.anchors`. direction_logits: above 0 where the box faces away from what the residuals say.
+    quality_logits: the predicted IoU.
     """
 
     class_logits: Float[Tensor, "B AC H W"]
@@ -49,6 +51,7 @@ class VoxelNet(nn.Module):
         self.middle = MiddleLayers(config) if config.middle_widths else HeightFold(config)
         self.rpn = RegionProposal(config, self.middle.width)
         self.head = Head(config, self.rpn.width)
+        self.faces = FaceNetworks() if config.faces else None  # a second stage; it takes no part in `forward`
 
     def forward(self, voxels: Voxels) -> Prediction:
         """Raw maps of a batch of clouds."""
@@ -244,7 +247,7 @@ class Head(nn.Module):
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
-        anchors = len(config.anchor_yaws)
+        anchors = len(config.anchor_labels)
         self.conv3x3 = nn.Conv2d(inputs, config.head3x3, 3, padding=1) if config.head3x3 else None
         inputs = config.head3x3 or inputs
         self.classes = nn.Conv2d(inputs, anchors * config.classes, 1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,8 @@ def train(
     _resume(run, out / CHECKPOINT, identity, device)
     log.cut(out / log.LOG, run.step)
 
-    loss_of: Loss = quality_loss if preset.loss == "quality" else published_loss
+    by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
+    loss_of = by_class if preset.loss == "quality" else published_loss
     anchor = anchors(config).to(device)
     loader = torch.utils.data.DataLoader(
         samples,

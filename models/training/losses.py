@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -31,20 +33,42 @@ def published_loss(
 
 
 def quality_loss(
-    prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
+    prediction: Prediction,
+    labels: Shaped[Tensor, "B H W A"],
+    boxes: Float[Tensor, "B H W A 7"],
+    anchors: Tensor,
+    classes: Sequence[int] | None = None,
 ) -> dict[str, Tensor]:
     """Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box; direction; predicted
-    IoU. All per positive anchor; arguments as in `published_loss`."""
+    IoU. Each class's sums are divided by the number of its own positive anchors, so that none drowns the others.
+
+    classes: the class of each anchor of a cell, in ascending order (None: one); other arguments as in `published_loss`.
+    """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
+    maps = Prediction(*(per_anchor(each, count) for each in prediction if each is not None))
+    classes = [0] * count if classes is None else classes
+    total: dict[str, Tensor] = {}
+    for each in sorted(set(classes)):
+        own = slice(classes.index(each), count - classes[::-1].index(each))
+        part = Prediction(*(values[:, :, :, own] for values in maps if values is not None))
+        for name, value in _class_loss(part, labels[..., own], boxes[..., own, :], anchors[..., own, :]).items():
+            total[name] = total[name] + value if name in total else value
+    return total
+
+
+def _class_loss(maps: Prediction, labels: Tensor, boxes: Tensor, anchors: Tensor) -> dict[str, Tensor]:
+    """The losses of the anchors of one class; maps: (B, H, W, A, k)."""
+    assert maps.direction_logits is not None
+    assert maps.quality_logits is not None
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
     number = max(len(positive[0]), 1)
-    classes = focal_loss(per_anchor(prediction.class_logits, count)[..., 0], labels == POSITIVE, labels != IGNORED)
+    classes = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, labels != IGNORED)
     anchor, wanted = anchors[positive[1:]], boxes[positive]
-    residuals = per_anchor(prediction.residuals, count)[positive]
-    direction = per_anchor(prediction.direction_logits, count)[..., 0][positive]
-    quality = per_anchor(prediction.quality_logits, count)[..., 0][positive]
+    residuals = maps.residuals[positive]
+    direction = maps.direction_logits[..., 0][positive]
+    quality = maps.quality_logits[..., 0][positive]
 
     backwards = faces_back(wanted, anchor)
     overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)

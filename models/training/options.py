@@ -14,6 +14,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from models.config import kinds_of
+
 SITE = """Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere; left out,
 the area that all of the data shares."""
 
@@ -26,7 +28,10 @@ class TrainingOptions:
         data: Made by coview pack.
         out: Folder for checkpoint, log, curves and weights.safetensors.
         start: Weights to go on from, a shipped name (general, to fit it to your junction) or a file, instead of random.
-        preset: fast, or general for general, when left out; paper: as published.
+        preset: fast, or general for general, when left out; varied: thinner clouds, uneven ground; paper: as published.
+        classes: What it detects, of vehicle, heavy, cyclist and pedestrian.
+        faces: Classes whose boxes' faces a second stage measures.
+        calibrate: Choose scores and their threshold on the frames of --validate.
         size: The light network, or one as wide as the published.
         voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
         epochs: Passes over the data; the preset's when left out.
@@ -45,7 +50,10 @@ class TrainingOptions:
     data: Path
     out: Path
     start: str | None = None
-    preset: Literal["fast", "paper", "general"] | None = None
+    preset: Literal["fast", "paper", "general", "varied"] | None = None
+    classes: tuple[str, ...] = ("vehicle",)
+    faces: tuple[str, ...] = ()
+    calibrate: bool = False
     size: Literal["light", "published"] = "light"
     voxel: float | None = None
     epochs: float | None = None
@@ -67,6 +75,11 @@ class TrainingOptions:
                 raise ValueError(f"{option(name)} must be above 0, got {value}")
         if self.seed < 0 or self.workers < 0:
             raise ValueError(f"--seed and --workers must not be negative, got {self.seed} and {self.workers}")
+        kinds_of(self.classes)
+        if not set(self.faces) <= set(self.classes):
+            raise ValueError(f"--faces must be among --classes {' '.join(self.classes)}, got {' '.join(self.faces)}")
+        if self.calibrate and self.validate is None:
+            raise ValueError("--calibrate needs frames that were not trained on: give --validate")
 
 
 def parsed(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
@@ -82,6 +95,7 @@ def parsed(arguments: Sequence[str] | None = None) -> tuple[str | None, Training
         parser.add_argument(option(each.name), help=texts[each.name], required=needed, **settings)
     values = vars(parser.parse_args(arguments))
     site = values.pop("site")
+    values = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
     try:
         return site, TrainingOptions(**values)
     except ValueError as error:
@@ -108,6 +122,8 @@ def _argument(hint: Any) -> dict[str, Any]:
         hint = next(each for each in get_args(hint) if each is not NoneType)
     if hint is bool:
         return {"action": BooleanOptionalAction}
+    if get_origin(hint) is tuple:
+        return {"nargs": "*", "type": get_args(hint)[0]}
     if get_origin(hint) is Literal:
         return {"choices": get_args(hint)}
     return {"type": hint}

@@ -92,6 +92,11 @@ class PackedFrames:
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
 
+    def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Per sensor the pixels of frame k that differ from the empty site, and their measurements in steps."""
+        slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
+        return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
+
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:

@@ -6,12 +6,13 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, SupportsFloat, runtime_checkable
 
 import h5py
 import numpy as np
 
-from models.training.packed import MARGIN, STEPS_PER_METRE, Rig
+from models.training.packed import MARGIN, STEPS_PER_METRE, PackedFrames, Rig
 from toolkit.arrays import Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
@@ -87,6 +88,29 @@ def recording_of(dataset: CoopDataset, count: int | None = None) -> Recording:
 def drawn_recording(drawn: Drawn) -> Recording:
     """A recording of a junction that was drawn, `toolkit.datasets.random_recordings.RandomRecording`."""
     return recording(drawn.frames, drawn.site.area, drawn.site.height, empty=drawn.empty)
+
+
+def recordings_in(path: Path) -> list[Recording]:
+    """What a packed file holds, ready to be written again. Raises what `PackedFrames` raises."""
+    packed = PackedFrames(path)
+    frames_of: list[list[Change]] = [[] for _ in packed.rigs]
+    for k in range(len(packed)):
+        pixels, steps = packed.changed(k)
+        frames_of[packed.rigs.index(packed.rig(k))].append(Change(tuple(pixels), tuple(steps), packed.objects(k)))
+    return [Recording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
+
+
+def drawn_file(drawn: Drawn) -> bytes:
+    """The content of the packed file of a junction that was drawn."""
+    with TemporaryDirectory() as folder:
+        pack([drawn_recording(drawn)], Path(folder, "one.packed"))
+        return Path(folder, "one.packed").read_bytes()
+
+
+def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
+    """Write what several packed files hold as one; the number of frames. Raises ValueError where there is none."""
+    with hdf5_file(unfinished) as (file, check):
+        return _write(file, (each for path in paths for each in recordings_in(path)), check, None)
 
 
 def change(rig: Rig, frame: Frame) -> Change:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, kinds_of, road_users
 from models.training.packed import PackedFrames
 from models.training.samples import SampleRecipe
 
@@ -36,22 +37,31 @@ PRESETS = {
         examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
     ),
     "general": Preset(examples=SampleRecipe(augmentation="scene")),
+    "varied": Preset(examples=SampleRecipe(thinned=0.3, tilted=0.3)),
 }  # fmt: skip
 
 
-def config_for(area: tuple[float, float, float, float], preset: str, size: str = "light") -> VoxelNetConfig:
-    """The network a preset trains for an area: light or published in size, with the head its loss needs.
+def config_for(
+    area: tuple[float, float, float, float],
+    preset: str,
+    size: str = "light",
+    classes: Sequence[str] = ("vehicle",),
+) -> VoxelNetConfig:
+    """The network a preset trains for an area: light or published in size, with the head its loss needs, for vehicles
+    or for several classes.
 
     The light one knows no absolute coordinates, so it learns on a `window` of the area;
     `models.detector.relocated` puts what it learned on all of it.
     """
     quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
     published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
-    head = published if PRESETS[preset].loss == "published" else quality
+    head: dict[str, Any] = dict(published if PRESETS[preset].loss == "published" else quality)
+    if tuple(classes) != ("vehicle",):
+        head |= road_users(kinds_of(classes))
     if size == "light":
         return VoxelNetConfig.light(window(area), **head)
     voxel = (0.4, 0.4, 0.4) if max(area[2] - area[0], area[3] - area[1]) > 80 else (0.2, 0.2, 0.4)
-    return VoxelNetConfig(area=area, voxel_size=voxel, **head)  # type: ignore[arg-type]
+    return VoxelNetConfig(area=area, voxel_size=voxel, **head)
 
 
 def window(area: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -69,6 +79,8 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
     """Raise ValueError where a preset's loss is for another head, or it cannot train anything."""
     if config.head != preset.loss:
         raise ValueError(f"the {preset.loss} loss trains a network with that head, got head {config.head!r}")
+    if len(config.labels) > 1 and not config.kinds:
+        raise ValueError(f"several labels need anchors of their own to be trained, got {config.labels}: give kinds")
     if preset.batch < 1 or not preset.epochs > 0:
         raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
 

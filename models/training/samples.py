@@ -12,11 +12,12 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors
 from models.network.voxels import Voxels, collate, voxelise
+from models.training.augmentation import thinned, tilted
 from models.training.packed import PackedFrames
-from models.training.targets import assign, sample
-from toolkit.arrays import Float, Float32
+from models.training.targets import Assignment, assign, assign_by_kind, sample
+from toolkit.arrays import Bool, Float, Float32, Shaped
 from toolkit.boxes import count_points, points_in_boxes
-from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import centred_in
 
 Augmentation = Literal["none", "object", "scene"]
@@ -42,7 +43,8 @@ class SampleRecipe:
     subsets: share of examples made from a random subset of the sensors, so that one network serves any set.
     augmentation: object turns and shifts each object with its points (the paper's); scene turns and mirrors everything.
     positive, negative: IoU thresholds of the anchors; sampled: anchors in the loss, 0 for all; seen: points below which
-    a vehicle is not asked for.
+    a vehicle is not asked for. thinned, tilted: shares of the examples whose points are thinned, whose ground is off
+    zero and slopes (`models.training.augmentation`). A network of several classes has the thresholds of its kinds.
     """
 
     subsets: float = 0.5
@@ -51,6 +53,8 @@ class SampleRecipe:
     negative: float = 0.35
     sampled: int = 0
     seen: int = 3
+    thinned: float = 0.0
+    tilted: float = 0.0
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
@@ -67,21 +71,29 @@ class Samples(torch.utils.data.Dataset[Batch]):
         epoch, k = epoch_and_frame
         rng = np.random.default_rng([self.seed, epoch, k])
         points, objects, inside = self._scene(k, rng)
-        vehicle = objects.labels == VEHICLE
         seen = count_points(points, objects.boxes) >= self.recipe.seen
-        asked = vehicle & inside & seen & centred_in(objects.boxes, np.array(self.config.area))
-        vehicles, ignored = objects.boxes[asked], objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
-        found = assign(
-            self._anchors, vehicles, positive=self.recipe.positive, negative=self.recipe.negative, ignored=ignored
-        )
+        asked = inside & seen & centred_in(objects.boxes, np.array(self.config.area))
+        found = self._assigned(objects, asked)
         if self.recipe.sampled:
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
-        targets = torch.from_numpy(vehicles).float() if len(vehicles) else torch.ones(1, 7)
+        targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
         return Batch(
             voxelise(points, self.config, rng=rng),
             torch.from_numpy(found.labels)[None],
             targets[torch.from_numpy(found.owner)][None],
         )
+
+    def _assigned(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
+        """What each anchor should find. A network that knows vehicles alone says nothing about heavy ones; one that
+        knows both tells them apart."""
+        if self.config.kinds:
+            return assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
+        vehicle = objects.labels == label_index(self.config.labels[0])
+        rows = np.flatnonzero(vehicle & asked)
+        ignored = objects.boxes[(vehicle & ~asked) | (objects.labels == HEAVY)]
+        thresholds = {"positive": self.recipe.positive, "negative": self.recipe.negative}
+        found = assign(self._anchors, objects.boxes[rows], **thresholds, ignored=ignored)
+        return Assignment(found.labels, np.append(rows, 0)[found.owner])
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
         """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
@@ -91,13 +103,32 @@ class Samples(torch.utils.data.Dataset[Batch]):
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
-        wanted = boxes[inside & (objects.labels == VEHICLE), :2]
+        wanted = boxes[inside & (objects.labels == self._wanted(objects.labels[inside], rng)), :2]
         centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
         if self.recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
+        points, boxes = self._roughened(points, boxes, centre, rng)
         points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         return points, Objects(boxes, objects.labels, objects.ids), inside
+
+    def _roughened(
+        self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As the recipe says, with fewer points and on other ground; without either it draws no numbers."""
+        if self.recipe.thinned and rng.random() < self.recipe.thinned:
+            points = thinned(points, rng)
+        if self.recipe.tilted and rng.random() < self.recipe.tilted:
+            points, boxes = tilted(points, boxes, centre, rng)
+        return points, boxes
+
+    def _wanted(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
+        """The class that a window is laid near: of those there each as often, so that rare ones are seen as well."""
+        known = [label_index(name) for name in self.config.labels]
+        if len(known) == 1:
+            return known[0]
+        present = [label for label in known if label in there] or known
+        return int(rng.choice(present))
 
     def _sensors(self, k: int, rng: np.random.Generator) -> list[int] | None:
         if rng.random() >= self.recipe.subsets:

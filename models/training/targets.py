@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from models.config import AnchorKind
 from toolkit.arrays import Bool, Float, Int64, Shaped
+from toolkit.objects import label_index
 
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
@@ -26,17 +29,21 @@ def assign(
     negative: float = 0.6,
     best: float = 0.1,
     ignored: Float[np.ndarray, "k 7"] | None = None,
+    margin: float = 0.0,
 ) -> Assignment:
     """Match the anchors of a grid to objects by the IoU of their footprints, yaws snapped to 0 or 90°.
 
     An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
     `negative` it is negative, between the two ignored. An anchor that would be negative but stands within one of the
-    boxes `ignored` is ignored.
+    boxes `ignored` is ignored. margin: by which length and width of all boxes and anchors are enlarged before (m).
 
     >>> anchors = np.array([[0, 0, 0.8, 4, 2, 1.6, 0], [9, 0, 0.8, 4, 2, 1.6, 0]]).reshape(2, 1, 1, 7)
     >>> assign(anchors, np.array([[0.5, 0, 0.7, 4, 2, 1.5, 3.1]])).labels.ravel()
     array([1, 0], dtype=int8)
     """
+    if margin:
+        anchors, boxes = _enlarged(anchors, margin), _enlarged(boxes, margin)
+        ignored = None if ignored is None else _enlarged(ignored, margin)
     shape = anchors.shape[:3]
     overlap, owner = np.zeros(shape), np.zeros(shape, np.int64)
     forced: list[tuple[tuple[int, ...], int]] = []
@@ -57,6 +64,30 @@ def assign(
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
+def assign_by_kind(
+    anchors: Float[np.ndarray, "H W A 7"],
+    kinds: Sequence[AnchorKind],
+    boxes: Float[np.ndarray, "n 7"],
+    labels: Int64[np.ndarray, " n"],
+    asked: Bool[np.ndarray, " n"],
+) -> Assignment:
+    """Match the anchors of each kind to the objects of its class alone. asked: objects that should be found; negatives
+    on the others of that class are ignored. Owners are rows of `boxes`."""
+    parts, first = [], 0
+    for kind in kinds:
+        last = first + len(kind.yaws)
+        own = labels == label_index(kind.label)
+        rows = np.flatnonzero(own & asked)
+        found = assign(
+            anchors[:, :, first:last], boxes[rows], positive=kind.positive, negative=kind.negative,
+            ignored=boxes[own & ~asked], margin=kind.margin,
+        )  # fmt: skip
+        owner = np.where(found.labels == POSITIVE, np.append(rows, 0)[found.owner], 0)
+        parts.append(Assignment(found.labels, owner))
+        first = last
+    return Assignment(*(np.concatenate(column, axis=2) for column in zip(*parts, strict=True)))
+
+
 def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
     """Keep `size` random anchors, at most `positives` of them positive; ignore the rest (the published training)."""
     flat = assignment.labels.ravel()
@@ -65,6 +96,12 @@ def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256,
     labels = np.full_like(flat, IGNORED)
     labels[chosen_positive], labels[chosen_negative] = POSITIVE, NEGATIVE
     return Assignment(labels.reshape(assignment.labels.shape), assignment.owner)
+
+
+def _enlarged(boxes: np.ndarray, margin: float) -> np.ndarray:
+    larger = np.array(boxes)
+    larger[..., 3:5] += margin
+    return larger
 
 
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from models.config import VoxelNetConfig
+from models.config import ROAD_USERS, AnchorKind, VoxelNetConfig, kinds_of, road_users
 from models.network.voxelnet import VoxelNet
 
 
@@ -56,3 +56,76 @@ def test_unknown_sites_and_entries_are_refused():
         VoxelNetConfig.published("crossing")
     with pytest.raises(ValueError, match="depth"):
         VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "depth": 3})
+
+
+CLASSES = VoxelNetConfig.light(
+    (-8, -8, 8, 8),
+    **road_users(),
+    faces=("vehicle", "heavy"),
+    calibration=((1.5, -0.5), (1.0, 0.0), (0.7, 0.1), (1.0, 2.0)),
+    score_threshold=0.35,
+)
+
+
+def test_classes_faces_and_calibration_survive_json():
+    assert VoxelNetConfig.from_dict(json.loads(json.dumps(CLASSES.to_dict()))) == CLASSES
+    assert CLASSES.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
+    assert CLASSES.anchor_labels == (0, 0, 1, 1, 2, 2, 3)
+    assert CLASSES.classes == 1
+
+
+def test_what_says_nothing_new_is_not_written_so_that_digests_stay():
+    light = VoxelNetConfig.light((-8, -8, 8, 8))
+    assert not {"kinds", "faces", "calibration", "score_threshold"} & light.to_dict().keys()
+    assert "faces" in CLASSES.to_dict()
+    (kind,) = light.anchor_kinds
+    assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
+
+
+def test_the_anchors_of_classes_by_name():
+    assert kinds_of(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
+    for wrong in (("tram",), (), ("vehicle", "vehicle")):
+        with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):
+            kinds_of(wrong)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"labels": ("vehicle", "tram")}, "different ones of"),
+        ({"labels": ("vehicle", "vehicle")}, "different ones of"),
+        ({"labels": ()}, "different ones of"),
+        ({"faces": ("heavy",)}, "labels that are detected"),
+        ({"faces": ("tram",)}, "different ones of"),
+        ({"kinds": ROAD_USERS}, "a kind for each label"),
+        ({**road_users(), "head": "published"}, "need a quality head"),
+        ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "a slope above 0 per label"),
+        ({"calibration": ((0.0, 0.0),)}, "a slope above 0 per label"),
+        ({"score_threshold": 1.0}, "0..1"),
+    ],
+)
+def test_classes_that_do_not_fit_are_refused(changes, said):
+    with pytest.raises(ValueError, match=said):
+        VoxelNetConfig.light((-8, -8, 8, 8), **changes)
+
+
+@pytest.mark.parametrize("changes", [{"size": (1.0, 0.0, 1.0)}, {"yaws": ()}, {"margin": -0.1}, {"negative": 0.9}])
+def test_anchors_that_are_none_are_refused(changes):
+    with pytest.raises(ValueError, match="anchors need"):
+        AnchorKind(**{"label": "vehicle", "size": (4.0, 2.0, 1.5), "z": 0.8, **changes})
+
+
+@pytest.mark.parametrize(
+    ("kinds", "said"),
+    [
+        ("vehicle", "kinds must be a list"),
+        (["vehicle"], "must be an object of label, size, z"),
+        ([{"label": "vehicle", "size": [1, 1, 1]}], "must be an object of"),
+        ([{"label": "vehicle", "size": [1, 1, 1], "z": 1.0, "colour": 3}], "must be an object of"),
+        ([{"label": "vehicle", "size": [1, 1], "z": 1.0}], "size must have 3 entries"),
+        ([{"label": "vehicle", "size": [1, 1, 1], "z": "high"}], "z must be a number"),
+    ],
+)
+def test_damaged_kinds_are_one_clear_line(kinds, said):
+    with pytest.raises(ValueError, match=said):
+        VoxelNetConfig.from_dict({"area": [0, 0, 1, 1], "kinds": kinds})

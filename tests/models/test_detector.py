@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, averaged, candidates, label_scores, load_detector, suppressed
 from models.network.anchors import anchors, encode, faces_back
 from models.network.voxelnet import Prediction, VoxelNet
 from models.weight_files import Header, load_weights, save_weights
-from toolkit.objects import Detections, Detector
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Detector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 
@@ -204,3 +204,99 @@ def test_digest_changes_with_weights_configuration_and_thresholds():
     ]
     assert len(set(digests)) == len(digests)
     assert VoxelNetDetector(network()).digest == digests[0]
+
+
+CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
+FIRST_ANCHOR = {VEHICLE: 0, HEAVY: 2, CYCLIST: 4, PEDESTRIAN: 6}
+
+
+def class_prediction(boxes, labels, sure):
+    """Maps in which the first anchor of a class in the cells nearest to each box holds it."""
+    grid = anchors(CLASSES)
+    shape = grid.shape[:3]
+    logits, quality = torch.full((*shape, 1), -9.0), torch.full(shape, 9.0)
+    residuals, direction = torch.zeros(*shape, 8), torch.full(shape, -9.0)
+    for box, label, logit in zip(torch.tensor(boxes, dtype=torch.float32), labels, sure, strict=True):
+        anchor = FIRST_ANCHOR[label]
+        near = (grid[:, :, anchor, :2] - box[:2]).norm(dim=-1) < 0.5
+        logits[..., anchor, :][near] = logit
+        residuals[..., anchor, :][near] = encode(box.expand_as(grid[near][:, anchor]), grid[near][:, anchor])
+    maps = (logits, residuals, direction, quality)
+    return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
+
+
+def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
+    """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
+    boxes = [
+        [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
+        [-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2], [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2],
+    ]  # fmt: skip
+    labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
+    prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
+    found = suppressed(*candidates(prediction, anchors(CLASSES), CLASSES, 0.1)[0], CLASSES, 0.1)
+    assert found.labels.tolist() == labels
+    np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
+    expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
+    np.testing.assert_allclose(found.scores, expected, atol=1e-6)
+
+
+def test_candidates_of_a_class_have_scores_of_that_class_alone():
+    prediction = class_prediction([[0, 0, 0.9, 1.8, 0.6, 1.7, 0.3]], [CYCLIST], [3.0])
+    ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, 0.1)
+    assert len(scores) > 2
+    assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
+    assert (scores[:, 2] > 0.9).all()
+
+
+def test_a_box_is_no_mean_of_other_classes():
+    box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
+    found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
+    mean = averaged(found, np.array([0, 1]), 0.75)
+    np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
+    assert mean.labels.tolist() == [VEHICLE, HEAVY]
+
+
+def test_of_several_classes_a_batch_is_its_items_and_boxes_of_a_class_keep_apart():
+    detector = VoxelNetDetector(network(CLASSES, logit=0.0))
+    clouds = [points(seed=1), points(300, seed=2)]
+    for together, alone in zip(detector.batch(clouds), map(detector, clouds), strict=True):
+        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_array_equal(together.labels, alone.labels)
+        assert len(set(alone.labels)) > 1
+
+
+def test_a_configuration_has_a_threshold_that_callers_may_replace(tmp_path):
+    path, made = tmp_path / "w.safetensors", network(dataclasses.replace(CONFIG, averaging=0.0), logit=0.5)
+    scores = VoxelNetDetector(made)(points()).scores
+    middle = float(np.median(scores))
+    made.config = dataclasses.replace(made.config, score_threshold=middle)
+    save_weights(path, made, Header("general"))
+    own, given = load_detector(path), load_detector(path, score_threshold=0.1)
+    assert (own.score_threshold, given.score_threshold) == (middle, 0.1)
+    assert own.digest != given.digest
+    np.testing.assert_array_equal(given(points()).scores, scores)
+    np.testing.assert_array_equal(own(points()).scores, scores[scores > middle])
+    assert 0 < len(own(points())) < len(scores)
+
+
+def test_a_second_stage_and_classes_survive_a_file(tmp_path):
+    config = dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), calibration=((1.2, -0.1),) * 4)
+    made, path = network(config), tmp_path / "w.safetensors"
+    made.faces.prior[:] = torch.tensor([0.1, 0.05, 0.02])
+    save_weights(path, made, Header("general"))
+    loaded, _ = load_weights(path)
+    assert loaded.config == config
+    for name, tensor in made.state_dict().items():
+        assert torch.equal(loaded.state_dict()[name], tensor)
+    here, there = VoxelNetDetector(made)(points()), load_detector(path)(points())
+    np.testing.assert_array_equal(here.boxes, there.boxes)
+    elsewhere = load_detector(path, area=(-8, -8, 8, 6))(points())
+    assert len(elsewhere)
+
+
+def test_a_file_that_lacks_its_second_stage_is_refused(tmp_path):
+    path, made = tmp_path / "w.safetensors", network()
+    made.config = dataclasses.replace(CONFIG, faces=("vehicle",))
+    save_weights(path, made, Header("general"))
+    with pytest.raises(ValueError, match=r"lacks faces\.end\.0\.bias"):
+        load_detector(path)

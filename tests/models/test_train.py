@@ -5,9 +5,12 @@ import random
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from models.train import WEIGHTS, commit, run
 from models.training.checkpoint import CHECKPOINT, load_checkpoint
@@ -29,6 +32,26 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
     assert header.site == "general"
     assert set(header.ap) == {"AP@0.7", "AP@0.8", "AP@0.9"}
     assert {"losses.png", "ap.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("models.training.faces.STEPS", 20)
+    chosen = {"classes": ("vehicle", "heavy"), "faces": ("vehicle",), "calibrate": True, "start": "general"}
+    options = TrainingOptions(
+        data=packed_file, out=tmp_path / "a", epochs=1.0, batch=2, device="cpu", validate=packed_file, **chosen
+    )
+    weights, figures = run(None, options)
+    network, header = load_weights(weights)
+    assert network.config.labels == ("vehicle", "heavy")
+    assert network.config.faces == ("vehicle",)
+    assert len(network.config.calibration) == 2
+    assert {"AP@0.7", "AP@0.9", "heavy AP@0.5"} <= header.ap.keys()
+    assert header.ap == figures
+    np.testing.assert_array_less(network.faces.prior, np.inf)
+    again, _ = load_weights(run(None, replace(options, out=tmp_path / "b"))[0])
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(again.state_dict()[name], tensor)
+    assert again.config == network.config
 
 
 @pytest.mark.slow

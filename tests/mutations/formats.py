@@ -6,10 +6,11 @@ import json
 import sqlite3
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import network_formats as networks
 import numpy as np
 import point_formats as points
 from mutants import BYTES, HDF5, JSON, SAFETENSORS, TEXT, Mutation
@@ -50,9 +51,10 @@ def formats() -> dict[str, Format]:
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
         "published.hdf5": Format(_published, _read_recording, HDF5, 3),
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),
-        "network.safetensors": Format(_weights, _read_weights, SAFETENSORS, 2),
-        "published.pth": Format(_published_checkpoint, _read_published_checkpoint, BYTES, 0.5),
-        "checkpoint.pt": Format(_checkpoint, _read_checkpoint, BYTES, 1),
+        "network.safetensors": Format(networks.weights, networks.read_weights, SAFETENSORS, 2),
+        "classes.safetensors": Format(networks.class_weights, networks.read_weights, SAFETENSORS, 2),
+        "published.pth": Format(networks.published_checkpoint, networks.read_published_checkpoint, BYTES, 0.5),
+        "checkpoint.pt": Format(networks.checkpoint, networks.read_checkpoint, BYTES, 1),
         **{
             name: Format(make, points.read_cloud, TEXT if name.endswith(texts) else (*BYTES, *TEXT[-2:]))
             for name, make in clouds.items()
@@ -160,64 +162,6 @@ def _read_packed(path: Path) -> None:
     for k in range(len(packed)):
         packed.points(k, np.random.default_rng(0))
         packed.objects(k)
-
-
-def _network() -> Any:
-    import torch
-
-    from models.config import VoxelNetConfig
-    from models.network.voxelnet import VoxelNet
-
-    torch.manual_seed(0)
-    return VoxelNet(
-        VoxelNetConfig(
-            area=(0.0, 0.0, 6.4, 6.4), vfe_widths=(4,), voxel_width=8, middle_widths=(4, 4, 4), rpn_widths=(8, 8, 8),
-            rpn_layers=((0, 1), (0, 1), (0, 1)), upsample_width=8, head3x3=8,
-        )
-    )  # fmt: skip
-
-
-def _weights(path: Path) -> None:
-    from models.weight_files import Header, save_weights
-
-    save_weights(path, _network(), Header("yard", 3, "abc", {"0.7": 0.5}))
-
-
-def _read_weights(path: Path) -> None:
-    from models.weight_files import load_weights
-
-    load_weights(path)
-
-
-def _published_checkpoint(path: Path) -> None:
-    import torch
-
-    torch.save({"epoch": 3, "state_dict": {f"module.{k}": v for k, v in _network().state_dict().items()}}, path)
-
-
-def _read_published_checkpoint(path: Path) -> None:
-    from models.published import load_published
-
-    load_published(path, "tjunction")
-
-
-def _checkpoint(path: Path) -> None:
-    import torch
-
-    from models.training.presets import PRESETS
-
-    network = _network()
-    state = {
-        "format": 1, "network": network.state_dict(), "config": network.config.to_dict(),
-        "preset": asdict(next(iter(PRESETS.values()))), "step": 3, "frames": 2,
-    }  # fmt: skip
-    torch.save(state, path)
-
-
-def _read_checkpoint(path: Path) -> None:
-    from models.training.checkpoint import load_checkpoint
-
-    load_checkpoint(path)
 
 
 def _site(path: Path) -> None:

@@ -8,7 +8,15 @@ import pytest
 
 HERE = Path(__file__).parent
 HALVES = (
-    ("recording.hdf5", "frames.packed", "network.safetensors", "checkpoint.pt", "published.pth", "table.npz"),
+    (
+        "recording.hdf5",
+        "frames.packed",
+        "network.safetensors",
+        "classes.safetensors",
+        "checkpoint.pt",
+        "published.pth",
+        "table.npz",
+    ),
     (
         *(
             "published.hdf5",

@@ -232,3 +232,23 @@ def test_boxes_that_overlap_by_just_the_threshold_all_stay():
     assert bx.iou_bev(row[:1], row[1:2]).item() == 0.5
     assert bx.nms(row, np.linspace(1, 0, 10), 0.5).tolist() == list(range(10))
     assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(range(0, 10, 2))
+
+
+@given(st.lists(a_box(4.0), min_size=1, max_size=12).map(np.array), st.data())
+@settings(deadline=None)
+def test_nms_by_label_is_that_of_each_label_alone(boxes, data):
+    scores = np.array([data.draw(st.integers(0, 4)) for _ in boxes], float)
+    labels = np.array([data.draw(st.integers(0, 2)) for _ in boxes])
+    kept = bx.nms(boxes, scores, 0.1003, labels=labels)
+    assert (np.diff(scores[kept]) <= 0).all()
+    alone = [
+        rows[greedy_nms(boxes[rows], scores[rows], 0.1003, "bev")]
+        for rows in (np.flatnonzero(labels == label) for label in range(3))
+    ]
+    assert sorted(kept.tolist()) == sorted(np.concatenate(alone).tolist())
+
+
+def test_nms_takes_a_label_for_each_box():
+    assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
+    with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
+        bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])

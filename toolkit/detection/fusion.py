@@ -5,8 +5,9 @@
     hybrid   every sensor sends its boxes, and its points farther off than a radius; the far points together
              go through the detector as well                                                                (II-E)
 
-Last, of boxes that overlap the surest stays (non-maximum suppression at BEV IoU 0.1, for all three as in the published
-code, whatever the boxes' classes), so that one sensor gives the same early and late.
+Last, of boxes of one class that overlap the surest stays (non-maximum suppression at BEV IoU 0.1, for all three as in
+the published code, which knows vehicles only), so that one sensor gives the same early and late. A pedestrian beside a
+cyclist and a car below a bus's overhang are two objects, so classes do not suppress each other.
 """
 
 from __future__ import annotations

@@ -63,7 +63,8 @@ class View:
     """One frame.
 
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
-    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes is dropped.
+    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less
+    sure of two boxes of one label is dropped.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class View:
         return self._sent_boxes[boxes]
 
     def suppressed(self, parts: Sequence[Boxes]) -> Boxes:
-        """The boxes of all parts, best first, less those that overlap a surer one."""
+        """The boxes of all parts, best first, less those that overlap a surer one of their label."""
         merged, ms = _timed(lambda: suppress(Detections.merge(part.detections for part in parts), self.nms_iou))
         return Boxes(merged, _last(parts) + ms)
 
@@ -167,12 +168,12 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """The detections, best first, less those whose BEV IoU with a surer one exceeds the threshold.
+    """The detections, best first, less those whose BEV IoU with a surer one of the same label exceeds the threshold.
 
     Equal scores are settled by the boxes' numbers, so that the order they come in makes no difference.
     """
-    ordered = detections[np.lexsort(detections.boxes.T)]
-    return ordered[nms(ordered.boxes, ordered.scores, iou_threshold)]
+    ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
+    return ordered[nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)]
 
 
 def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, road_users
 from models.network.anchors import anchors, decode, encode, faces_back, per_anchor
 
 ANCHOR = torch.tensor([1.0, 2.0, 0.8, 3.9, 1.6, 1.5, math.pi / 2], dtype=torch.float64)
@@ -60,3 +60,17 @@ def test_channels_count_anchor_by_anchor():
     by_anchor = per_anchor(channels, 2)
     assert by_anchor.shape == (1, 3, 2, 2, 7)
     assert by_anchor[0, 2, 1, 1].tolist() == list(range(7, 14))
+
+
+def test_every_class_has_anchors_of_its_own_in_every_cell():
+    config = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
+    boxes = anchors(config)
+    assert boxes.shape == (40, 40, 7, 7)
+    turn = math.pi / 2
+    expected = [
+        [0.8, 3.9, 1.56, 1.6, 0], [0.8, 3.9, 1.56, 1.6, turn], [1.6, 9.0, 2.5, 3.2, 0], [1.6, 9.0, 2.5, 3.2, turn],
+        [0.85, 1.8, 0.65, 1.65, 0], [0.85, 1.8, 0.65, 1.65, turn], [0.85, 0.65, 0.6, 1.7, 0],
+    ]  # fmt: skip
+    torch.testing.assert_close(boxes[3, 5, :, 2:], torch.tensor(expected))
+    torch.testing.assert_close(boxes[:, :, 6, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8)))[:, :, 0, :2])
+    torch.testing.assert_close(boxes[:, :, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8))))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, road_users
 from models.network.anchors import anchors, encode, faces_back
 from models.network.voxelnet import Prediction
 from models.training.losses import focal_loss, nearly_aligned_iou, published_loss, quality_loss
-from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign, assign_by_kind
 from toolkit.boxes import iou_3d
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
@@ -104,3 +104,62 @@ def test_the_quality_loss_wants_a_quality_head():
     labels, wanted = targets()
     with pytest.raises(ValueError, match='head="quality"'):
         quality_loss(perfect(labels, wanted, True), labels, wanted, ANCHORS)
+
+
+CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
+OWNERS = CLASSES.anchor_labels
+
+
+def class_maps(seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    return Prediction(*(torch.randn(1, 7 * k, *CLASSES.map_shape, generator=generator) for k in (1, 8, 1, 1)))
+
+
+def class_targets(count=4):
+    """One object of each class, the first `count` of them there."""
+    sizes = [[4.2, 1.8, 1.5], [8, 2.5, 3], [1.8, 0.6, 1.7], [0.6, 0.5, 1.8]]
+    boxes = np.column_stack([[-4, 3, -4, 4], [-4, 3, 4, -4], [0.8] * 4, sizes, [0.3, 1.4, 3, 0.0]])[:count]
+    grid = anchors(CLASSES)
+    labels = np.array([0, 3, 1, 2])[:count]
+    found = assign_by_kind(grid.double().numpy(), CLASSES.kinds, boxes, labels, np.ones(count, bool))
+    wanted = torch.tensor(boxes, dtype=torch.float32)[torch.from_numpy(found.owner)]
+    return torch.from_numpy(found.labels)[None], wanted[None], grid
+
+
+def test_the_loss_of_classes_is_the_sum_of_each_class_over_its_own_positives():
+    labels, wanted, grid = class_targets()
+    maps = class_maps()
+    together = quality_loss(maps, labels, wanted, grid, OWNERS)
+    parts = []
+    for own in (slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 7)):
+        cut = [each.reshape(1, 7, -1, *CLASSES.map_shape)[:, own] for each in maps]
+        prediction = Prediction(*(each.reshape(1, -1, *CLASSES.map_shape) for each in cut))
+        parts.append(quality_loss(prediction, labels[..., own], wanted[..., own, :], grid[..., own, :]))
+    for name, value in together.items():
+        torch.testing.assert_close(value, torch.stack([part[name] for part in parts]).sum())
+
+
+def test_a_class_that_is_not_there_learns_nothing_of_boxes():
+    labels, wanted, grid = class_targets(3)
+    without = quality_loss(class_maps(), labels, wanted, grid, OWNERS)
+    maps = class_maps()
+    maps.residuals[:, 48:] += 9.0  # of the pedestrian's anchors
+    after = quality_loss(maps, labels, wanted, grid, OWNERS)
+    for name in ("box", "iou", "direction", "quality", "class"):
+        torch.testing.assert_close(after[name], without[name])
+
+
+def test_one_class_by_name_costs_what_one_class_costs():
+    labels, wanted = targets()
+    maps = Prediction(*(torch.randn(1, width, *CONFIG.map_shape) for width in (2, 16, 2, 2)))
+    one, named = quality_loss(maps, labels, wanted, ANCHORS), quality_loss(maps, labels, wanted, ANCHORS, (0, 0))
+    assert all(torch.equal(one[name], named[name]) for name in one)
+
+
+def test_losses_are_per_positive_anchor_so_that_the_same_twice_costs_the_same():
+    labels, wanted, grid = class_targets()
+    once = quality_loss(class_maps(), labels, wanted, grid, OWNERS)
+    twice = [torch.cat((each, each)) for each in (*class_maps(), labels, wanted)]
+    again = quality_loss(Prediction(*twice[:4]), twice[4], twice[5], grid, OWNERS)
+    for name, value in once.items():
+        torch.testing.assert_close(again[name], value)

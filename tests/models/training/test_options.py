@@ -21,7 +21,7 @@ main(["--help"])
 EVERYTHING = (
     "--data d --out o --start general --preset paper --size published --voxel 0.4 --epochs 1.5 --batch 3 --seed 5 "
     "--learning-rate 0.001 --validate v --validate-frames 7 --device cpu --threads 2 --workers 1 --checkpoint-s 9 "
-    "--overwrite"
+    "--overwrite --classes vehicle pedestrian --faces vehicle --calibrate"
 )
 
 
@@ -48,3 +48,18 @@ def test_the_command_runs_where_there_is_little():
     repository = Path(__file__).parents[3]
     done = subprocess.run([sys.executable, "-c", BARE], cwd=repository, capture_output=True, text=True, check=True)
     assert "--learning-rate" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (["--classes", "tram"], "classes must be different ones"),
+        (["--faces", "heavy"], "--faces must be among --classes vehicle"),
+        (["--calibrate"], "--calibrate needs frames"),
+    ],
+)
+def test_classes_that_cannot_be_are_refused(wrong, said, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        parsed(["--data", "d", "--out", "o", *wrong])
+    assert stopped.value.code == 2
+    assert said in capsys.readouterr().err

@@ -1,12 +1,13 @@
 """What is packed: of each frame what differs from the empty site, whole under its name or not there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from models.training.packed import PackedFrames
-from models.training.packing import pack, recording
+from models.training.packing import drawn_file, join_packed, pack, recording, recordings_in
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
@@ -62,3 +63,27 @@ def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
     assert pack(recordings(), out) == 1
     assert len(PackedFrames(out)) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
+
+
+def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
+    pack(recordings_in(packed_file), tmp_path / "again.packed")
+    assert (tmp_path / "again.packed").read_bytes() == packed_file.read_bytes()
+
+
+def test_files_joined_are_what_they_would_be_at_once(frames, tmp_path):
+    fewer = [replace(f, sensors=f.sensors[:1], measurements=f.measurements[:1]) for f in frames[:2]]
+    both = [(frames, AREA), (fewer, (-5, -5, 5, 5))]
+    for name, chosen in (("at_once", both), ("a", both[:1]), ("b", both[1:])):
+        pack([recording(each, area) for each, area in chosen], tmp_path / name)
+    assert join_packed([tmp_path / "a", tmp_path / "b"], tmp_path / "joined") == 8
+    assert (tmp_path / "joined").read_bytes() == (tmp_path / "at_once").read_bytes()
+    with pytest.raises(ValueError, match="no frames"):
+        join_packed([], tmp_path / "none")
+
+
+def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
+    site = SimpleNamespace(area=np.array(AREA), height=4.0)
+    empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
+    pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
+    drawn = SimpleNamespace(site=site, frames=tuple(frames[:2]), empty=empty)
+    assert drawn_file(drawn) == (tmp_path / "x").read_bytes()

@@ -45,3 +45,16 @@ def test_a_published_network_of_a_wide_area_has_wide_voxels():
 def test_what_trains_nothing_is_refused(changes):
     with pytest.raises(ValueError, match="batch of at least 1 and epochs above 0"):
         check_fit(config_for(AREA, "fast"), replace(PRESETS["fast"], **changes))
+
+
+def test_a_network_of_classes_has_their_anchors_and_vehicles_alone_are_what_they_were():
+    config = config_for(AREA, "varied", classes=("vehicle", "pedestrian"))
+    assert config.labels == ("vehicle", "pedestrian")
+    assert config.anchor_labels == (0, 0, 1)
+    assert config_for(AREA, "varied", classes=("vehicle",)) == config_for(AREA, "fast")
+
+
+def test_several_labels_on_the_same_anchors_cannot_be_trained():
+    shared = VoxelNetConfig.light(AREA, labels=("vehicle", "cyclist"))
+    with pytest.raises(ValueError, match="anchors of their own to be trained"):
+        check_fit(shared, PRESETS["fast"])

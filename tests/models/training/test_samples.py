@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, road_users
 from models.network.anchors import anchors
 from models.network.voxelnet import VoxelNet
 from models.training.presets import PRESETS
 from models.training.samples import SampleRecipe, Samples, jitter_objects, stack, turn_scene
 from models.training.targets import IGNORED, NEGATIVE, POSITIVE
 from toolkit.boxes import count_points, iou_bev, points_in_boxes
-from toolkit.objects import VEHICLE
+from toolkit.objects import HEAVY, VEHICLE
 
 CONFIG = VoxelNetConfig.light((-12.8, -12.8, 12.8, 12.8))
 RECIPES = [PRESETS[name].examples for name in ("fast", "paper", "general")]
@@ -165,3 +165,47 @@ def test_a_scene_larger_than_the_window_is_cut(packed):
         assert example.voxels.points[:, :2].abs().max() < 6.4
         positive = example.boxes[example.labels == POSITIVE]
         assert not len(positive) or positive[:, :2].abs().max() < 6.4
+
+
+CLASSES = VoxelNetConfig.light((-12.8, -12.8, 12.8, 12.8), **road_users())
+
+
+def test_a_network_of_classes_is_asked_for_each_by_its_own_anchors(packed):
+    recipe = SampleRecipe(subsets=0.0)
+    for k in range(len(packed)):
+        example, objects = Samples(packed, CLASSES, recipe, seed=0)[0, k], packed.objects(k)
+        points = np.concatenate(packed.points(k, None))
+        inside = np.abs(objects.boxes[:, :2]).max(axis=1) <= 12.8
+        seen = count_points(points, objects.boxes) >= 10
+        labels, wanted = example.labels[0], example.boxes[0]
+        for label, own in ((VEHICLE, slice(0, 2)), (HEAVY, slice(2, 4))):
+            asked = objects.boxes[(objects.labels == label) & inside & seen]
+            found = np.unique(wanted[..., own, :][labels[..., own] == POSITIVE].double().numpy().round(4), axis=0)
+            assert len(found) >= len(asked) > 0
+            for box in asked:
+                assert np.abs(found - box).max(axis=1).min() < 1e-3
+        assert (labels[..., 4:] != POSITIVE).all()  # there are no cyclists and no pedestrians
+        near = np.hypot(*(anchors(CLASSES).numpy()[:, :, 0, :2] - objects.boxes[-1, :2]).transpose(2, 0, 1)) < 0.5
+        assert (labels[torch.from_numpy(near)][:, :2] == NEGATIVE).all()  # a heavy one is no vehicle
+
+
+def test_windows_are_laid_near_every_class_as_often(packed):
+    """Three vehicles and one heavy one are in the area of most frames; by class each has half of the windows."""
+    grid = (-3.2, -3.2, 3.2, 3.2)
+    samples = Samples(packed, VoxelNetConfig.light(grid, **road_users()), SampleRecipe(subsets=0.0, seen=0), seed=1)
+    heavy = np.mean([(samples[epoch, 1].labels[0, ..., 2:4] == POSITIVE).any().item() for epoch in range(60)])
+    assert 0.3 < heavy < 0.7
+    samples = Samples(packed, VoxelNetConfig.light(grid), SampleRecipe(subsets=0.0, seen=0), seed=1)
+    assert np.mean([(samples[epoch, 1].labels == POSITIVE).any().item() for epoch in range(60)]) > 0.7
+
+
+def test_thinned_and_tilted_examples_have_fewer_points_on_other_ground(packed):
+    recipe = SampleRecipe(subsets=0.0)
+    plain = Samples(packed, CONFIG, recipe, seed=0)
+    thin = Samples(packed, CONFIG, replace(recipe, thinned=1.0), seed=0)
+    shares = [len(thin[epoch, 1].voxels.points) / len(plain[0, 1].voxels.points) for epoch in range(12)]
+    assert min(shares) < 0.5 < max(shares) < 1.0
+    tilt = Samples(packed, CONFIG, replace(recipe, tilted=1.0), seed=0)
+    spread = [np.ptp([np.median(each[epoch, 1].voxels.points[:, 2]) for epoch in range(9)]) for each in (plain, tilt)]
+    assert spread[0] < 0.01
+    assert spread[1] > 0.05

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from models.config import VoxelNetConfig
+from models.config import ROAD_USERS, VoxelNetConfig, road_users
 from models.network.anchors import anchors
-from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign, sample
+from models.training.targets import IGNORED, NEGATIVE, POSITIVE, assign, assign_by_kind, sample
 from toolkit.boxes import iou_bev
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 GRID = anchors(VoxelNetConfig.light((-8, -8, 8, 8), anchor_size=(4.0, 2.0, 1.6))).double().numpy()
 CELL = (20, 20)  # its anchors stand at (0.2, 0.2)
@@ -112,3 +113,76 @@ def test_anchors_that_are_not_positive_have_no_owner():
     found = assign(GRID, np.concatenate([car(-6, -6), car()]), positive=0.6, negative=0.3)
     assert (found.owner[found.labels != POSITIVE] == 0).all()
     assert (found.owner == 1).any()
+
+
+KINDS = ROAD_USERS
+CLASSES = anchors(VoxelNetConfig.light((-8, -8, 8, 8), **road_users())).double().numpy()
+
+
+def slowly(boxes, labels, asked):
+    """Matching by class as it is defined: each anchor against each object of its class, one after the other."""
+    found = np.zeros(CLASSES.shape[:3], np.int8)
+    owner = np.zeros(CLASSES.shape[:3], np.int64)
+    kinds = [kind for kind in KINDS for _ in kind.yaws]
+    first = {kind.label: [k.label for k in kinds].index(kind.label) for kind in KINDS}
+    best = {}
+    for place in np.ndindex(*CLASSES.shape[:3]):
+        kind, anchor = kinds[place[2]], CLASSES[place].copy()
+        anchor[3:5] += kind.margin
+        most = 0.0
+        for row in np.flatnonzero(labels == LABELS.index(kind.label)):
+            box = boxes[row].copy()
+            box[3:5] += kind.margin
+            if not asked[row]:
+                continue
+            box[6] = round(box[6] / (np.pi / 2)) * np.pi / 2
+            if np.hypot(*(anchor[:2] - box[:2])) > (np.hypot(*anchor[3:5]) + np.hypot(*box[3:5])) / 2:
+                continue
+            iou = iou_bev(anchor[None], box[None])[0, 0]
+            if iou > most + 1e-12:
+                most, owner[place] = iou, row
+            if iou > best.get(row, (0.1 - 1e-9,))[0] + 1e-12:
+                best[row] = (iou, place)
+        found[place] = POSITIVE if most > kind.positive else NEGATIVE if most <= kind.negative else IGNORED
+        for row in np.flatnonzero(labels == LABELS.index(kind.label)):
+            box = boxes[row] + [0, 0, 0, kind.margin, kind.margin, 0, 0]
+            if not asked[row] and found[place] == NEGATIVE:
+                (dx, dy), cos, sin = anchor[:2] - box[:2], np.cos(box[6]), np.sin(box[6])
+                if abs(dx * cos + dy * sin) <= box[3] / 2 and abs(dy * cos - dx * sin) <= box[4] / 2:
+                    found[place] = IGNORED
+    for row, (_, place) in best.items():
+        found[place], owner[place] = POSITIVE, row
+    assert first == {"vehicle": 0, "heavy": 2, "cyclist": 4, "pedestrian": 6}
+    return found, np.where(found == POSITIVE, owner, 0)
+
+
+def test_classes_are_matched_as_slowly_by_definition():
+    boxes = np.array([
+        [-5.03, 4.01, 0.8, 4.3, 1.8, 1.5, 0.2], [1.11, 1.07, 1.6, 7.0, 2.4, 3.0, 1.5],
+        [5.13, -5.21, 0.9, 1.8, 0.6, 1.7, -0.4], [5.17, -3.93, 0.9, 0.6, 0.5, 1.8, 0.0],
+        [-5.31, -5.11, 0.9, 0.6, 0.5, 1.8, 2.9], [-3.07, -5.03, 0.9, 1.7, 0.6, 1.7, 0.7],
+    ])  # fmt: skip
+    labels = np.array([VEHICLE, HEAVY, CYCLIST, PEDESTRIAN, PEDESTRIAN, CYCLIST])
+    asked = np.array([True, True, True, True, False, False])
+    found = assign_by_kind(CLASSES, KINDS, boxes, labels, asked)
+    expected, owner = slowly(boxes, labels, asked)
+    np.testing.assert_array_equal(found.labels, expected)
+    np.testing.assert_array_equal(found.owner, owner)
+    for row, anchors_of_class in enumerate([slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 7)]):
+        mine = (found.owner == row) & (found.labels == POSITIVE)
+        assert mine.sum() >= 3  # the margin gives small ones more than one
+        assert mine[:, :, anchors_of_class].sum() == mine.sum()
+    assert (found.labels[:, :, 6] == IGNORED).sum() > 0
+
+
+def test_without_a_margin_a_pedestrian_has_one_anchor():
+    walker = np.array([[0.35, 0.3, 0.9, 0.6, 0.5, 1.8, 0.0]])
+    bare = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35)
+    wide = assign(CLASSES[:, :, 6:], walker, positive=0.5, negative=0.35, margin=0.8)
+    assert ((bare.labels == POSITIVE).sum(), (wide.labels == POSITIVE).sum()) == (1, 3)
+
+
+def test_no_objects_of_any_class_are_all_negative():
+    found = assign_by_kind(CLASSES, KINDS, np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(0, bool))
+    assert (found.labels == NEGATIVE).all()
+    assert (found.owner == 0).all()

@@ -53,3 +53,21 @@ def test_who_detects_what_is_there_has_all_of_it_and_who_detects_half_has_less(d
     vehicles = [packed.objects(k)[packed.objects(k).labels == VEHICLE] for k in range(len(packed))]
     assert detecting(lambda k: vehicles[k]) == {"AP@0.7": 1.0, "AP@0.8": 1.0, "AP@0.9": 1.0}
     assert 0.3 < detecting(lambda k: vehicles[k][::2])["AP@0.7"] < 0.7
+
+
+def test_every_class_of_the_network_has_figures(monkeypatch, packed):
+    frames = iter(range(len(packed)))
+
+    class Detector:
+        def __init__(self, network, **settings):
+            pass
+
+        def __call__(self, points):
+            objects = packed.objects(next(frames))
+            named = np.where(objects.labels == 3, 3, 1)  # the heavy ones rightly, vehicles as cyclists
+            return Detections(objects.boxes, np.full(len(objects), 0.9), named)
+
+    monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
+    network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
+    heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
+    assert average_precision(network, packed) == {"AP@0.7": 0.0, "AP@0.8": 0.0, "AP@0.9": 0.0, **heavy}

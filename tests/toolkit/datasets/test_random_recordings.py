@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
 from toolkit.datasets import random_recordings as module
-from toolkit.datasets.random_recordings import random_recording, random_recordings
+from toolkit.datasets.random_recordings import random_recording, random_recordings, random_recordings_file
 from toolkit.objects import VEHICLE
 
 
@@ -74,6 +74,7 @@ def test_the_number_of_workers_changes_nothing():
     assert alone == helped
 
 
+<<<<<<< HEAD
 def test_a_fleet_takes_the_place_of_the_bodies_of_training():
     own = fleet_named("own")
     first, again = (random_recording(seed=4, number=1, frames=2, fleet=own) for _ in range(2))
@@ -82,3 +83,78 @@ def test_a_fleet_takes_the_place_of_the_bodies_of_training():
     assert third == digest(random_recording(seed=4, number=0, frames=2, fleet=own))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames])
     assert len({tuple(size) for size in sizes.round(4).tolist()}) > 5
+=======
+class Noted:
+    """Stands for drawing: what was drawn, and a kill when its time has come."""
+
+    def __init__(self, kill_at=None):
+        self.numbers, self.kill_at = [], kill_at
+
+    def __call__(self, seed, number, frames):
+        if number == self.kill_at:
+            raise KeyboardInterrupt
+        if number == 2:
+            raise ValueError("no road")
+        self.numbers.append(number)
+        return f"{seed} {number} {frames}"
+
+
+def as_bytes(drawn):
+    return drawn.encode()
+
+
+def as_lines(paths, target):
+    lines = [path.read_text() for path in paths]
+    target.write_text("\n".join(lines))
+    return len(lines)
+
+
+def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch):
+    out, first, second = tmp_path / "x.packed", Noted(kill_at=3), Noted()
+    settings = {"encode": as_bytes, "join": as_lines, "workers": 1}
+    monkeypatch.setattr(module, "random_recording", first)
+    with pytest.raises(KeyboardInterrupt):
+        random_recordings_file(5, 4, 7, out, **settings)
+    assert not out.exists()
+    with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
+        random_recordings_file(5, 4, 8, out, **settings)
+    with pytest.raises(FileExistsError, match="fleet that of training instead of 0 "):
+        random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("own"))
+    monkeypatch.setattr(module, "random_recording", second)
+    done = []
+    with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):
+        assert random_recordings_file(5, 4, 7, out, **settings, progress=done.append) == 4
+    assert (first.numbers, second.numbers, done) == ([0, 1], [3, 4], [4, 5])
+    assert out.read_text().split("\n") == ["7 0 4", "7 1 4", "7 3 4", "7 4 4"]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
+
+
+def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
+    out = tmp_path / "x.packed"
+    monkeypatch.setattr(module, "random_recording", Noted(kill_at=1))
+    with pytest.raises(KeyboardInterrupt):
+        random_recordings_file(2, 4, 7, out, encode=as_bytes, join=as_lines, workers=1)
+    monkeypatch.setattr(module, "random_recording", Noted())
+    random_recordings_file(2, 4, 8, out, encode=as_bytes, join=as_lines, workers=1, overwrite=True)
+    assert out.read_text() == "8 0 4\n8 1 4"
+
+
+def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
+    asked = []
+
+    def drawn(seed, number, frames, *, fleet):
+        asked.append(fleet)
+        return "drawn"
+
+    monkeypatch.setattr(module, "random_recording", drawn)
+    fleet = fleet_named("own")
+    random_recordings_file(2, 4, 8, tmp_path / "x", encode=as_bytes, join=as_lines, workers=1, fleet=fleet)
+    assert asked == [fleet, fleet]
+
+
+@pytest.mark.parametrize(("count", "frames", "seed"), [(0, 4, 7), (5, 0, 7), (5, 4, -1)])
+def test_numbers_that_are_none_are_refused_before_anything_is_written(count, frames, seed, tmp_path):
+    with pytest.raises(ValueError, match="at least one site and one frame"):
+        random_recordings_file(count, frames, seed, tmp_path / "x", encode=as_bytes, join=as_lines)
+    assert list(tmp_path.iterdir()) == []
+>>>>>>> detector

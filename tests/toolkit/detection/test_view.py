@@ -93,3 +93,21 @@ def test_of_boxes_that_overlap_the_surest_stays():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [0.5, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])
     kept = suppress(Detections(boxes, np.array([0.4, 0.6, 0.5])))
     assert kept.boxes[:, 0].tolist() == [0.5, 9]
+
+
+def test_boxes_of_different_classes_do_not_suppress_each_other():
+    box = np.array([0.0, 0, 1, 4, 2, 1.5, 0])
+    found = Detections(np.stack([box] * 4), np.array([0.5, 0.9, 0.7, 0.6]), np.array([0, 3, 0, 2]))
+    kept = suppress(found)
+    assert [(label, score) for label, score in zip(kept.labels, kept.scores, strict=True)] == [
+        (3, 0.9),
+        (0, 0.7),
+        (2, 0.6),
+    ]
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 2, 0]])
+def test_the_order_of_equal_boxes_of_different_classes_makes_no_difference(order):
+    box = np.array([0.0, 0, 1, 4, 2, 1.5, 0])
+    found = Detections(np.stack([box] * 3), np.full(3, 0.5), np.array([2, 0, 3]))[order]
+    assert suppress(found).labels.tolist() == [0, 2, 3]

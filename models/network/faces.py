@@ -1,0 +1,193 @@
+"""Faces: a second stage that moves each face of a detected box to where the points about it end.
+
+Sizes are measured rather than recalled. In the frame of a box (u ahead, v to the left, t above its floor) the points
+about a face are counted by their distance beyond it, in steps of 4 cm and three zones:
+
+    front, rear    low, middle and high: bumpers, bonnet or boot, windows
+    left, right    low; high ahead; high behind: mirrors stand out high ahead only
+    top            ahead, middle, behind
+
+From these counts and those of the opposite face a tiny network per sort of face (end, side, top) says how far outwards
+the face belongs (m), and how far off that may be. Where that is no nearer than the box is anyhow, as where no points
+are, the face stays. What the networks know of cars is thus what an end of points looks like, and no sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from toolkit.arrays import Float, Float32, Int64
+from toolkit.objects import LABELS, Detections, label_index
+
+STEP = 0.04  # m
+NEAREST, BINS = -0.6, 28  # m inside of the face where the counts begin, and how many steps there are
+ZONES = 3
+FLOOR_GAP = 0.2  # m above the floor of a box, below which a point may be of the ground
+BESIDE = 0.1  # m beside a face in which its points are counted too
+LEAST_POINTS = 3  # points about a face or the one opposite, below which a face stays
+HIDDEN = 56
+SORTS = ("end", "side", "top")
+_OWN = BINS * ZONES
+_EXTRAS = 2 + 3 + len(LABELS)  # how many points there are, the size of the box, its class
+
+
+class FaceFeatures(NamedTuple):
+    """What the networks see of n boxes. counted: points about the face or the one opposite."""
+
+    end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
+    side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
+    top: Float32[np.ndarray, "n F"]
+    counted: tuple[Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " n"]]
+
+
+class FaceNetworks(nn.Module):
+    """The three networks: features (n, F) -> shift outwards (m) and the logarithm of its mean error (m).
+
+    >>> sum(each.numel() for each in FaceNetworks().parameters())
+    40438
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.end, self.side, self.top = (_network(width) for width in (2 * _OWN, 2 * _OWN, _OWN))
+        self.register_buffer("prior", torch.full((len(SORTS),), np.inf))
+
+    prior: Tensor
+    """Mean error of each sort of face as it is detected (m): a surer answer moves the face."""
+
+    def answers(self, sort: str, features: Float[Tensor, "n F"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+        """Shift outwards (m) and the logarithm of its mean error (m) of faces of one sort."""
+        shift, spread = getattr(self, sort)(features).unbind(1)
+        return shift / 4, spread - 3
+
+    @torch.inference_mode()
+    def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
+        """Shift outwards (m) of each face, by sort; 0 where there is nothing to go by."""
+        found = []
+        for number, sort in enumerate(SORTS):
+            shift, spread = self.answers(sort, torch.from_numpy(features[number]))
+            sure = (torch.exp(spread) < self.prior[number]) & (
+                torch.from_numpy(features.counted[number]) >= LEAST_POINTS
+            )
+            found.append(torch.where(sure, shift, 0.0).double().numpy())
+        return found
+
+
+def _network(histograms: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(histograms + _EXTRAS, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 2)
+    )
+
+
+def measured(
+    networks: FaceNetworks, found: Detections, points: Float[np.ndarray, "n 3"], labels: Sequence[str]
+) -> Detections:
+    """The detections, the boxes of these labels with their faces moved."""
+    rows = np.flatnonzero(np.isin(found.labels, [label_index(label) for label in labels]))
+    if not len(rows):
+        return found
+    boxes = found.boxes.copy()
+    features = face_features(points, boxes[rows], found.labels[rows])
+    boxes[rows] = moved(boxes[rows], *networks.shifts(features))
+    return Detections(boxes, found.scores, found.labels)
+
+
+def moved(
+    boxes: Float[np.ndarray, "n 7"],
+    end: Float[np.ndarray, " 2*n"],
+    side: Float[np.ndarray, " 2*n"],
+    top: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n 7"]:
+    """Boxes with their faces moved outwards (m), at most to a fifth of their size inwards; the floor stays.
+
+    >>> moved(np.array([[0, 0, 1, 4, 2, 2, 0.0]]), np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
+    array([[0.2 , 0.1 , 1.25, 4.4 , 1.8 , 2.5 , 0.  ]])
+    """
+    (front, rear), (left, right) = np.split(end, 2), np.split(side, 2)
+    boxes = boxes.copy()
+    grown = np.stack([front + rear, left + right, top], axis=1)
+    grown = np.maximum(grown, -0.8 * boxes[:, 3:6])
+    ahead, aside = (front - rear) / 2, (left - right) / 2
+    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    boxes[:, 0] += ahead * cos - aside * sin
+    boxes[:, 1] += ahead * sin + aside * cos
+    boxes[:, 2] += grown[:, 2] / 2
+    boxes[:, 3:6] += grown
+    return boxes
+
+
+def face_offsets(
+    boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
+) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
+    """How far outwards (m) each face of a box belongs to be that of the truth beside it, as `moved` takes it. A truth
+    that faces the other way has the faces that lie there."""
+    (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    ahead, aside, grown = dx * cos + dy * sin, dy * cos - dx * sin, truths[:, 3:6] - boxes[:, 3:6]
+    end = np.concatenate([grown[:, 0] / 2 + ahead, grown[:, 0] / 2 - ahead])
+    side = np.concatenate([grown[:, 1] / 2 + aside, grown[:, 1] / 2 - aside])
+    return end, side, truths[:, 2] - boxes[:, 2] + grown[:, 2] / 2
+
+
+def face_features(
+    points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
+) -> FaceFeatures:
+    """What the points about each face of each box look like; points that are not finite are left out."""
+    count = len(boxes)
+    end, side, top = np.zeros((2, count, _OWN)), np.zeros((2, count, _OWN)), np.zeros((1, count, _OWN))
+    for row, near in enumerate(_near_points(points, boxes)):
+        length, width, height = boxes[row, 3:6]
+        u, v, t = near.T
+        across, along = np.abs(v) <= width / 2 + BESIDE, np.abs(u) <= length / 2 + BESIDE
+        high, ahead, band = t > 0.5 * height, u > 0.05 * length, np.digitize(t, [0.4 * height, 0.7 * height])
+        third = np.digitize(u, [-length / 6, length / 6])
+        zone = np.where(high, 1 + ahead, 0)
+        for face, sign in enumerate((1, -1)):
+            end[face, row] = _counts(sign * u - length / 2, band, across)
+            side[face, row] = _counts(sign * v - width / 2, zone, along)
+        top[0, row] = _counts(t - height, third, across & along)
+    kind = np.eye(len(LABELS))[labels]
+    extras = np.column_stack([np.log(boxes[:, 3:6] / [4.5, 1.8, 1.6]), kind])
+    (ends, by_end), (sides, by_side), (tops, by_top) = (_with_opposite(own, extras) for own in (end, side, top))
+    return FaceFeatures(ends, sides, tops, (by_end, by_side, by_top))
+
+
+def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows for a network: the counts of each face, those of the one opposite, and what is known of the box."""
+    faces = len(own)
+    totals = own.sum(axis=2)
+    histograms = [own, own[::-1]] if faces == 2 else [own]
+    sums = [totals, totals[::-1] if faces == 2 else totals]
+    parts = [*map(np.log1p, histograms), *(np.log1p(total)[..., None] for total in sums)]
+    rows = np.concatenate([*parts, np.broadcast_to(extras, (faces, *extras.shape))], axis=2)
+    counted = totals.sum(axis=0) if faces == 2 else totals[0]
+    return rows.reshape(-1, rows.shape[2]).astype(np.float32), np.tile(counted, faces).astype(np.int64)
+
+
+def _counts(distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray) -> Float[np.ndarray, " F"]:
+    """How many of the chosen points there are in each zone and step of distance."""
+    step = np.floor((distance - NEAREST) / STEP).astype(np.int64)
+    inside = chosen & (step >= 0) & (step < BINS)
+    return np.bincount(zone[inside] * BINS + step[inside], minlength=_OWN)[:_OWN].astype(np.float64)
+
+
+def _near_points(points: np.ndarray, boxes: np.ndarray) -> list[Float[np.ndarray, "k 3"]]:
+    """Per box the points on it and about it, in its own frame: u ahead and v left of its middle, t above its floor."""
+    points = points[np.isfinite(points).all(axis=1)]
+    points = points[np.argsort(points[:, 0], kind="stable")]
+    reach = NEAREST + STEP * BINS  # of the counts, beyond a face
+    around = np.hypot(boxes[:, 3] / 2 + reach, boxes[:, 4] / 2 + reach)
+    first, last = (np.searchsorted(points[:, 0], boxes[:, 0] + sign * around) for sign in (-1, 1))
+    near = []
+    for box, begin, end in zip(boxes, first, last, strict=True):
+        (x, y, z), (cos, sin) = (points[begin:end] - box[:3]).T, (np.cos(box[6]), np.sin(box[6]))
+        u, v, t = x * cos + y * sin, y * cos - x * sin, z + box[5] / 2
+        inside = (
+            (np.abs(u) < box[3] / 2 + reach) & (np.abs(v) < box[4] / 2 + reach) & (t > FLOOR_GAP) & (t < box[5] + reach)
+        )
+        near.append(np.stack([u[inside], v[inside], t[inside]], axis=1).astype(np.float64))
+    return near

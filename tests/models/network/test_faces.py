@@ -1,0 +1,187 @@
+"""Faces of boxes with known points: what is counted, what is moved, and that a face nobody sees stays."""
+
+import numpy as np
+import pytest
+import torch
+
+from models.config import VoxelNetConfig
+from models.detector import VoxelNetDetector
+from models.network.faces import (
+    BINS,
+    NEAREST,
+    SORTS,
+    STEP,
+    ZONES,
+    FaceNetworks,
+    face_features,
+    face_offsets,
+    measured,
+    moved,
+)
+from models.network.voxelnet import VoxelNet
+from models.training.widening import rebuilt
+from toolkit.boxes import corners
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections
+
+OWN = BINS * ZONES
+BOX = np.array([[3.0, -2.0, 0.8, 4.0, 2.0, 1.6, 0.0]])  # from x = 1 to 5, y = -3 to -1, top at 1.6
+CAR = np.array([VEHICLE])
+
+
+def counts(row, zone):
+    """The number of points in each step of a zone, from a row of features."""
+    return np.expm1(row[zone * BINS : (zone + 1) * BINS]).round(4)
+
+
+def step_of(distance):
+    return int(np.floor((distance - NEAREST) / STEP))
+
+
+def turned(points, boxes, yaw, shift=(7.0, 3.0, 0.2)):
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    boxes = boxes.copy()
+    boxes[:, :3] = boxes[:, :3] @ turn.T + shift
+    boxes[:, 6] += yaw
+    return points @ turn.T + shift, boxes
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.1, np.pi, -2.5])
+def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
+    points = np.array([
+        [5.09, -2.0, 0.3],  # 9 cm before the front, low
+        [5.09, -2.0, 0.7],  # in the middle
+        [0.71, -2.5, 1.3],  # 29 cm behind the rear, high
+        [3.0, -0.85, 0.5],  # 15 cm left of the left side, low
+        [4.0, -3.09, 1.2],  # 9 cm right of the right side, high and ahead
+        [2.0, -3.17, 1.2],  # 17 cm right of it, high and behind
+        [2.1, -2.0, 1.71],  # 11 cm above the top, behind
+    ])  # fmt: skip
+    points, boxes = turned(points, BOX, yaw)
+    seen = face_features(points, boxes, CAR)
+    front, rear = seen.end
+    left, right = seen.side
+    for row, zone, distance in (
+        (front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17),
+        (seen.top[0], 0, 0.11),
+    ):  # fmt: skip
+        assert counts(row, zone)[step_of(distance)] == 1, (zone, distance)
+    np.testing.assert_array_equal(front[OWN : 2 * OWN], rear[:OWN])  # each sees the one opposite
+    np.testing.assert_array_equal(right[OWN : 2 * OWN], left[:OWN])
+
+
+def test_only_points_about_a_face_and_above_the_ground_count():
+    aside = np.array([[5.09, -4.2, 0.8], [5.09, -2.0, 0.15], [5.09, -2.0, 9.0], [9.0, -2.0, 0.8], [np.nan, 0, 0]])
+    seen = face_features(aside, BOX, CAR)
+    assert [int(total.sum()) for total in seen.counted] == [0, 0, 0]
+    assert np.expm1(seen.end[:, : 2 * OWN]).sum() == 0
+    near = np.array([[5.09, -3.09, 0.8], [5.09, -3.11, 0.8]])  # 9 cm beside the box is still its front, 11 cm not
+    assert face_features(near, BOX, CAR).counted[0].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("distance", "step"), [(-0.59, 0), (-0.55, 1), (0.01, 15), (0.51, 27), (0.53, None), (-0.61, None)]
+)
+def test_counts_reach_from_60_cm_inside_to_52_cm_beyond_a_face(distance, step):
+    front = face_features(np.array([[5.0 + distance, -2.0, 0.8]]), BOX, CAR).end[0]
+    expected = np.zeros(28)
+    if step is not None:
+        expected[step] = 1
+    np.testing.assert_array_equal(counts(front, 1), expected)
+
+
+def test_what_is_known_of_the_box_comes_last():
+    seen = face_features(np.zeros((0, 3)), BOX, np.array([HEAVY]))
+    expected = [0, 0, *np.log(np.array([4.0, 2.0, 1.6]) / [4.5, 1.8, 1.6]), 0, 0, 0, 1]
+    for rows in seen[:3]:
+        np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
+    assert [rows.shape for rows in seen[:3]] == [(2, 2 * OWN + 9), (2, 2 * OWN + 9), (1, OWN + 9)]
+
+
+def test_boxes_are_seen_each_by_itself():
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
+    boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
+    labels = np.array([VEHICLE, CYCLIST, HEAVY])
+    together = face_features(points, boxes, labels)
+    for row in range(3):
+        alone = face_features(points, boxes[row : row + 1], labels[row : row + 1])
+        np.testing.assert_array_equal(together.end[[row, row + 3]], alone.end)
+        np.testing.assert_array_equal(together.side[[row, row + 3]], alone.side)
+        np.testing.assert_array_equal(together.top[[row]], alone.top)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_moved_by_its_offsets_a_box_is_the_truth(seed):
+    rng = np.random.default_rng(seed)
+    truths = np.column_stack([rng.normal(0, 9, (9, 3)), rng.uniform(1, 5, (9, 3)), rng.uniform(-4, 4, 9)])
+    boxes = truths + np.column_stack([rng.normal(0, 0.2, (9, 6)), np.zeros(9)])
+    boxes[:, 2] = truths[:, 2] - truths[:, 5] / 2 + boxes[:, 5] / 2  # on the same floor
+    boxes[::2, 6] += np.pi  # the other way round, of the same place
+    result = moved(boxes, *face_offsets(boxes, truths))
+    np.testing.assert_allclose(result[:, :6], truths[:, :6], atol=1e-9)
+    np.testing.assert_array_equal(result[:, 6], boxes[:, 6])
+
+
+def test_faces_moved_outwards_are_where_they_should_be():
+    box = moved(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
+    low, high = corners(box[None])[0].min(axis=0), corners(box[None])[0].max(axis=0)
+    np.testing.assert_allclose(low, [1.1, -3.05, 0.0], atol=1e-12)
+    np.testing.assert_allclose(high, [5.3, -0.8, 1.2], atol=1e-12)
+
+
+def test_no_box_is_turned_inside_out():
+    box = moved(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
+    np.testing.assert_allclose(box[3:6], 0.2 * BOX[0, 3:6])
+
+
+class Known(FaceNetworks):
+    """Answers the same shift for every face, with a mean error of 2 cm."""
+
+    def answers(self, sort, features):
+        return torch.full((len(features),), 0.25), torch.full((len(features),), float(np.log(0.02)))
+
+
+def cloud_at_the_front(count):
+    return np.column_stack([np.full(count, 5.1), np.linspace(-2.5, -1.5, count), np.full(count, 0.8)])
+
+
+def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_there():
+    known = Known()
+    found = Detections(BOX, np.array([0.9]), CAR)
+    known.prior[:] = 0.05
+    seen = measured(known, found, cloud_at_the_front(3), ("vehicle",))
+    np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
+    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
+    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
+    known.prior[:] = 0.019
+    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
+    assert len(measured(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
+
+
+def test_networks_that_were_not_trained_answer_finite_shifts():
+    torch.manual_seed(0)
+    networks = FaceNetworks()
+    shifts = networks.shifts(face_features(cloud_at_the_front(9), BOX, CAR))
+    assert [len(each) for each in shifts] == [2, 2, 1]
+    assert all(np.isfinite(each).all() for each in shifts)
+    assert [name for name, _ in networks.named_children()] == list(SORTS)
+
+
+def network():
+    torch.manual_seed(0)
+    made = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))).eval()
+    torch.nn.init.normal_(made.head.classes.bias, 0.0, 0.1)
+    return made
+
+
+def test_a_detector_with_a_second_stage_gives_a_batch_as_its_items_and_keeps_scores():
+    clouds = [
+        np.random.default_rng(k).uniform((-9, -9, -1), (9, 9, 4), (count, 3)).astype(np.float32)
+        for k, count in ((1, 3000), (2, 400))
+    ]
+    staged, plain = VoxelNetDetector(rebuilt(network(), faces=("vehicle",))), VoxelNetDetector(network())
+    for together, alone, before in zip(staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True):
+        np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_allclose(alone.scores, before.scores, atol=1e-6)
+        assert np.abs(alone.boxes - before.boxes).max() > 0.01
+        np.testing.assert_allclose(alone.boxes[:, 6], before.boxes[:, 6], atol=1e-6)

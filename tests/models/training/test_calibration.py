@@ -1,0 +1,134 @@
+"""Calibration on made-up detections whose truth is known."""
+
+import numpy as np
+import pytest
+import torch
+
+from models.detector import calibrated
+from models.network.voxelnet import VoxelNet
+from models.training import calibration
+from models.training.calibration import (
+    FEWEST,
+    LOWEST,
+    calibrated_on,
+    logit,
+    lowest_threshold,
+    platt,
+    reliability,
+    sigmoid,
+)
+from models.training.presets import config_for
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+
+
+def drawn(count=20000, slope=2.0, intercept=-1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    scores = rng.uniform(0.02, 0.98, count)
+    return scores, rng.random(count) < sigmoid(slope * logit(scores) + intercept)
+
+
+def test_it_finds_the_slope_and_intercept_of_what_was_drawn():
+    assert platt(*drawn()) == pytest.approx((2.0, -1.0), abs=0.08)
+    assert platt(*drawn(slope=0.7, intercept=0.5)) == pytest.approx((0.7, 0.5), abs=0.05)
+
+
+def test_calibrated_scores_are_shares():
+    scores, hits = drawn()
+    slope, intercept = platt(scores, hits)
+    assert reliability(scores, hits).error > 0.1
+    assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
+
+
+def test_few_or_spotless_detections_give_no_wild_answer():
+    assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
+    slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
+    assert 1.0 <= slope < 3
+    assert 0 <= intercept < 2
+    upside_down = platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)
+    assert upside_down[0] == 0.05  # order is kept
+
+
+def test_reliability_counts_every_detection_once():
+    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
+    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
+    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_above_the_threshold_such_a_share_is_true_and_above_no_lower_one(seed):
+    scores, hits = drawn(3000, seed=seed)
+    lowest = lowest_threshold(scores, hits, 0.9)
+    assert hits[scores > lowest].mean() >= 0.9
+    assert all(hits[scores > lower].mean() < 0.9 for lower in scores[scores < lowest])
+    assert lowest_threshold(scores, np.ones(3000, bool), 0.95) == 0.0
+
+
+def test_a_share_of_few_is_not_believed():
+    scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < FEWEST - 1
+    assert lowest_threshold(scores, hits, 1.0) == pytest.approx(scores[FEWEST])
+    assert lowest_threshold(scores, np.arange(100) < FEWEST, 1.0) == pytest.approx(scores[FEWEST])
+    assert lowest_threshold(scores[:5], hits[:5] & False, 0.9) == 0.0
+
+
+def fake(found):
+    """Stands for what a network detects on a packed file."""
+    return lambda network, frames, *, count, seed: found
+
+
+def scene(label, scores, hits):
+    """A frame with detections of one class, each on an object or 10 m beside it."""
+    size = {VEHICLE: (4.0, 1.8, 1.5), CYCLIST: (1.8, 0.6, 1.7), HEAVY: (9, 2.5, 3)}[label]
+    boxes = np.array([[20.0 * k, 0.0, 1.0, *size, 0.0] for k in range(len(scores))])
+    there, labels = boxes.copy(), np.full(len(scores), label)
+    there[:, 1] += np.where(hits, 0.0, 10.0)
+    return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
+
+
+def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypatch, packed):
+    rng = np.random.default_rng(0)
+    frames = []
+    for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
+        scores = rng.uniform(0.05, 0.98, 900)
+        hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
+        frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
+    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]  # too few to say anything
+    monkeypatch.setattr(calibration, "detections_of", fake(frames))
+    torch.manual_seed(0)
+    network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
+    result = calibrated_on(network, packed).config
+    assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
+    assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
+    assert result.calibration[2] == (1.0, 0.0)
+    sure = []
+    for found, there, _ in frames:
+        slope, shift = result.calibration[[VEHICLE, CYCLIST, HEAVY].index(found.labels[0])]
+        sure += zip(sigmoid(slope * logit(found.scores) + shift), there.boxes[:, 1] == 0, strict=True)
+    above = [true for score, true in sure if score > result.score_threshold]
+    assert len(above) > 400
+    assert np.mean(above) == pytest.approx(0.95, abs=0.002)
+
+
+def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
+    flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
+    monkeypatch.setattr(calibration, "detections_of", fake(flawless))
+    assert calibrated_on(VoxelNet(config_for(AREA, "fast")), packed).config.score_threshold == LOWEST
+
+
+def test_the_detector_calibrates_as_the_fit_does():
+    config = config_for(AREA, "fast", classes=("vehicle", "pedestrian"))
+    from dataclasses import replace
+
+    config = replace(config, calibration=((2.0, -1.0), (0.5, 0.25)))
+    scores = torch.tensor([0.1, 0.5, 0.9]).repeat(2, 1, 1, 1).permute(0, 1, 3, 2)[..., None].reshape(2, 1, 1, 3, 1)
+    after = calibrated(scores, config)
+    expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
+    np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
+    assert torch.equal(calibrated(scores, replace(config, calibration=())), scores)
+
+
+def test_what_is_true_is_by_the_iou_of_its_class():
+    assert calibration.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}

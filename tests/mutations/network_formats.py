@@ -1,0 +1,76 @@
+"""Sound files of networks: weights of vehicles alone and of several classes, checkpoints, and what reads them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+
+def network() -> Any:
+    import torch
+
+    from models.config import VoxelNetConfig
+    from models.network.voxelnet import VoxelNet
+
+    torch.manual_seed(0)
+    return VoxelNet(
+        VoxelNetConfig(
+            area=(0.0, 0.0, 6.4, 6.4), vfe_widths=(4,), voxel_width=8, middle_widths=(4, 4, 4), rpn_widths=(8, 8, 8),
+            rpn_layers=((0, 1), (0, 1), (0, 1)), upsample_width=8, head3x3=8,
+        )
+    )  # fmt: skip
+
+
+def weights(path: Path) -> None:
+    from models.weight_files import Header, save_weights
+
+    save_weights(path, network(), Header("yard", 3, "abc", {"0.7": 0.5}))
+
+
+def class_weights(path: Path) -> None:
+    """Of several classes, with a second stage and a calibration."""
+    from models.config import road_users
+    from models.training.widening import rebuilt
+    from models.weight_files import Header, save_weights
+
+    made = rebuilt(network(), head="quality", **road_users(), faces=("heavy",), calibration=((1.2, -0.1),) * 4)
+    made.faces.prior[:] = 0.1  # type: ignore[union-attr]
+    save_weights(path, made, Header("yard", 3, "abc", {"AP@0.7": 0.5}))
+
+
+def read_weights(path: Path) -> None:
+    from models.weight_files import load_weights
+
+    load_weights(path)
+
+
+def published_checkpoint(path: Path) -> None:
+    import torch
+
+    torch.save({"epoch": 3, "state_dict": {f"module.{k}": v for k, v in network().state_dict().items()}}, path)
+
+
+def read_published_checkpoint(path: Path) -> None:
+    from models.published import load_published
+
+    load_published(path, "tjunction")
+
+
+def checkpoint(path: Path) -> None:
+    import torch
+
+    from models.training.presets import PRESETS
+
+    made = network()
+    state = {
+        "format": 1, "network": made.state_dict(), "config": made.config.to_dict(),
+        "preset": asdict(next(iter(PRESETS.values()))), "step": 3, "frames": 2,
+    }  # fmt: skip
+    torch.save(state, path)
+
+
+def read_checkpoint(path: Path) -> None:
+    from models.training.checkpoint import load_checkpoint
+
+    load_checkpoint(path)
