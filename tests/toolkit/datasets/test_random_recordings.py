@@ -74,7 +74,6 @@ def test_the_number_of_workers_changes_nothing():
     assert alone == helped
 
 
-<<<<<<< HEAD
 def test_a_fleet_takes_the_place_of_the_bodies_of_training():
     own = fleet_named("own")
     first, again = (random_recording(seed=4, number=1, frames=2, fleet=own) for _ in range(2))
@@ -83,7 +82,8 @@ def test_a_fleet_takes_the_place_of_the_bodies_of_training():
     assert third == digest(random_recording(seed=4, number=0, frames=2, fleet=own))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in first.frames])
     assert len({tuple(size) for size in sizes.round(4).tolist()}) > 5
-=======
+
+
 class Noted:
     """Stands for drawing: what was drawn, and a kill when its time has come."""
 
@@ -157,4 +157,3 @@ def test_numbers_that_are_none_are_refused_before_anything_is_written(count, fra
     with pytest.raises(ValueError, match="at least one site and one frame"):
         random_recordings_file(count, frames, seed, tmp_path / "x", encode=as_bytes, join=as_lines)
     assert list(tmp_path.iterdir()) == []
->>>>>>> detector
