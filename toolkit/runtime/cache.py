@@ -15,6 +15,7 @@ import json
 import math
 import os
 import sqlite3
+import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -123,7 +124,7 @@ class Cache:
         self._inode = self._on_disk()
         try:
             for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", CACHE_SCHEMA):
-                database.execute(statement)
+                _patiently(database, statement)
         except sqlite3.Error:
             database.close()
             raise
@@ -189,6 +190,19 @@ def _arrays(described: Any, content: bytes) -> Arrays:
 
 def _checksum(key: bytes, body: bytes) -> bytes:
     return hashlib.blake2b(body, digest_size=CHECKSUM, key=key).digest()
+
+
+def _patiently(database: sqlite3.Connection, statement: str) -> None:
+    """Execute a statement for which SQLite itself does not wait: no other process may change the journal's mode now."""
+    until = time.monotonic() + WAIT
+    while True:
+        try:
+            database.execute(statement)
+            return
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
+                raise
+            time.sleep(0.02)
 
 
 def _select(database: sqlite3.Connection, keys: list[bytes]) -> dict[bytes, bytes]:

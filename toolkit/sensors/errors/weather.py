@@ -68,8 +68,8 @@ class Weather:
 def rain(rate: float) -> Weather:
     """Of some mm/h: 2.5 light, 10 heavy, 50 a cloudburst. Of rays into the open 0.3 % per mm/h return from a drop.
 
-    >>> round(rain(10.0).extinction * 1000, 3), round(rain(10.0).share, 4)
-    (1.159, 0.0296)
+    >>> f"{rain(10.0).extinction * 1000:.3f} {rain(10.0).share:.4f}"
+    '1.159 0.0296'
     """
     return Weather(PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0)
 
