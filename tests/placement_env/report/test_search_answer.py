@@ -59,7 +59,9 @@ def test_it_agrees_with_what_the_objective_says(objective, result):
 
 
 def test_all_files_or_none(objective, result, tmp_path, monkeypatch):
-    monkeypatch.setattr("toolkit.plots.draw_site", lambda site, out: (_ for _ in ()).throw(OSError(28, "full")))
+    monkeypatch.setattr(
+        "toolkit.plots.plan_view.draw_site", lambda site, out: (_ for _ in ()).throw(OSError(28, "full"))
+    )
     with pytest.raises(OSError, match="No space left"):
         write_answer(tmp_path / "o", objective, result, {})
     assert not (tmp_path / "o").exists()

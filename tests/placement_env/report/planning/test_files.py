@@ -1,6 +1,7 @@
 """plan.json: the same plan, the same text; nothing that JSON has not."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,9 +28,15 @@ def test_json_of_a_plan():
     assert text.endswith("}\n")
 
 
-def test_files_are_written_whole(tmp_path):
-    planned = Planned(PLAN, Site("s", np.array([0.0, 0, 1, 1])))
-    (path,) = write_plan(planned, tmp_path / "new" / "plan")
-    assert path.name == "plan.json"
-    assert path.read_text(encoding="utf-8") == plan_json(PLAN)
-    assert [each.name for each in path.parent.iterdir()] == ["plan.json"]
+def test_files_are_written_whole_and_those_of_an_earlier_plan_go(tmp_path):
+    """Without ground there is nothing to hand over, so the schedule of another plan must not stay beside this one."""
+    planned = Planned(replace(PLAN, chosen=None), Site("s", np.array([0.0, 0, 1, 1])))
+    out = tmp_path / "new" / "plan"
+    out.mkdir(parents=True)
+    for name in ("schedule.csv", "plan.json", "mine.txt"):
+        (out / name).write_text("old")
+    written = write_plan(planned, out)
+    assert [path.name for path in written] == ["plan.json", "report.html", "report.pdf"]
+    assert (out / "plan.json").read_text(encoding="utf-8") == plan_json(planned.plan)
+    assert sorted(each.name for each in out.iterdir()) == ["mine.txt", "plan.json", "report.html", "report.pdf"]
+    assert (out / "mine.txt").read_text() == "old"

@@ -26,8 +26,13 @@ def test_no_more_frames_than_there_are(street):
 def test_the_busiest_frames_are_taken(street, monkeypatch):
     counts = [1, 0, 2, 4, 4, 1, 0, 3]
     monkeypatch.setattr(street.detected, "scored", lambda k: np.arange(5) < counts[k])
-    taken = []
-    monkeypatch.setattr("placement_env.report.planning.moments._moment", lambda d, c, k, *_: taken.append(k))
+    (shot,), taken = moments(street.detected, (0,), count=1), []
+
+    def noted(detected, chosen, k, *_):
+        taken.append(k)
+        return shot
+
+    monkeypatch.setattr("placement_env.report.planning.moments._moment", noted)
     moments(street.detected, (0,), count=2)
     assert taken == [3, 4]
 
