@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,15 @@ def weights(path: Path) -> None:
 
 def class_weights(path: Path) -> None:
     """Of several classes, with a second stage and a calibration."""
+    import torch
+
     from models.config import road_users
-    from models.training.widening import rebuilt
+    from models.network.voxelnet import VoxelNet
     from models.weight_files import Header, save_weights
 
-    made = rebuilt(network(), head="quality", **road_users(), faces=("heavy",), calibration=((1.2, -0.1),) * 4)
+    torch.manual_seed(0)
+    classes: dict[str, Any] = {**road_users(), "faces": ("heavy",), "calibration": ((1.2, -0.1),) * 4}
+    made = VoxelNet(replace(network().config, head="quality", **classes))
     made.faces.prior[:] = 0.1  # type: ignore[union-attr]
     save_weights(path, made, Header("yard", 3, "abc", {"AP@0.7": 0.5}))
 
