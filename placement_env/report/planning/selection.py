@@ -124,6 +124,7 @@ def _option(
 ) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
     names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
+    predicted = round(float(found.predicted[i]), 6)  # as found: scored again beside other sets it may round otherwise
     return PlanOption(
-        names, score.price, score.kbit_per_sensor, score.kbit, score.ap, judged, found.searches[i], mean_ap
+        names, score.price, score.kbit_per_sensor, score.kbit, predicted, judged, found.searches[i], mean_ap
     )

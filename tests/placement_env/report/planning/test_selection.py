@@ -1,5 +1,7 @@
 """Which of the judged sets is the answer, and which stand beside it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,9 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race
     assert judged[4:] == pytest.approx([0.75, 0.8])
     assert picked.options[5].price == 32.5
+    assert [o.predicted for o in picked.options] == found.predicted.round(6).tolist()
+    other = select(street.objective, replace(found, predicted=found.predicted / 2), street.judge)
+    assert [o.predicted for o in other.options] == (found.predicted / 2).round(6).tolist()  # not scored again
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
     aps = street.judge.detected.estimates(sets[[4, 5]])
