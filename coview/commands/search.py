@@ -12,7 +12,7 @@ from coview.arguments import check_errors, check_ious, check_least, check_positi
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
-from coview.printing import finite, print_result
+from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
 Method = Literal[
@@ -88,6 +88,7 @@ def search(
     from placement_env.search.description import described_empty, described_score, described_sensors
     from placement_env.search.methods import check_search, search_of
     from placement_env.search.verification import verified_best
+    from toolkit.runtime.json_files import finite
     from toolkit.sites.files import load_site
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers)):

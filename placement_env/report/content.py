@@ -34,6 +34,11 @@ class Judgement:
     frames: int
 
 
+def overlap(one: Judgement, other: Judgement) -> bool:
+    """Whether the intervals of two AP overlap, so that the data do not tell them apart."""
+    return one.low <= other.high and other.low <= one.high
+
+
 @dataclass(frozen=True)
 class PlannedSensor:
     """One sensor of the chosen set, as whoever mounts it needs it.

@@ -1,8 +1,9 @@
-"""JSON read with care: whatever is wrong with a document becomes one ValueError that says where."""
+"""JSON with care: what is wrong with a document becomes one ValueError that says where; what JSON cannot hold, null."""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,3 +33,16 @@ def read_json(path: str | Path) -> Any:
         raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a JSON file") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def finite(value: Any) -> Any:
+    """The value with null for the numbers that JSON has not: an infinite bound, the AP of nothing to find.
+
+    >>> finite({"bound": float("inf"), "ap": (0.5, float("nan"))})
+    {'bound': None, 'ap': [0.5, None]}
+    """
+    if isinstance(value, dict):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from placement_env.report.content import BreakdownRow, Plan, SchemeFigures
+from placement_env.report.content import BreakdownRow, Plan, SchemeFigures, overlap
 from placement_env.report.drawings.charts import interval_bars, scheme_chart
 from placement_env.report.pages.document import Column, Drawing, Paragraph, ReportBlock, Section, table
 from placement_env.report.pages.sections_answer import NOTHING_CHOSEN
@@ -17,7 +17,6 @@ from placement_env.report.pages.wording import (
     judged_cells,
     measured,
     number,
-    overlap,
     percent,
     share_cell,
     text_cell,

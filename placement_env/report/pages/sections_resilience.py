@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from placement_env.report.content import BuildStep, FailureCase, Plan
+from placement_env.report.content import BuildStep, FailureCase, Plan, overlap
 from placement_env.report.drawings.charts import failure_chart, order_chart
 from placement_env.report.drawings.worth import worth_chart
 from placement_env.report.pages.document import Cell, Column, Drawing, Paragraph, Section, table
@@ -18,7 +18,6 @@ from placement_env.report.pages.wording import (
     judged_cells,
     listed,
     number,
-    overlap,
     percent,
     price_column,
     price_text,

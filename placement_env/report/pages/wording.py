@@ -112,11 +112,6 @@ def interval(judged: Judgement) -> str:
     return f"{number(judged.low)}–{number(judged.high)}"
 
 
-def overlap(one: Judgement, other: Judgement) -> bool:
-    """Whether the intervals of two AP overlap, so that the data do not tell them apart."""
-    return one.low <= other.high and other.low <= one.high
-
-
 def judged_cells(judged: Judgement | None) -> tuple[Cell, ...]:
     """The cells of `JUDGED_COLUMNS`; dashes where nothing was to be detected."""
     if judged is None:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.files import write_text, writing_together
+from toolkit.runtime.json_files import finite
 from toolkit.sites.files import load_site
 
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
@@ -184,7 +184,7 @@ def write_experiments(
             for name, rows in each.curves:
                 write_text(folder / f"{name}.csv", as_csv(list(rows)))
         figures = {"site": site, "conditions": conditions, "experiments": [each.as_dict() for each in experiments]}
-        write_text(folder / FIGURES, json.dumps(_finite(figures), indent=1, allow_nan=False))
+        write_text(folder / FIGURES, json.dumps(finite(figures), indent=1, allow_nan=False))
         causes = CAUSES if shipped else CAUSES | {"!": GIVEN}
         title = f"The paper's experiments at the {PLACE_NAMES[site]}, ours beside theirs"
         write_text(folder / PAGE, paper_page(title, experiments, pictures, conditions=conditions, causes=causes))
@@ -247,12 +247,3 @@ def _staged(progress: StageProgress | None, stage: str) -> Callable[[int, int], 
 
 def _simulated(progress: StageProgress, frames: int, done: int) -> None:
     progress("frames simulated", done, frames)
-
-
-def _finite(value: Any) -> Any:
-    """None for the numbers that JSON has not."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not isfinite(value) else value

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import Any
 
 from placement_env.report.content import Plan
 from placement_env.report.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.report.pages.files import REPORT_FILES, write_report
 from placement_env.report.planning.planning import Planned
 from toolkit.runtime.files import write_text, writing_together
+from toolkit.runtime.json_files import finite
 
 CONTENT = "plan.json"
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
@@ -38,12 +37,4 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
 
 def plan_json(plan: Plan) -> str:
     """A plan as JSON: the same plan gives the same text; null for what is not finite."""
-    return json.dumps(_finite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(finite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

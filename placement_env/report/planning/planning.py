@@ -32,7 +32,6 @@ from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
-PARTS = 3  # of the traffic
 MOST_BOUGHT = 12  # that a sum of money alone may buy
 
 
@@ -113,12 +112,13 @@ class _Planning:
             seed=question.seed,
             progress=self.progress,
         )
-        judge, final = self._judge(candidates, 1), self._judge(candidates, 2)
+        judging = [self._preparation(candidates, part, question.errors) for part in (1, 2)]
+        judge, final = map(self._judge, judging)
         for each in (judge, final):
             if not each.truths.sum():
                 return _none(question, refusals.without_vehicles(question, each.frames, "judging"), self.pool)
         picked = select(objective, found, judge, min_ap=question.min_ap, seed=question.seed, progress=self.progress)
-        traffic = [self._preparation(self.pool, part).traffic for part in range(PARTS)]
+        traffic = [prepared.traffic for prepared in (searched, *judging)]
         terms = Terms(question, found, picked, fidelity, searched.network, excluded)
         members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
         ground = visible_ground(question.site, [candidates.sensors[c] for c in members])
@@ -143,8 +143,8 @@ class _Planning:
             errors=errors,
         )
 
-    def _judge(self, candidates: Candidates, part: int) -> Judge:
-        detected = self._preparation(candidates, part, self.question.errors).fidelity("detector")
+    def _judge(self, prepared: Preparation) -> Judge:
+        detected = prepared.fidelity("detector")
         if not isinstance(detected, Detected):
             raise TypeError("fidelity detector must be Detected")
         return Judge(detected, self.question.seed)

@@ -17,7 +17,7 @@ import numpy as np
 
 from placement_env.objective import Objective, Stages
 from placement_env.racing import race
-from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.content import Judgement, PlanOption, overlap
 from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.search.exhaustive import undominated
@@ -81,7 +81,7 @@ def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOpti
     near = [
         option
         for i, option in enumerate(options)
-        if i != chosen and option.judged and option.judged.high >= of_chosen.low and option.judged.low <= of_chosen.high
+        if i != chosen and option.judged and overlap(option.judged, of_chosen)
     ]
     return tuple(sorted(near, key=lambda option: (option.price, -option.judged.ap if option.judged else 0.0)))
 

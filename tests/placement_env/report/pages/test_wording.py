@@ -1,6 +1,6 @@
 import pytest
 
-from placement_env.report.content import Judgement
+from placement_env.report.content import Judgement, overlap
 from placement_env.report.pages.document import Cell
 from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
@@ -10,7 +10,6 @@ from placement_env.report.pages.wording import (
     judged_cells,
     listed,
     number,
-    overlap,
     percent,
     price_text,
     share_cell,

@@ -160,7 +160,7 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
 
 def test_the_search_knows_no_errors_and_the_judges_do():
     stages = _Planning(replace(QUESTION, errors=POOR), QUESTION.pool, None, 1, None)
-    renders = stages._judge(QUESTION.pool, 1).detected.renders
+    renders = stages._judge(stages._preparation(QUESTION.pool, 1, POOR)).detected.renders
     assert isinstance(renders, Renders)
     assert renders.errors == POOR
     assert stages._preparation(QUESTION.pool, 0).errors == PAPER_ERRORS
