@@ -31,8 +31,8 @@ class VoxelNetDetector:
     """Points (n, 3) in the world frame, m -> `Detections` in the world frame.
 
     Points outside the network's area are ignored, and so are boxes whose centre is outside it. score_threshold:
-    detections at or below it are dropped, None for the configuration's own. nms_threshold: of two boxes of one class
-    whose footprints have a larger IoU, the better scored one stays (0.1 in the paper).
+    detections at or below it are dropped, None for the configuration's own, which may differ by label. nms_threshold:
+    of two boxes of one class whose footprints have a larger IoU, the better scored one stays (0.1 in the paper).
 
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
     >>> len(detector(np.zeros((0, 3), np.float32)))
@@ -49,7 +49,8 @@ class VoxelNetDetector:
     ) -> None:
         self.config = network.config
         self.device = torch.device(device)
-        self.score_threshold = self.config.score_threshold if score_threshold is None else score_threshold
+        own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
+        self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         self.nms_threshold = nms_threshold
         self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -64,7 +65,8 @@ class VoxelNetDetector:
     @property
     def digest(self) -> str:
         """SHA-256 of what its detections depend on: weights, configuration and thresholds."""
-        return digest_with(self._weights, self.config.to_dict(), self.score_threshold, self.nms_threshold)
+        least = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
+        return digest_with(self._weights, self.config.to_dict(), least, self.nms_threshold)
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""
@@ -76,7 +78,7 @@ class VoxelNetDetector:
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
         prediction = self.network(collate(voxels))
-        found = candidates(prediction, self.anchors, self.config, self.score_threshold)
+        found = candidates(prediction, self.anchors, self.config, self.thresholds)
         return [
             self._measured(suppressed(*each, self.config, self.nms_threshold), cloud)
             if len(cells.cells)
@@ -92,9 +94,13 @@ class VoxelNetDetector:
 
 
 def candidates(
-    prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, score_threshold: float
+    prediction: Prediction,
+    anchors: Float32[Tensor, "H W A 7"],
+    config: VoxelNetConfig,
+    thresholds: Sequence[float],
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
-    """Per cloud, the boxes of the best anchors above the threshold, and their score for each label."""
+    """Per cloud, the boxes of the best anchors above the threshold of a label, and their score for each label, 0 where
+    it is not above that."""
     count = len(config.anchor_labels)
     scores = label_scores(prediction, config)
     residuals = per_anchor(prediction.residuals, count)
@@ -102,10 +108,12 @@ def candidates(
         None if prediction.direction_logits is None else per_anchor(prediction.direction_logits, count)[..., 0] > 0
     )
     own = torch.eye(len(config.labels), device=scores.device)[list(config.anchor_labels)]
+    least = torch.tensor(thresholds, dtype=scores.dtype, device=scores.device)
+    least = least[list(config.anchor_labels)][:, None] if config.kinds else least
     found = []
-    for item, score in enumerate(scores):
+    for item, score in enumerate(torch.where(scores > least, scores, torch.zeros_like(scores))):
         best = score.amax(-1).view(-1)
-        chosen = torch.nonzero(best > score_threshold)[:, 0]
+        chosen = torch.nonzero(best > 0)[:, 0]
         if len(chosen) > MOST_CANDIDATES:
             chosen = chosen[torch.topk(best[chosen], MOST_CANDIDATES).indices]
         cell = torch.unravel_index(chosen, score.shape[:3])

@@ -104,7 +104,7 @@ class PublishedDetector:
             [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)], device=self.device
         )
         boxes, scores = candidates(
-            Prediction(classes, residuals[:, order]), self.anchors, self.config, self.score_threshold
+            Prediction(classes, residuals[:, order]), self.anchors, self.config, (self.score_threshold,)
         )[0]
         if self.decoding == "published":
             kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())

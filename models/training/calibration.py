@@ -1,4 +1,4 @@
-"""Calibration: scores that say which share of the detections of that score are true, and the threshold above which
+"""Calibration: scores that say which share of the detections of that score are true, and thresholds above which
 nearly all are."""
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from toolkit.detection.metrics import match
 from toolkit.objects import LABELS, PEDESTRIAN
 
 PRECISION = 0.95  # of the detections above the threshold that is chosen
+MOST_LOST = 0.05  # share of the true detections that a threshold may cost, whatever the precision
 FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
 TRUE_IOU = {label: 0.25 if label == PEDESTRIAN else 0.5 for label in range(len(LABELS))}  # 3D, of a true detection
 LOWEST = 0.05  # score of detections that are looked at
+_SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
 _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
 _STEPS = 50
 
@@ -70,7 +72,8 @@ def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tupl
 
 def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
     """The lowest score above which such a share of the detections is true, 0 where that holds for all of them. Where it
-    holds for no `FEWEST` or more, the score above which that many are left.
+    holds for no `FEWEST` or more, the score above which that many are left; but none that loses more than `MOST_LOST`
+    of the true detections.
 
     >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
     0.2
@@ -79,19 +82,22 @@ def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n
     share = np.cumsum(hits[order]) / np.arange(1, len(order) + 1)
     good = np.flatnonzero((share >= precision) & (np.arange(1, len(order) + 1) >= FEWEST))
     first_out = good[-1] + 1 if len(good) else min(FEWEST, len(order))
-    return float(scores[order][first_out]) if first_out < len(order) else 0.0
+    least = float(scores[order][first_out]) if first_out < len(order) else 0.0
+    true = np.sort(scores[hits])
+    return min(least, np.nextafter(true[int(MOST_LOST * len(true))], 0.0)) if len(true) else least
 
 
 def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """The network with a calibration per class and the lowest threshold above which 0.95 of the detections of all
-    classes are true, over the first `count` frames (None: all) of a file it was not trained on."""
-    bare = rebuilt(network, calibration=(), score_threshold=LOWEST)
-    labels = network.config.labels
-    rows, hits = _judged(bare, frames, count, seed)
-    pairs = [platt(rows[k], hits[k]) if len(rows[k]) >= FEWEST else (1.0, 0.0) for k in range(len(labels))]
-    sure = [sigmoid(slope * logit(score) + shift) for (slope, shift), score in zip(pairs, rows, strict=True)]
-    threshold = max(LOWEST, lowest_threshold(np.concatenate(sure), np.concatenate(hits), PRECISION))
-    return rebuilt(network, calibration=tuple(pairs), score_threshold=round(threshold, 3))
+    """The network with a calibration and a threshold per class, the lowest above which 0.95 of its detections are true,
+    over the first `count` frames (None: all) of a file it was not trained on, some of them seen by some of the sensors
+    or by sensors with errors."""
+    bare = rebuilt(network, calibration=(), thresholds=(), score_threshold=LOWEST)
+    scores, hits = _judged(bare, frames, count, seed)
+    pairs = [platt(*each) if len(each[0]) >= FEWEST else (1.0, 0.0) for each in zip(scores, hits, strict=True)]
+    sure = [sigmoid(slope * logit(score) + shift) for (slope, shift), score in zip(pairs, scores, strict=True)]
+    least = [lowest_threshold(score, hit, PRECISION) for score, hit in zip(sure, hits, strict=True)]
+    thresholds = tuple(round(max(LOWEST, each), 3) for each in least)
+    return rebuilt(bare, calibration=tuple(pairs), thresholds=thresholds, score_threshold=LOWEST)
 
 
 def _judged(
@@ -101,7 +107,9 @@ def _judged(
     config: VoxelNetConfig = network.config
     scores: list[list[np.ndarray]] = [[np.zeros(0)] for _ in config.labels]
     hits: list[list[np.ndarray]] = [[np.zeros(0, bool)] for _ in config.labels]
-    for found, truth, counted in detections_of(network, frames, count=count, seed=seed):
+    for found, truth, counted in detections_of(
+        network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS
+    ):
         for k, label in enumerate(config.labels):
             number = LABELS.index(label)
             at = match(found, truth, TRUE_IOU[number], label=number, counted=counted)

@@ -16,6 +16,7 @@ from torch import Tensor
 from models.network.faces import SORTS, FaceFeatures, FaceNetworks, face_features, face_offsets
 from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
+from models.training.samples import read_points
 from models.training.validation import detectors_for
 from models.training.widening import rebuilt
 from toolkit.arrays import Float, Float32, Int64
@@ -27,6 +28,7 @@ FARTHEST_FACE = 0.6  # m; a face that is farther off than its points are counted
 FEWEST_POINTS = 5  # on an object, below which it teaches nothing
 MATCHED = 0.4  # BEV IoU from which a detection is of an object
 LOWEST_SCORE = 0.2  # of a detection to learn from
+_SUBSETS, _ERRORS = 0.5, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
 BATCH = 512
 STEPS = 5000
 OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # deviations of boxes that are off at random
@@ -47,15 +49,16 @@ def face_examples(
     count: int | None = None,
     seed: int = 0,
 ) -> FaceExamples:
-    """Examples of the first `count` frames (None: all), half of them seen by a random subset of the sensors. network:
-    what detects them, without a second stage; None: boxes that are off at random alone."""
+    """Examples of the first `count` frames (None: all), half of them seen by a random subset of the sensors, some by
+    sensors with errors. network: what detects them, without a second stage; None: boxes that are off at random alone.
+    """
     detectors = None if network is None else detectors_for(network, frames, score_threshold=LOWEST_SCORE)
     rows: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     offsets: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     wanted = [label_index(label) for label in labels]
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
-        points = np.concatenate(frames.points(k, rng, _sensors(len(frames.rig(k).sensors), rng)))
+        points = read_points(frames, k, rng, subsets=_SUBSETS, errors=_ERRORS)
         objects = frames.objects(k)
         there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
@@ -141,12 +144,6 @@ def _fit(
             loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
             schedule.step()
-
-
-def _sensors(total: int, rng: np.random.Generator) -> list[int] | None:
-    if rng.random() < 0.5:
-        return None
-    return sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
 
 
 def _detected(

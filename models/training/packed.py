@@ -97,6 +97,10 @@ class PackedFrames:
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
+    def metres(self, steps: Shaped[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
+        """What pixels that changed measure (m), 0 for nothing."""
+        return steps.astype(np.float32) / STEPS_PER_METRE
+
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
@@ -105,8 +109,7 @@ class PackedFrames:
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             changed = slice(*self._ends[k, s : s + 2])
-            depth = self._steps[changed].astype(np.float32) / STEPS_PER_METRE
-            clouds.append(rig.points(s, self._pixels[changed], depth, rng))
+            clouds.append(rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng))
         return clouds
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors
 from models.network.voxels import Voxels, collate, voxelise
-from models.training.augmentation import thinned, tilted
+from models.training.augmentation import random_errors, thinned, tilted, with_errors
 from models.training.packed import PackedFrames
 from models.training.targets import Assignment, assign, assign_by_kind, sample
 from toolkit.arrays import Bool, Float, Float32, Shaped
@@ -43,8 +43,9 @@ class SampleRecipe:
     subsets: share of examples made from a random subset of the sensors, so that one network serves any set.
     augmentation: object turns and shifts each object with its points (the paper's); scene turns and mirrors everything.
     positive, negative: IoU thresholds of the anchors; sampled: anchors in the loss, 0 for all; seen: points below which
-    a vehicle is not asked for. thinned, tilted: shares of the examples whose points are thinned, whose ground is off
-    zero and slopes (`models.training.augmentation`). A network of several classes has the thresholds of its kinds.
+    a vehicle is not asked for. errors, thinned, tilted: shares of the examples that sensors with errors see, whose
+    points are thinned, whose ground is off zero and slopes (`models.training.augmentation`). A network of several
+    classes has the thresholds of its kinds.
     """
 
     subsets: float = 0.5
@@ -53,6 +54,7 @@ class SampleRecipe:
     negative: float = 0.35
     sampled: int = 0
     seen: int = 3
+    errors: float = 0.0
     thinned: float = 0.0
     tilted: float = 0.0
 
@@ -97,7 +99,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
         """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
-        points = np.concatenate(self.frames.points(k, rng, self._sensors(k, rng)))
+        points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
         objects, area = self.frames.objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), centred_in(objects.boxes, area)
         if self.recipe.augmentation == "object":
@@ -130,11 +132,19 @@ class Samples(torch.utils.data.Dataset[Batch]):
         present = [label for label in known if label in there] or known
         return int(rng.choice(present))
 
-    def _sensors(self, k: int, rng: np.random.Generator) -> list[int] | None:
-        if rng.random() >= self.recipe.subsets:
-            return None
-        total = len(self.frames.rig(k).sensors)
-        return sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
+
+def read_points(
+    frames: PackedFrames, k: int, rng: np.random.Generator, *, subsets: float, errors: float
+) -> Float32[np.ndarray, "n 3"]:
+    """Points of frame k in the crop, as all sensors see them together, or with a chance of `subsets` a random set of
+    them; with a chance of `errors` with random errors, else with the noise of the sensors' models alone."""
+    total, sensors = len(frames.rig(k).sensors), None
+    if subsets and rng.random() < subsets:
+        sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
+    if errors and rng.random() < errors:
+        profile = random_errors(rng)
+        return np.concatenate(with_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
+    return np.concatenate(frames.points(k, rng, sensors))
 
 
 def stack(batch: list[Batch]) -> Batch:

@@ -11,6 +11,7 @@ import torch
 from models.detector import VoxelNetDetector, relocated
 from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames
+from models.training.samples import read_points
 from toolkit.arrays import Bool
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects
@@ -40,14 +41,17 @@ def detections_of(
     count: int | None = None,
     seed: int = 0,
     device: str | torch.device = "cpu",
+    subsets: float = 0.0,
+    errors: float = 0.0,
 ) -> list[tuple[Detections, Objects, Bool[np.ndarray, " n"]]]:
     """What is detected in each of the first `count` frames (None: all) by early fusion of all sensors, what is there,
-    and which of that is centred in the frame's area."""
+    and which of that is centred in the frame's area. subsets, errors: shares of the frames that some of the sensors
+    see, and sensors with errors (`models.training.samples.read_points`)."""
     training = network.training
     detectors, results = detectors_for(network, frames, device), []
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
-        points = np.concatenate(frames.points(k, np.random.default_rng([seed, k])))
+        points = read_points(frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors)
         truth = frames.objects(k)
         results.append((detectors[area](points), truth, centred_in(truth.boxes, np.array(area))))
     network.train(training)

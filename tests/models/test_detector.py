@@ -49,7 +49,7 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
 
 def test_perfect_maps_become_the_boxes_they_hold():
     boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
-    found = suppressed(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, 0.1)[0], CONFIG, 0.1)
+    found = suppressed(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
     turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
@@ -59,7 +59,7 @@ def test_perfect_maps_become_the_boxes_they_hold():
 def test_boxes_centred_outside_the_area_are_dropped():
     config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
-    found = suppressed(*candidates(prediction_of(boxes, config), anchors(config), config, 0.1)[0], config, 0.1)
+    found = suppressed(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
 
 
@@ -207,6 +207,7 @@ def test_digest_changes_with_weights_configuration_and_thresholds():
 
 
 CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
+LEAST = (0.1, 0.1, 0.1, 0.1)
 FIRST_ANCHOR = {VEHICLE: 0, HEAVY: 2, CYCLIST: 4, PEDESTRIAN: 6}
 
 
@@ -233,7 +234,7 @@ def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
     ]  # fmt: skip
     labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
     prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
-    found = suppressed(*candidates(prediction, anchors(CLASSES), CLASSES, 0.1)[0], CLASSES, 0.1)
+    found = suppressed(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)
     assert found.labels.tolist() == labels
     np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
     expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
@@ -242,7 +243,7 @@ def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
 
 def test_candidates_of_a_class_have_scores_of_that_class_alone():
     prediction = class_prediction([[0, 0, 0.9, 1.8, 0.6, 1.7, 0.3]], [CYCLIST], [3.0])
-    ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, 0.1)
+    ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, LEAST)
     assert len(scores) > 2
     assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
     assert (scores[:, 2] > 0.9).all()
@@ -272,11 +273,27 @@ def test_a_configuration_has_a_threshold_that_callers_may_replace(tmp_path):
     made.config = dataclasses.replace(made.config, score_threshold=middle)
     save_weights(path, made, Header("general"))
     own, given = load_detector(path), load_detector(path, score_threshold=0.1)
-    assert (own.score_threshold, given.score_threshold) == (middle, 0.1)
+    assert (own.thresholds, given.thresholds) == ((middle,), (0.1,))
     assert own.digest != given.digest
     np.testing.assert_array_equal(given(points()).scores, scores)
     np.testing.assert_array_equal(own(points()).scores, scores[scores > middle])
     assert 0 < len(own(points())) < len(scores)
+
+
+def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
+    monkeypatch.setattr("models.detector.MOST_CANDIDATES", 10**6)
+    made = network(dataclasses.replace(CLASSES, averaging=0.0), logit=0.5)
+    found = VoxelNetDetector(made)(points())
+    of_class = [found.scores[found.labels == label] for label in FIRST_ANCHOR]
+    least = [float(np.median(scores)) if len(scores) else 0.2 for scores in of_class]
+    assert len(set(least)) > 2
+    made.config = dataclasses.replace(made.config, thresholds=tuple(least))
+    own = VoxelNetDetector(made)
+    kept = found.scores > np.array(least)[[list(FIRST_ANCHOR).index(label) for label in found.labels]]
+    assert 0 < kept.sum() < len(kept)
+    np.testing.assert_array_equal(own(points()).scores, found.scores[kept])
+    np.testing.assert_array_equal(own(points()).labels, found.labels[kept])
+    np.testing.assert_array_equal(VoxelNetDetector(made, score_threshold=0.1)(points()).scores, found.scores)
 
 
 def test_a_second_stage_and_classes_survive_a_file(tmp_path):

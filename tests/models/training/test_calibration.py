@@ -10,6 +10,7 @@ from models.training import calibration
 from models.training.calibration import (
     FEWEST,
     LOWEST,
+    MOST_LOST,
     calibrated_on,
     logit,
     lowest_threshold,
@@ -60,23 +61,31 @@ def test_reliability_counts_every_detection_once():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_above_the_threshold_such_a_share_is_true_and_above_no_lower_one(seed):
-    scores, hits = drawn(3000, seed=seed)
-    lowest = lowest_threshold(scores, hits, 0.9)
-    assert hits[scores > lowest].mean() >= 0.9
-    assert all(hits[scores > lower].mean() < 0.9 for lower in scores[scores < lowest])
+    scores, hits = drawn(3000, slope=6.0, intercept=6.0, seed=seed)
+    lowest = lowest_threshold(scores, hits, 0.97)
+    assert hits[scores > lowest].mean() >= 0.97
+    assert 0.2 < lowest < 0.5
+    assert all(hits[scores > lower].mean() < 0.97 for lower in scores[scores < lowest])
     assert lowest_threshold(scores, np.ones(3000, bool), 0.95) == 0.0
 
 
 def test_a_share_of_few_is_not_believed():
     scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < FEWEST - 1
-    assert lowest_threshold(scores, hits, 1.0) == pytest.approx(scores[FEWEST])
-    assert lowest_threshold(scores, np.arange(100) < FEWEST, 1.0) == pytest.approx(scores[FEWEST])
+    assert lowest_threshold(scores, hits, 1.0) < scores[FEWEST - 2]
+    assert lowest_threshold(scores, np.zeros(100, bool), 1.0) == scores[FEWEST]
     assert lowest_threshold(scores[:5], hits[:5] & False, 0.9) == 0.0
+
+
+def test_a_threshold_costs_few_of_the_true_detections():
+    scores, hits = drawn(4000)
+    wanted = lowest_threshold(scores, hits, 0.99)
+    assert (scores[hits] > wanted).mean() == pytest.approx(1 - MOST_LOST, abs=0.001)
+    assert hits[scores > wanted].mean() < 0.9
 
 
 def fake(found):
     """Stands for what a network detects on a packed file."""
-    return lambda network, frames, *, count, seed: found
+    return lambda network, frames, *, count, seed, subsets, errors: found
 
 
 def scene(label, scores, hits):
@@ -88,7 +97,7 @@ def scene(label, scores, hits):
     return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
 
 
-def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypatch, packed):
+def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, packed):
     rng = np.random.default_rng(0)
     frames = []
     for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
@@ -103,19 +112,23 @@ def test_every_class_is_calibrated_by_itself_and_all_share_a_threshold(monkeypat
     assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
     assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
     assert result.calibration[2] == (1.0, 0.0)
-    sure = []
-    for found, there, _ in frames:
-        slope, shift = result.calibration[[VEHICLE, CYCLIST, HEAVY].index(found.labels[0])]
-        sure += zip(sigmoid(slope * logit(found.scores) + shift), there.boxes[:, 1] == 0, strict=True)
-    above = [true for score, true in sure if score > result.score_threshold]
-    assert len(above) > 400
-    assert np.mean(above) == pytest.approx(0.95, abs=0.002)
+    assert result.thresholds[2] == LOWEST
+    for number, label in enumerate((VEHICLE, CYCLIST)):
+        slope, shift = result.calibration[number]
+        sure = [
+            (sigmoid(slope * logit(found.scores) + shift), there.boxes[:, 1] == 0)
+            for found, there, _ in frames
+            if found.labels[0] == label
+        ]
+        scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
+        assert result.thresholds[number] == round(lowest_threshold(scores, true, 0.95), 3)
+        assert (scores[true] > result.thresholds[number]).mean() > 1 - MOST_LOST - 0.01
 
 
 def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
     monkeypatch.setattr(calibration, "detections_of", fake(flawless))
-    assert calibrated_on(VoxelNet(config_for(AREA, "fast")), packed).config.score_threshold == LOWEST
+    assert calibrated_on(VoxelNet(config_for(AREA, "fast")), packed).config.thresholds == (LOWEST,)
 
 
 def test_the_detector_calibrates_as_the_fit_does():
