@@ -26,7 +26,7 @@ def pack(
     random_sites: int = 0,
     frames: int | None = None,
     seed: int = 0,
-    fleet: Literal["catalogue", "own"] = "catalogue",
+    fleet: Literal["own", "catalogue"] = "own",
     workers: int | None = None,
     site: str | None = None,
     drop_invalid: bool = False,
@@ -47,7 +47,7 @@ def pack(
         random_sites: Draw so many junctions with sensors and traffic instead, and record each.
         frames: Only the first so many of each recording; of each random site, 20 when left out.
         seed: Of the random sites.
-        fleet: Bodies at random sites; catalogue: ours, each a little stretched; own: everyone drawn afresh.
+        fleet: Bodies at random sites; own: everyone drawn afresh; catalogue: our 47, each a little stretched.
         workers: Processes for random sites; one per core when left out.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.

@@ -23,7 +23,7 @@ def simulate(
     frames: int = 1000,
     seed: int = 0,
     workers: int | None = None,
-    fleet: Literal["catalogue", "own", "meshes", "both"] = "catalogue",
+    fleet: Literal["own", "catalogue", "meshes", "both"] | None = None,
     meshes: Path | None = None,
     mirrors_in_boxes: bool = False,
     held_out: bool = False,
@@ -42,10 +42,10 @@ def simulate(
         frames: How many frames.
         seed: Same seed, same machine: same bytes.
         workers: Processes; one per core when left out.
-        fleet: catalogue: our 47 bodies and your meshes; own: everyone drawn afresh; meshes: yours, and drawn ones
-            of classes you have none of; both: half drawn, half yours.
+        fleet: own: everyone drawn afresh; meshes: yours, and drawn ones of classes you have none of; both: half
+            drawn, half yours; catalogue: our 47 bodies and your meshes. Left out: own, or meshes with --meshes.
         meshes: Folder of your own meshes, anything Open3D reads; how each was taken is printed.
-        mirrors_in_boxes: Let the boxes of drawn vehicles hold their wing mirrors; they end at the body otherwise.
+        mirrors_in_boxes: Let the boxes of vehicles hold their wing mirrors; they end at the body otherwise.
         held_out: Of our own cars take those that no shipped detector was trained on, to test one.
         overwrite: Replace a file that holds another recording.
         json: Print the summary as JSON.

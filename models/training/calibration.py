@@ -16,8 +16,8 @@ from toolkit.arrays import Bool, Float, Int64
 from toolkit.detection.metrics import match
 from toolkit.objects import LABELS, PEDESTRIAN
 
-PRECISION = 0.95  # of the detections above the threshold that is chosen
-MOST_LOST = 0.05  # share of the true detections that a threshold may cost, whatever the precision
+PRECISION = 0.98  # of the detections above the threshold that is chosen
+MOST_LOST = 0.03  # share of the true detections that a threshold may cost, whatever the precision
 FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
 TRUE_IOU = {label: 0.25 if label == PEDESTRIAN else 0.5 for label in range(len(LABELS))}  # 3D, of a true detection
 LOWEST = 0.05  # score of detections that are looked at
@@ -88,9 +88,9 @@ def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n
 
 
 def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """The network with a calibration and a threshold per class, the lowest above which 0.95 of its detections are true,
-    over the first `count` frames (None: all) of a file it was not trained on, some of them seen by some of the sensors
-    or by sensors with errors."""
+    """The network with a calibration and a threshold per class, the lowest above which `PRECISION` of its detections
+    are true, over the first `count` frames (None: all) of a file it was not trained on, some of them seen by some of
+    the sensors or by sensors with errors."""
     bare = rebuilt(network, calibration=(), thresholds=(), score_threshold=LOWEST)
     scores, hits = _judged(bare, frames, count, seed)
     pairs = [platt(*each) if len(each[0]) >= FEWEST else (1.0, 0.0) for each in zip(scores, hits, strict=True)]

@@ -76,7 +76,7 @@ def face_examples(
 
 
 def with_faces(
-    network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 400, seed: int = 0
+    network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
 ) -> VoxelNet:
     """The network with a second stage for the boxes of these labels, trained on the first `count` frames."""
     bare, staged = rebuilt(network, faces=()), rebuilt(network, faces=tuple(labels))

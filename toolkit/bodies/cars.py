@@ -106,17 +106,16 @@ _STATIONS = 20
 _ENDS = 0.62  # width of the very front and rear, as a part of the greatest width
 
 
-def car(shape: CarShape) -> Mesh:
-    """The mesh of one car, x forward from its middle, wheels standing on z = 0."""
+def car(shape: CarShape) -> tuple[Mesh, Mesh]:
+    """The meshes of one car and of its wing mirrors, x forward from its middle, wheels standing on z = 0."""
     parts = [_hull(shape), *_wheels(shape)]
     glass = shape.length * (0.5 - _PROFILES[shape.style][2][0] - max(shape.rake, 0.0) - 0.035)
     mirror = ellipsoid((glass, shape.width / 2 + 0.005, shape.belt * shape.height + 0.04), (0.09, 0.10, 0.075), 3, 6)
-    parts += [mirror, mirrored(mirror)]
     if shape.rails:
         z, y, x = shape.height - 0.08, shape.width * (0.5 - 0.48 * shape.tumblehome), shape.length
         rail = tube([(0.08 * x, y, z), (0.02 * x, y, z + 0.05), (-0.3 * x, y, z + 0.05), (-0.36 * x, y, z)], 0.02, 4)
         parts += [rail, mirrored(rail)]
-    return merge(parts)
+    return merge(parts), merge([mirror, mirrored(mirror)])
 
 
 def _hull(shape: CarShape) -> Mesh:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.bodies.body import Body, centred, tight
+from toolkit.bodies.body import Body, boxed, centred, tight
 from toolkit.bodies.cars import CARS, car
 from toolkit.bodies.cyclists import two_wheelers
 from toolkit.bodies.pedestrians import pedestrians
@@ -19,6 +19,8 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
+
+_ORDER = (VEHICLE, CYCLIST, PEDESTRIAN, HEAVY)  # of classes in the catalogue
 
 # How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
 _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
@@ -46,8 +48,8 @@ class Fleet:
     """Where the bodies of traffic come from: some that stay, some drawn afresh for everyone who is spawned, or both.
 
     fixed: bodies that stay; drawn: classes whose bodies are drawn, mixed half and half with the fixed ones of a class;
-    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise;
-    notes: how each mesh of a folder was taken, a line for each.
+    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise, as those
+    of the fixed ones do or do not; notes: how each mesh of a folder was taken, a line for each.
     """
 
     fixed: tuple[Body, ...] = ()
@@ -81,20 +83,25 @@ class Fleet:
         return tuple(bodies)
 
 
-def fleet_named(name: str, meshes: str | Path | None = None, *, held_out: bool = False, mirrors: bool = False) -> Fleet:
-    """A fleet of `FLEETS`: `catalogue`, our 47 bodies and any meshes; `own`, everyone drawn; `meshes`, those of the
-    folder, and drawn ones of classes it has none of; `both`, half drawn, half from the folder, class by class.
+def fleet_named(
+    name: str | None = None, meshes: str | Path | None = None, *, held_out: bool = False, mirrors: bool = False
+) -> Fleet:
+    """A fleet of `FLEETS`: `own`, everyone drawn; `catalogue`, our 47 bodies and any meshes; `meshes`, those of the
+    folder, and drawn ones of classes it has none of; `both`, half drawn, half from the folder, class by class. None:
+    `own`, but `meshes` where a folder is given and `catalogue` where held-out cars are asked for.
 
-    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, of drawn bodies and of meshes where
-    they can be seen to stick out. The catalogue's boxes hold them, and those of meshes beside it.
+    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, of ours and of meshes where they can
+    be seen to stick out; boxes end at the body otherwise.
     Raises ValueError for another name, where a folder is missing or given in vain, and for what cannot be combined.
     """
+    if name is None:
+        name = "catalogue" if held_out else "own" if meshes is None else "meshes"
     if name not in FLEETS:
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":
         raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
     if name == "catalogue":
-        return Fleet(catalogue(held_out=held_out)) if meshes is None else _with_meshes(meshes, held_out)
+        return _catalogue_fleet(meshes, held_out, mirrors)
     if name == "own":
         if meshes is not None:
             raise ValueError(f"fleet 'own' takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
@@ -111,19 +118,22 @@ def fleet_named(name: str, meshes: str | Path | None = None, *, held_out: bool =
     )
 
 
-def _with_meshes(meshes: str | Path, held_out: bool) -> Fleet:
-    """The catalogue and the meshes of a folder, whose boxes are tight around all of them, mirrors included."""
+def _catalogue_fleet(meshes: str | Path | None, held_out: bool, mirrors: bool) -> Fleet:
+    """The catalogue, and the meshes of a folder."""
+    ours = tuple(tight(body) if mirrors else body for body in catalogue(held_out=held_out))
+    if meshes is None:
+        return Fleet(ours, mirrors=mirrors)
     from toolkit.bodies.meshes import taken_meshes
 
-    taken = taken_meshes(meshes)
-    bodies = catalogue(held_out=held_out) + tuple(each.body for each in taken)
-    return Fleet(bodies, notes=tuple(f"{each.file}: {each.how}" for each in taken))
+    taken = taken_meshes(meshes, mirrors=mirrors)
+    notes = tuple(f"{each.file}: {each.how}" for each in taken)
+    return Fleet(ours + tuple(each.body for each in taken), mirrors=mirrors, notes=notes)
 
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    groups = (
-        (VEHICLE, {shape.name: car(shape) for shape in CARS}), (CYCLIST, two_wheelers()),
-        (PEDESTRIAN, pedestrians()), (HEAVY, trucks()),
-    )  # fmt: skip
-    return tuple(centred(name, label, *mesh) for label, group in groups for name, mesh in group.items())
+    with_mirrors = ((VEHICLE, {shape.name: car(shape) for shape in CARS}), (HEAVY, trucks()))
+    without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
+    bodies = [boxed(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
+    bodies += [centred(name, label, *mesh) for label, group in without for name, mesh in group.items()]
+    return tuple(sorted(bodies, key=lambda body: _ORDER.index(body.label)))

@@ -66,7 +66,7 @@ def load_meshes(folder: str | Path) -> tuple[Body, ...]:
     return tuple(taken.body for taken in taken_meshes(folder))
 
 
-def taken_meshes(folder: str | Path, *, mirrors: bool = True) -> tuple[TakenMesh, ...]:
+def taken_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
     """The mesh files in `folder` and below, in the order of their paths, each with how it was taken.
 
     mirrors: whether the ground truth boxes of vehicles hold the wing mirrors that can be seen to stick out of them.
@@ -89,7 +89,7 @@ def taken_meshes(folder: str | Path, *, mirrors: bool = True) -> tuple[TakenMesh
 def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
     """The body of one file; `called` is the path whose folders and name give its class and name."""
     path = Path(path)
-    return _taken(path, Path(called or path.name), NOTHING_SAID, mirrors=True).body
+    return _taken(path, Path(called or path.name), NOTHING_SAID, mirrors=False).body
 
 
 def _taken(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMesh:

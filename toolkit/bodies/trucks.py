@@ -8,17 +8,27 @@ from toolkit.bodies.cars import wheel_at
 from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
 
 
-def trucks() -> dict[str, Mesh]:
-    """Box trucks, a tipper and buses, x forward, wheels on z = 0."""
+def trucks() -> dict[str, tuple[Mesh, Mesh]]:
+    """Box trucks, a tipper and buses, x forward, wheels on z = 0, each with its wing mirrors beside it."""
     return {
-        "box_truck": merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
-        "small_box_truck": merge(
-            [_cab(6.3, 2.05, 2.25, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))]
+        "box_truck": (
+            merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
+            _cab_mirrors(7.6, 2.35, 2.5),
         ),
-        "tipper": merge([_cab(7.9, 2.4, 2.75), _skip(7.9, 5.5), *_axles(7.9, 2.45, 0.50, (1.35, 5.3, 6.6))]),
-        "city_bus": merge([_bus(12.0, 2.55, 3.0), *_axles(12.0, 2.5, 0.48, (2.7, 8.6))]),
-        "midibus": merge([_bus(8.9, 2.35, 2.85), *_axles(8.9, 2.3, 0.42, (2.2, 6.6))]),
-    }  # fmt: skip
+        "small_box_truck": (
+            merge([_cab(6.3, 2.05, 2.25, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))]),
+            _cab_mirrors(6.3, 2.05, 2.25),
+        ),
+        "tipper": (
+            merge([_cab(7.9, 2.4, 2.75), _skip(7.9, 5.5), *_axles(7.9, 2.45, 0.50, (1.35, 5.3, 6.6))]),
+            _cab_mirrors(7.9, 2.4, 2.75),
+        ),
+        "city_bus": (
+            merge([_bus(12.0, 2.55, 3.0), *_axles(12.0, 2.5, 0.48, (2.7, 8.6))]),
+            _bus_mirrors(12.0, 2.55, 3.0),
+        ),
+        "midibus": (merge([_bus(8.9, 2.35, 2.85), *_axles(8.9, 2.3, 0.42, (2.2, 6.6))]), _bus_mirrors(8.9, 2.35, 2.85)),
+    }
 
 
 def _outline(width: float, z0: float, z1: float, corner: float) -> np.ndarray:
@@ -41,9 +51,9 @@ def _shell(stations: list[tuple[float, float, float, float]], corner: float) -> 
 
 
 def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
-    """A forward-control cab whose front is at length / 2, with mirrors."""
+    """A forward-control cab whose front is at length / 2."""
     front = length / 2
-    shell = _shell(
+    return _shell(
         [
             (front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height),
             (front - 0.25, width, 0.40, height - 0.12),
@@ -51,8 +61,11 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
         ],
         0.09,
     )  # fmt: skip
-    mirror = box((0.12, 0.16, 0.42), (front - 0.15, width / 2 + 0.12, height * 0.72))
-    return merge([shell, mirror, mirrored(mirror)])
+
+
+def _cab_mirrors(length: float, width: float, height: float) -> Mesh:
+    mirror = box((0.12, 0.16, 0.42), (length / 2 - 0.15, width / 2 + 0.12, height * 0.72))
+    return merge([mirror, mirrored(mirror)])
 
 
 def _cargo(length: float, deep: float, width: float, top: float) -> Mesh:
@@ -93,6 +106,11 @@ def _bus(length: float, width: float, height: float) -> Mesh:
     ]
     skirt = box((length - 0.9, width + 0.04, belt - 0.4), (0, 0, (belt + 0.4) / 2 + 0.02))
     units = [box((1.8, 1.5, 0.22), (p, 0, height + 0.08)) for p in (-x * 0.5, x * 0.35)]
+    return merge([body, *pillars, skirt, *units])
+
+
+def _bus_mirrors(length: float, width: float, height: float) -> Mesh:
+    x = length / 2
     mirror = tube(
         [
             (x - 0.15, width / 2, height - 0.35),
@@ -102,7 +120,7 @@ def _bus(length: float, width: float, height: float) -> Mesh:
         [0.03, 0.05, 0.09],
         6,
     )
-    return merge([body, *pillars, skirt, *units, mirror, mirrored(mirror)])
+    return merge([mirror, mirrored(mirror)])
 
 
 def _axles(length: float, width: float, radius: float, behind_front: tuple[float, ...]) -> list[Mesh]:

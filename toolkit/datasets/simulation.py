@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from toolkit.bodies.fleet import Fleet, catalogue
+from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.recording import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
@@ -57,8 +57,9 @@ def simulate_dataset(
     several workers, which are processes, a script must call it under `if __name__ == "__main__":`.
 
     site: or the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
-    sensors: None for the site's own; bodies: None for `catalogue(meshes)`, or in their place a fleet, whose drawn
-    bodies are drawn afresh for every block of frames; progress: told how many frames are done;
+    sensors: None for the site's own; meshes: a folder to take bodies from; bodies: some that stay; fleet: in place of
+    both, its drawn bodies are drawn afresh for every block of frames; none of the three: everyone is drawn;
+    progress: told how many frames are done;
     overwrite: replace a file, or drop an unfinished simulation, that was made from something else.
     Returns how many frames were simulated now: 0 where `out` was complete already.
 
@@ -70,7 +71,7 @@ def simulate_dataset(
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     if fleet is None:
-        fleet = Fleet(catalogue(meshes) if bodies is None else tuple(bodies))
+        fleet = fleet_named(None, meshes) if bodies is None else Fleet(tuple(bodies))
     elif bodies is not None or meshes is not None:
         raise ValueError("bodies or meshes were given beside a fleet, which has its own: give one of them")
     job = Job(site, chosen, fleet, int(frames), int(seed))

@@ -1,27 +1,36 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import Body, centred
+from toolkit.bodies.body import Body, boxed
 from toolkit.bodies.cars import CARS, car
 from toolkit.objects import VEHICLE
 
-BODIES = [centred(shape.name, VEHICLE, *car(shape)) for shape in CARS]
+BODIES = [boxed(shape.name, VEHICLE, *car(shape)) for shape in CARS]
 
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
 def test_cars_have_the_measures_of_cars(body):
     length, width, height = body.size
     assert 3.5 <= length <= 5.6
-    assert 1.6 <= width <= 2.12
+    assert 1.45 <= width <= 2.0
     assert 1.15 <= height <= 2.3
     ends = np.abs(body.vertices[:, 0]) > 0.48 * length
     assert np.ptp(body.vertices[ends, 1]) < 0.92 * width  # bumpers are rounded in plan
     roof = body.vertices[:, 2] > 0.40 * height
-    assert np.ptp(body.vertices[roof, 1]) < 0.86 * width  # tumblehome
+    assert np.ptp(body.vertices[roof, 1]) < 0.89 * width  # tumblehome
     touching = body.vertices[body.vertices[:, 2] < -0.499 * height]
     assert np.ptp(touching[:, 0]) > 0.5 * length  # stands on four wheels
     assert np.ptp(touching[:, 1]) > 0.6 * width
     assert np.allclose(np.sort(body.vertices[:, 1]), np.sort(-body.vertices[:, 1]), atol=1e-5)
+
+
+def test_mirrors_stick_out_of_the_box_and_no_more_than_they():
+    for body, shape in zip(BODIES, CARS, strict=True):
+        assert body.size[1] == pytest.approx(shape.width, abs=0.03)
+        out = np.abs(body.vertices[:, 1]).max() - body.size[1] / 2
+        assert 0.05 < out < 0.12
+        beyond = np.abs(body.vertices[:, 1]) > body.size[1] / 2 + 1e-4
+        assert (np.abs(body.vertices[~beyond]) <= np.array(body.size) / 2 + 1e-4).all()
 
 
 def test_cars_differ_pairwise():

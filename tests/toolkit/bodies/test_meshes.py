@@ -58,7 +58,8 @@ def write_glb(path, vertices, triangles):
 def test_every_format_gives_the_same_box(tmp_path, suffix):
     body = load_mesh(write(tmp_path / f"sedan.{suffix}", shift=(3, -4, 0.7)))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
-    assert np.allclose(body.vertices.min(axis=0), -np.array(body.size) / 2, atol=1e-4)
+    assert np.allclose(body.vertices.min(axis=0)[[0, 2]], -np.array(body.size)[[0, 2]] / 2, atol=1e-4)
+    assert -body.vertices[:, 1].min() > body.size[1] / 2 + 0.05  # the mirrors
     assert body.label == VEHICLE
     assert body.name == "sedan"
 
@@ -199,9 +200,10 @@ def test_the_table_turns_scales_and_names(tmp_path):
     (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
     (taken,) = taken_meshes(tmp_path)
     assert taken.body.label == HEAVY
-    assert np.allclose(taken.body.vertices, OURS["city_bus"].vertices, atol=1e-3)
+    aside = taken.body.vertices - OURS["city_bus"].vertices
+    assert np.allclose(aside, [-0.105, 0, 0], atol=2e-3)  # its mirrors stick out to the front as well, and stay in
     assert taken.file == "sub/x1.ply"
-    assert taken.how == "heavy (as meshes.toml says), 12.21 x 2.99 x 3.19 m, y up, z forward, scaled by 0.0254"
+    assert taken.how == "heavy (as meshes.toml says), 12.21 x 2.59 x 3.19 m, y up, z forward, scaled by 0.0254, mirrors left out of its box"
 
 
 def test_how_each_was_taken_is_said(tmp_path):
@@ -209,9 +211,11 @@ def test_how_each_was_taken_is_said(tmp_path):
     write(tmp_path / "b.ply", OURS["classic_sedan"])
     write(tmp_path / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
     assert [f"{taken.file}: {taken.how}" for taken in taken_meshes(tmp_path)] == [
-        "b.ply: vehicle (by its shape), 4.55 x 1.87 x 1.41 m, z up, x forward (its profile agrees)",
+        "b.ply: vehicle (by its shape), 4.55 x 1.69 x 1.41 m, z up, x forward (its profile agrees), "
+        "mirrors left out of its box",
         "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
-        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.97 x 1.59 m, z up, x forward (its profile agrees)",
+        "vehicle/a.ply: vehicle (by its folder or name), 4.18 x 1.79 x 1.59 m, z up, x forward (its profile agrees), "
+        "mirrors left out of its box",
     ]
 
 
@@ -225,6 +229,8 @@ def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_fol
     assert "mirrors left out of its box" in fleet.notes[0]
     assert fleet_named("meshes", tmp_path, mirrors=True).fixed[0].size[1] == pytest.approx(1.97, abs=0.01)
     assert fleet_named("both", tmp_path).drawn == (VEHICLE, CYCLIST, PEDESTRIAN, HEAVY)
-    assert fleet_named("catalogue", tmp_path).fixed[-1].truth is None
+    assert fleet_named("catalogue", tmp_path).fixed[-1].size[1] == pytest.approx(1.79, abs=0.01)
+    assert fleet_named("catalogue", tmp_path, mirrors=True).fixed[-1].truth is None
+    assert fleet_named("catalogue", mirrors=True).fixed[0].truth is None
     bodies = fleet.bodies(1, np.random.default_rng(0))
     assert {body.name for body in bodies if body.label == VEHICLE} == {"a"}
