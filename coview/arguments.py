@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Literal
+
+Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 
 
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:

@@ -62,6 +62,11 @@ class VoxelNetDetector:
         return self.config.area
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """The classes it knows, names of `toolkit.objects.LABELS`."""
+        return self.config.labels
+
+    @property
     def digest(self) -> str:
         """SHA-256 of what its detections depend on: weights, configuration and thresholds."""
         return digest_with(self._weights, self.config.to_dict(), self.score_threshold, self.nms_threshold)
