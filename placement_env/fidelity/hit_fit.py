@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from placement_env.fidelity.hit_model import RANGES, HitModel
-from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.protocol import ClassEstimates
 from placement_env.fidelity.surrogate import Evidence, expected_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
+from toolkit.objects import LABELS, VEHICLE
 from toolkit.sites.site import HYBRID_RADIUS
 
 if TYPE_CHECKING:
@@ -34,10 +35,12 @@ def fit(
     iou: float,
     radius: float = HYBRID_RADIUS,
     source: str = "",
+    label: str = LABELS[VEHICLE],
 ) -> HitModel:
     """The model under which these hits are likeliest, and whose AP is nearest to the detector's in the mean square.
 
-    hits: which objects of `visibility` each set hit; ap: what each set scored; radius: of hybrid fusion (m).
+    hits: which objects of `visibility` each set hit; ap: what each set scored; radius: of hybrid fusion (m); label:
+    class of the objects, for its name alone.
     Raises ValueError where there is nothing to fit; ModuleNotFoundError without SciPy.
     """
     _check(visibility, subsets, hits, ap)
@@ -48,7 +51,9 @@ def fit(
     def model_of(numbers: Float64[np.ndarray, " 6"], false_alarms: float = 0.0) -> HitModel:
         named = dict(zip(FITTED, map(float, numbers[:-1]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-1])))
-        return HitModel(scheme=scheme.name, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, **named)
+        return HitModel(
+            scheme=scheme.name, iou=iou, ceiling=ceiling, false_alarms=false_alarms, source=source, label=label, **named
+        )
 
     def unlikelihood(numbers: Float64[np.ndarray, " 6"]) -> float:
         p = np.clip(_probability(evidence, subsets, model_of(numbers)), 1e-9, 1 - 1e-9)
@@ -76,13 +81,28 @@ def fit_detected(
     radius: float = HYBRID_RADIUS,
     source: str,
 ) -> tuple[HitModel, ...]:
-    """A model at each IoU threshold of what `detected`, of the same candidates and frames, says of the sets."""
+    """A model of each class at each IoU threshold of what `detected`, of the same candidates, frames and classes, says
+    of the sets. Raises ValueError where there is nothing to fit, saying of which class."""
     from placement_env.fidelity.detector import IOUS
 
-    estimates: dict[float, Estimate] = detected.estimates(subsets)
+    estimates: dict[float, ClassEstimates] = detected.class_estimates(subsets)
     hits = np.stack([detected.hits(subset).hit for subset in subsets], axis=1)
     common: dict[str, Any] = {"scheme": detected.scheme, "radius": radius, "source": source}
-    return tuple(fit(visibility, subsets, hits[i], estimates[iou].ap, iou=iou, **common) for i, iou in enumerate(IOUS))
+    models: dict[tuple[str, float], HitModel] = {}
+    for c, (name, label) in enumerate(zip(detected.classes.names, detected.classes.labels, strict=True)):
+        own = visibility.labels == label
+        for i, iou in enumerate(IOUS):
+            at = detected.iou_of(label, iou)
+            if (name, at) in models:
+                continue
+            seen = visibility.of_classes([label])
+            try:
+                models[name, at] = fit(
+                    seen, subsets, hits[i][:, own], estimates[iou].ap[:, c], iou=at, label=name, **common
+                )
+            except ValueError as error:
+                raise ValueError(f"{name} at IoU {at:g} in {detected.scheme.name} fusion: {error}") from None
+    return tuple(models.values())
 
 
 def _probability(evidence: Evidence, subsets: np.ndarray, model: HitModel) -> np.ndarray:
