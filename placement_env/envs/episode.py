@@ -145,7 +145,7 @@ class Scenarios:
 
 
 def check_scored(config: EnvConfig, sites: Sites) -> None:
-    """Raises ValueError where there is no table, surrogate or detector that scores the candidates of a site as asked."""
+    """Raises ValueError where no table, surrogate or detector scores the candidates of a site as asked."""
     files = {"surrogate": config.surrogate, "table": getattr(config, "table", None)}
     for index in range(len(sites)):
         for scheme in config.schemes:

@@ -137,7 +137,8 @@ class SensorSelectEnv(PlacementEnv):
     several, and a number from a budget or failures given as (lowest, highest). actions: flat or factored; slots: for
     candidates, None for what the largest of the sites needs; objective: in place of a site and all that follows;
     fidelity, frames, weights, candidates, detector, codec, iou, seed, cache, workers, ray, classes (of road users that
-    count: names, or `placement_env.classes.Classes`), surrogate, table: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
+    count: names, or `placement_env.classes.Classes`), surrogate, table: of `placement_env.objective.Objective`. `reset`
+    takes the options site, scheme, budget and failed.
 
     ## Version History
     v0: first version.
