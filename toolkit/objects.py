@@ -135,7 +135,7 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:
         raise ValueError(
-            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take a detector trained on all of "
+            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take one trained on all of "
             "them, such as the weights classes/tjunction, or leave these classes out"
         )
 

@@ -128,9 +128,7 @@ def test_files_of_curves_are_named_by_class(tmp_path):
 
 
 def test_a_class_that_the_detector_does_not_know_is_refused():
-    with pytest.raises(
-        ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take a detector trained on"
-    ):
+    with pytest.raises(ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"):
         mixed(["vehicle", "heavy"])
     with pytest.raises(ValueError, match="label must be one of"):
         mixed(["tram"])
