@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from placement_env.classes import Classes
+
+Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
+Combine = Literal["mean", "worst"]
 
 
 def check_least(option: str, value: float | None, least: float, remedy: str = "") -> None:
@@ -40,6 +47,22 @@ def check_errors(name: str) -> None:
     from toolkit.sensors.errors.profiles import profile_named
 
     profile_named(name)
+
+
+def counted_classes(
+    names: Sequence[str], weights: Sequence[float] | None, combine: Combine, small_iou: float
+) -> Classes:
+    """The classes that --classes, --class-weights, --combine and --small-iou mean. Raise ValueError where these do not
+    fit."""
+    from placement_env.classes import SMALL, SMALL_IOU, Classes
+
+    if not 0 < small_iou <= 1:
+        raise ValueError(f"--small-iou must lie above 0 and at most at 1, got {small_iou:g}")
+    if weights is not None and len(weights) != len(names):
+        raise ValueError(f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}")
+    own = None if small_iou == SMALL_IOU else small_iou
+    ious = tuple(own if name in SMALL else None for name in names)
+    return Classes(tuple(names), tuple(weights or ()), combine, ious)
 
 
 def check_ray(address: str | None) -> None:

@@ -12,7 +12,7 @@ from coview.hidden_packages import refuse_hidden_packages
 
 COMMANDS = (
     "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "plan", "table",
-    "reproduce",
+    "surrogate", "reproduce",
 )  # fmt: skip
 DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction, and search which to build.
 

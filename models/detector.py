@@ -63,6 +63,11 @@ class VoxelNetDetector:
         return self.config.area
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """The classes it knows, names of `toolkit.objects.LABELS`."""
+        return self.config.labels
+
+    @property
     def digest(self) -> str:
         """SHA-256 of what its detections depend on: weights, configuration and thresholds."""
         least = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]

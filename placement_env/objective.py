@@ -11,15 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from placement_env.checks import check_iou, check_whole
-from placement_env.fidelity.protocol import ByFrames, Fidelity, FidelityName, check_fidelity
+from placement_env.classes import VEHICLES, Classes, classes_of
+from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -62,7 +63,8 @@ AP_ONLY = Weights()
 @dataclass(frozen=True)
 class Score:
     """What an objective says of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
-    cache_hit: whether the fidelity had been asked about this set before."""
+    cache_hit: whether the fidelity had been asked about this set before; class_ap: of each class, NaN
+    where there is nothing to find."""
 
     subset: tuple[int, ...]
     ap: float
@@ -74,6 +76,7 @@ class Score:
     terms: dict[str, float]
     fidelity: str
     cache_hit: bool
+    class_ap: dict[str, float] = field(default_factory=dict)
 
 
 class Scores(NamedTuple):
@@ -98,7 +101,9 @@ class Objective:
     how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
     detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
     processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
-    errors: of the sensors, a profile or its name, known to fidelity "detector" alone.
+    errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
+    count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
+    ones.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -124,6 +129,9 @@ class Objective:
         progress: Stages | None = None,
         most_price: float = math.inf,
         errors: ErrorProfile | str = PAPER_ERRORS,
+        classes: Classes | Iterable[str] = VEHICLES,
+        surrogate: str | Path | None = None,
+        table: str | Path | None = None,
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
@@ -145,7 +153,11 @@ class Objective:
             ray=ray,
             detector=detector,
             errors=profile_of(errors),
+            classes=classes_of(classes),
+            surrogate=surrogate,
+            table=table,
         )
+        preparation.check(fidelity)
         visibility = None if fidelity == "table" else preparation.look(progress)
         scored_by = preparation.fidelity(fidelity)
         self._progress = progress
@@ -187,6 +199,9 @@ class Objective:
         self.most_price = float(most_price)
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
         self.scheme, self.codec, self._scored = scheme, codec, 0
+        self.classes: Classes = getattr(scored_by, "classes", VEHICLES)
+        several = len(self.classes.names) if isinstance(scored_by, ByClass) else 1
+        self._width = 3 if several == 1 else 3 + several
         self._known = self._of_none()
 
     def _know(self, site: Site | None, visibility: Visibility | None, preparation: Preparation | None) -> None:
@@ -205,9 +220,9 @@ class Objective:
         """Empty the memory of sets that were scored."""
         self._known = self._of_none()
 
-    def _of_none(self) -> dict[bytes, tuple[float, float, float]]:
-        """ap, recall, kbit of the empty set, under its bits."""
-        return {bytes(-(-len(self.candidates) // 8)): (0.0, 0.0, 0.0)}
+    def _of_none(self) -> dict[bytes, tuple[float, ...]]:
+        """ap, recall, kbit and, of several classes, the AP of each, of the empty set, under its bits."""
+        return {bytes(-(-len(self.candidates) // 8)): (0.0,) * self._width}
 
     @property
     def fidelity(self) -> str:
@@ -230,6 +245,7 @@ class Objective:
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
             fidelity=self.fidelity,
+            classes=self.classes.origin,
             weights=asdict(self.weights),
             **({} if detector is None else detector_origin(detector)),
         )
@@ -262,15 +278,20 @@ class Objective:
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
         terms = {"ap": ap, "comm": 0 - self.weights.comm * per_sensor, "price": 0 - self.weights.price * price}
         members = tuple(np.flatnonzero(row).tolist())
-        return Score(
-            members, ap, recall, per_sensor, kbit, price, reward, terms, self.fidelity, bool(scores.cache_hit[0])
-        )
+        by_class = dict(zip(self.classes.names, self.class_ap(row[None])[0].tolist(), strict=True))
+        figures = (ap, recall, per_sensor, kbit, price, reward)
+        return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
+
+    def class_ap(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "n k"]:
+        """AP of each class of sets, given as rows of booleans; NaN where a class has nothing to find."""
+        figures, _ = self._figures(subsets)
+        return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
         """Scores of sets, given as rows of booleans. A set that was asked before, here or earlier, is not scored again;
         the empty set scores 0. Sets are scored whether feasible or not."""
         figures, cache_hit = self._figures(subsets)
-        ap, recall, kbit = figures.T
+        ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weighed(subsets, ap, kbit)
         return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
 
@@ -334,23 +355,32 @@ class Objective:
             row[index_of(member, self.names)] = True
         return row
 
-    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-        """ap, recall, kbit of each set, and which of them were known before."""
+    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:
+        """ap, recall, kbit of each set and, of several classes, the AP of each; and which of them were known before."""
         if len(self._known) > MOST_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
         fresh = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
         if fresh:
-            estimate = self.scored_by(subsets[list(fresh.values())])
+            estimate, of_classes = self._estimated(subsets[list(fresh.values())])
             if not np.isfinite(estimate.ap).all():
-                raise ValueError("there is no vehicle to find in these frames: take more of them, or another seed")
+                there = " or ".join(self.classes.names)
+                raise ValueError(f"there is no {there} to find in these frames: take more of them, or another seed")
             if not np.isfinite(estimate.kbit).all():
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
-            figures = zip(estimate.ap.tolist(), estimate.recall.tolist(), estimate.kbit.tolist(), strict=True)
+            columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)
+            figures = zip(*(column.tolist() for column in columns), strict=True)
             self._known.update(zip(fresh, figures, strict=True))
             self._tell(len(fresh))
-        return np.array([self._known[key] for key in keys], np.float64).reshape(-1, 3), cache_hit
+        return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
+
+    def _estimated(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Estimate, Sequence[Float64[np.ndarray, " n"]]]:
+        """What the fidelity says of sets and, of several classes, the AP of each."""
+        if self._width == 3:
+            return self.scored_by(subsets), ()
+        each = cast(ByClass, self.scored_by).by_class(subsets)
+        return each.combined(self.classes), list(each.ap.T)
 
     def _tell(self, scored: int) -> None:
         """Count sets that were scored now, on some frames or all."""

@@ -106,11 +106,38 @@ class Detections:
 
 @runtime_checkable
 class Detector(Protocol):
-    """Anything that turns the points of one frame, world frame, into detections, world frame."""
+    """Anything that turns the points of one frame, world frame, into detections, world frame. It may have an attribute
+    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
         ...
+
+
+def known_labels(detector: Detector) -> tuple[str, ...] | None:
+    """Names of the classes that a detector knows, in the order of `LABELS`: of its attribute `labels`; None where it
+    does not say. Raises ValueError for a class that there is not.
+
+    >>> known_labels(lambda points: Detections.empty()) is None
+    True
+    """
+    labels = getattr(detector, "labels", None)
+    if labels is None:
+        return None
+    if isinstance(labels, str) or not isinstance(labels, Iterable):
+        raise ValueError(f"labels of a detector must be a list of names of {LABELS}, got {labels!r}")
+    return tuple(LABELS[k] for k in sorted({label_index(label) for label in labels}))
+
+
+def check_known(detector: Detector, labels: Iterable[str]) -> None:
+    """Raises ValueError where a detector says which classes it knows, and these are not among them."""
+    known = known_labels(detector)
+    unknown = [label for label in labels if known is not None and label not in known]
+    if unknown:
+        raise ValueError(
+            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take one trained on all of "
+            "them, such as the weights classes/tjunction, or leave these classes out"
+        )
 
 
 def _boxes(boxes: Any) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, check_ious, check_least, check_schemes, sensor_set, site_file
+from coview.arguments import Label, check_errors, check_ious, check_least, check_schemes, sensor_set, site_file
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
@@ -23,10 +23,10 @@ def evaluate(
     detector: str = "cluster",
     schemes: tuple[str, ...] = ("early", "late", "hybrid"),
     sensors: tuple[str, ...] = ("all",),
-    iou: tuple[float, ...] = (0.7, 0.8, 0.9),
+    classes: tuple[Label, ...] | None = None,
+    iou: tuple[float, ...] | None = None,
     metric: Literal["3d", "bev"] = "3d",
     protocol: Literal["exact", "published"] = "exact",
-    label: Literal["vehicle", "cyclist", "pedestrian", "heavy"] = "vehicle",
     radius: float | None = None,
     frames: int | None = None,
     errors: str = "paper",
@@ -37,7 +37,8 @@ def evaluate(
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
-    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves.
+    """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves, and
+    what the detector's threshold is worth class by class.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
@@ -47,10 +48,10 @@ def evaluate(
             package.module:callable, either the detector or what makes it for a site (see toolkit.detection.imported).
         schemes: Which of early, late and hybrid fusion.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
-        iou: IoU thresholds.
+        classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
+        iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
         metric: IoU of volumes or of footprints.
         protocol: exact, or the published code's own way of counting.
-        label: Class to score.
         radius: Hybrid fusion shares points farther than this from their sensor (m); the paper's value when left out.
         frames: Only the first so many frames.
         errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
@@ -59,12 +60,19 @@ def evaluate(
         drop_invalid: Leave objects out that cannot be (NaN, no size, kilometres away), and say how many.
         out: Folder for table.json and the PR curves.
         overwrite: Replace the table and curves of another run.
-        json: Print the rows as JSON.
+        json: Print rows and class figures, with the reliability diagram of the scores, as JSON.
     """
-    from toolkit.detection.evaluation import evaluate_dataset, format_table, save_evaluation
+    from toolkit.detection.evaluation import (
+        curve_files,
+        evaluate_dataset,
+        format_class_table,
+        format_table,
+        save_evaluation,
+    )
+    from toolkit.objects import check_known, known_labels
     from toolkit.points import select_sensors
 
-    check_ious(iou)
+    check_ious(iou or ())
     check_schemes(schemes)
     check_errors(errors)
     check_least("--radius", radius, 0.0)
@@ -73,15 +81,20 @@ def evaluate(
         total = frame_count(recording, frames)
         for chosen in sets:
             select_sensors(recording.sensors, chosen)
-        for name in ("table.json", *(f"pr_{threshold:g}.png" for threshold in iou)):
+        for name in ("table.json", *curve_files(classes or ("vehicle",), iou)):
+            check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
+        detect = recording_detector(detector, recording)
+        labels = classes or known_labels(detect) or ("vehicle",)
+        check_known(detect, labels)
+        for name in curve_files(labels, iou):
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         with progress_bar("frame", total, hidden=json) as bar:
             rows = evaluate_dataset(
-                recording, recording_detector(detector, recording), schemes=schemes, iou_thresholds=iou, frames=total,
+                recording, detect, schemes=schemes, classes=labels, iou_thresholds=iou, frames=total,
                 sensor_sets=sets, noise_seed=seed, errors=errors, radius=radius, protocol=protocol, metric=metric,
-                label=label, progress=bar.to,
+                progress=bar.to,
             )  # fmt: skip
     save_evaluation(rows, out)
-    table = f"{format_table(rows)}\nwritten to {out}/table.json, PR curves beside it"
-    print_result({"rows": [row.as_dict() for row in rows]}, table, as_json=json)
+    tables = f"{format_table(rows)}\n\nabove the detector's threshold:\n{format_class_table(rows.classes)}"
+    print_result(rows.as_dict(), f"{tables}\nwritten to {out}/table.json, PR curves beside it", as_json=json)
     return OK

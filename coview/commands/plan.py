@@ -6,7 +6,16 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, check_ious, check_least, check_schemes, site_file
+from coview.arguments import (
+    Combine,
+    Label,
+    check_errors,
+    check_ious,
+    check_least,
+    check_schemes,
+    counted_classes,
+    site_file,
+)
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
@@ -24,7 +33,10 @@ def plan(
     min_ap: float | None = None,
     max_kbit: float | None = None,
     capacity: float | None = None,
-    classes: tuple[str, ...] = ("vehicle", "cyclist", "pedestrian", "heavy"),
+    classes: tuple[Label, ...] = ("vehicle",),
+    class_weights: tuple[float, ...] | None = None,
+    combine: Combine = "mean",
+    small_iou: float = 0.5,
     scheme: str = "early",
     iou: float = 0.7,
     candidates: str = "pool",
@@ -51,7 +63,10 @@ def plan(
         min_ap: AP that must be reached; the cheapest set that does is the answer.
         max_kbit: Most that a sensor may send per frame.
         capacity: Of the link of every pole (kbit per frame), in place of the poles' own.
-        classes: Road users that count; there is AP of vehicles, of others a share that is seen.
+        classes: Road users whose AP counts, if the detector knows them; of the others a share is stated that is seen.
+        class_weights: Of each class in their mean; equal when left out.
+        combine: AP of several classes: their mean, or that of the worst.
+        small_iou: In place of --iou for cyclists and pedestrians.
         scheme: How measurements are fused: early, late or hybrid.
         iou: At which a detection counts.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
@@ -82,6 +97,7 @@ def plan(
     check_ious([iou])
     check_schemes([scheme])
     check_errors(errors)
+    counted = counted_classes(classes, class_weights, combine, small_iou)
     inputs = [*site_file(site), *site_file(candidates), *(path for path in (sensors, keep_out) if path is not None)]
     check_folder(out, holds="plan.json", inputs=inputs, overwrite=overwrite)
     if cache is not None:
@@ -98,7 +114,7 @@ def plan(
         min_ap=min_ap,
         max_kbit=max_kbit,
         capacity_kbit=capacity,
-        classes=classes,
+        classes=counted,
         scheme=scheme,
         iou=iou,
         candidates=candidates,
@@ -115,6 +131,12 @@ def plan(
     verdict, refused = planned.plan.verdict, planned.plan.verdict.met is False
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if refused else verdict.sentence]
     lines += [f"  {s.name}: {s.pole}, {s.height:.1f} m, bearing {s.bearing_deg:.0f}" for s in planned.plan.sensors]
+    if len(planned.plan.class_ap) > 1:
+        lines += [
+            f"  {row.label:<10} AP {row.judged.ap:.3f} ({row.judged.low:.3f} to {row.judged.high:.3f}) at IoU "
+            f"{row.iou:g}, {row.judged.vehicles} to find"
+            for row in planned.plan.class_ap
+        ]
     lines.append(f"written to {out}: {', '.join(path.name for path in written)}")
     print_result(planned.plan.as_dict(), "\n".join(lines), as_json=json)
     return NOT_MET if refused else OK

@@ -8,7 +8,18 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, check_ious, check_least, check_positive, check_ray, check_schemes, site_file
+from coview.arguments import (
+    Combine,
+    Label,
+    check_errors,
+    check_ious,
+    check_least,
+    check_positive,
+    check_ray,
+    check_schemes,
+    counted_classes,
+    site_file,
+)
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
@@ -35,6 +46,12 @@ def search(
     errors: str = "paper",
     frames: int = 200,
     iou: float = 0.7,
+    classes: tuple[Label, ...] = ("vehicle",),
+    class_weights: tuple[float, ...] | None = None,
+    combine: Combine = "mean",
+    small_iou: float = 0.5,
+    surrogate: Path | None = None,
+    table: Path | None = None,
     comm: float = 0.0,
     price: float = 0.0,
     seed: int = 0,
@@ -67,6 +84,12 @@ def search(
         errors: Of the sensors, as in coview evaluate, for --fidelity detector or --verify detector.
         frames: Of simulated traffic.
         iou: At which a detection counts.
+        classes: Road users that count.
+        class_weights: Of each class in their mean; equal when left out.
+        combine: AP of several classes: their mean, or that of the worst, so that none is bought at another's expense.
+        small_iou: In place of --iou for cyclists and pedestrians.
+        surrogate: File of coview surrogate, for fidelity surrogate in place of the shipped ones.
+        table: File of coview table, for fidelity table in place of the shipped ones.
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
@@ -83,7 +106,7 @@ def search(
     from placement_env.candidates.choice import chosen_candidates
     from placement_env.fidelity.preparation import check_fidelity_for
     from placement_env.objective import Objective, Weights
-    from placement_env.report.planning.refusals import exclusions
+    from placement_env.report.planning.refusals import check_present, exclusions
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference, write_answer
     from placement_env.search.description import described_empty, described_score, described_sensors
     from placement_env.search.methods import check_search, search_of
@@ -103,6 +126,7 @@ def search(
     if errors != "paper" and "detector" not in (fidelity, verify):
         raise ValueError("--errors is for --fidelity detector or --verify detector: say one of them")
     check_ray(ray)
+    counted = counted_classes(classes, class_weights, combine, small_iou)
     if cache is not None:
         check_writable(cache.resolve(), cache)
     place = load_site(site)
@@ -119,21 +143,23 @@ def search(
         raise ValueError("--model is for --candidates pool or a file of poles: the site's own sensors have theirs")
     pool = chosen_candidates(place, candidates, _models(model))
     check_search(method, fidelity, pool)
-    for scored_by in (fidelity, verify or fidelity):
-        check_fidelity_for(place, pool, scheme, scored_by, iou=iou)
-    settings: dict[str, Any] = {
-        "candidates": pool, "iou": iou, "seed": seed, "cache": cache, "workers": workers, "ray": ray,
-    }  # fmt: skip
+    settings: dict[str, Any] = {"candidates": pool, "iou": iou, "seed": seed, "cache": cache, "workers": workers,
+                                "ray": ray, "classes": counted}  # fmt: skip
     if detector is not None:
         if "detector" not in (fidelity, verify):
             raise ValueError("--detector is for --fidelity detector or --verify detector: say one of them")
         settings["detector"] = site_detector(detector, place)
         if cache is not None:
             check_digest(detector, settings["detector"], ": add one, or say --cache None")
+    files: dict[str, Any] = {"surrogate": surrogate, "table": table}
+    asked: dict[str, Any] = {"iou": iou, "classes": counted, "detector": settings.get("detector")}
+    check_fidelity_for(place, pool, scheme, fidelity, **asked, **files)
+    check_fidelity_for(place, pool, scheme, verify or "coverage", **asked)
     with progress_bar("", hidden=json) as bar:
         settings["progress"] = bar.stage
         drawn = errors if fidelity == "detector" else "paper"
-        objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), errors=drawn, **settings)
+        objective = Objective(place, frames, scheme, fidelity, Weights(comm, price), errors=drawn, **settings, **files)
+        check_present(objective)
         if not objective.allowed([]).any():
             reasons = exclusions(objective)
             print_result({"sensors": [], "reasons": reasons}, f"none may be built: {' '.join(reasons)}", as_json=json)

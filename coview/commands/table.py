@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, check_least, check_ray, site_file
+from coview.arguments import Combine, Label, check_errors, check_least, check_ray, counted_classes, site_file
 from coview.detectors import check_digest, recording_detector
 from coview.exits import OK
 from coview.outputs import check_file
@@ -21,6 +21,10 @@ def table(
     *,
     out: Path,
     detector: str = "voxelnet",
+    classes: tuple[Label, ...] = ("vehicle",),
+    class_weights: tuple[float, ...] | None = None,
+    combine: Combine = "mean",
+    small_iou: float = 0.5,
     errors: str = "paper",
     frames: int | None = None,
     site: str | None = None,
@@ -38,6 +42,10 @@ def table(
         dataset: Recording of at most 16 sensors.
         out: Table to write (.npz); placement_env loads it by its path.
         detector: As in coview evaluate.
+        classes: Of road users, of each of which the table holds the AP.
+        class_weights: Of each class where the best sets are printed, as combine; the table itself knows neither.
+        combine: As in coview search.
+        small_iou: As in coview search; the table holds cyclists and pedestrians at this one.
         errors: As in coview evaluate.
         frames: Only the first so many frames.
         site: As in coview evaluate.
@@ -56,6 +64,7 @@ def table(
     check_least("--workers", workers, 1)
     check_ray(ray)
     check_errors(errors)
+    counted = counted_classes(classes, class_weights, combine, small_iou)
     check_file(out, inputs=[dataset, *site_file(site)], overwrite=overwrite)
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
@@ -66,9 +75,10 @@ def table(
         check_digest(detector, detect, ": what is detected is kept until the table is whole")
         measured = Renders.of(recording, errors=profile_named(errors))
         made = make_table(
-            measured, detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of
-        )
-    best = {scheme: best_sets(made, scheme) for scheme in PAPER_SCHEMES}
+            measured, detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of,
+            classes=counted,
+        )  # fmt: skip
+    best = {scheme: best_sets(made, scheme, classes=counted) for scheme in PAPER_SCHEMES}
     lines = [
         f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
         for scheme, sizes in best.items()

@@ -3,8 +3,6 @@ nearly all are."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from models.config import VoxelNetConfig
@@ -12,47 +10,17 @@ from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
 from models.training.validation import detections_of
 from models.training.widening import rebuilt
-from toolkit.arrays import Bool, Float, Int64
-from toolkit.detection.metrics import match
-from toolkit.objects import LABELS, PEDESTRIAN
+from toolkit.arrays import Bool, Float
+from toolkit.detection.metrics import TRUE_IOU, match
+from toolkit.objects import LABELS
 
 PRECISION = 0.98  # of the detections above the threshold that is chosen
 MOST_LOST = 0.03  # share of the true detections that a threshold may cost, whatever the precision
 FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
-TRUE_IOU = {label: 0.25 if label == PEDESTRIAN else 0.5 for label in range(len(LABELS))}  # 3D, of a true detection
 LOWEST = 0.05  # score of detections that are looked at
 _SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
 _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
 _STEPS = 50
-
-
-@dataclass(frozen=True)
-class Reliability:
-    """Detections in bins of equal width of their score: the mean score, the share that is true, how many there are."""
-
-    score: Float[np.ndarray, " b"]
-    true: Float[np.ndarray, " b"]
-    count: Int64[np.ndarray, " b"]
-
-    @property
-    def error(self) -> float:
-        """Expected calibration error: the mean distance of score and share, over all detections."""
-        filled = self.count > 0
-        gap = np.abs(self.score[filled] - self.true[filled])
-        return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
-
-
-def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
-    """The reliability diagram of detections; an empty bin has NaN.
-
-    >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
-    array([0. , 0.5])
-    """
-    place = np.minimum((scores * bins).astype(np.int64), bins - 1)
-    count = np.bincount(place, minlength=bins)
-    with np.errstate(invalid="ignore"):
-        mean, true = (np.bincount(place, values, minlength=bins) / count for values in (scores, hits))
-    return Reliability(mean, true, count)
 
 
 def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tuple[float, float]:

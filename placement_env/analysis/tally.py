@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.analysis.intervals import Interval, ap_interval
+from placement_env.analysis.intervals import Interval, ap_interval, ap_resamples
 from placement_env.fidelity.detector import IGNORED, Outcome
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import average_precision, precision_recall
@@ -49,8 +49,14 @@ class Tally:
         """Share of the detections that hit; NaN without a detection."""
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
+    def resamples(self, *, seed: int = 0) -> Float64[np.ndarray, " resamples"]:
+        """AP of each resample of blocks of frames; of one seed the same blocks, whatever is tallied."""
+        return ap_resamples(*self._by_frame(), seed=seed)
+
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
         """Interval of the AP by a bootstrap over blocks of frames; NaN where no draw has anything to find."""
+        return ap_interval(*self._by_frame(), seed=seed, confidence=confidence)
+
+    def _by_frame(self) -> tuple[list[np.ndarray], list[np.ndarray], list[int]]:
         rows = [np.flatnonzero(self.frame == k) for k in range(len(self.truths))]
-        scores, hits = [self.scores[row] for row in rows], [self.hit[row] for row in rows]
-        return ap_interval(scores, hits, self.truths.tolist(), seed=seed, confidence=confidence)
+        return [self.scores[row] for row in rows], [self.hit[row] for row in rows], self.truths.tolist()

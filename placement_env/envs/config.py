@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from placement_env.checks import check_iou, check_range, check_whole
+from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.protocol import FidelityName, check_fidelity
 from placement_env.objective import AP_ONLY, Objective, Weights
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -31,7 +32,7 @@ class EnvConfig:
     failures: how many candidates have failed. Of several sites and schemes each episode draws one, of a budget or
     failures given as (lowest, highest) it draws the number, and then which candidates have failed, all by the
     environment's own generator; options of `reset` go before. fidelity, frames, weights, candidates, detector, codec,
-    iou, seed: of `placement_env.objective.Objective`.
+    iou, seed, classes, surrogate: of `placement_env.objective.Objective`.
 
     Raises ValueError for a setting that does not fit.
     """
@@ -48,8 +49,11 @@ class EnvConfig:
     codec: Codec = PAPER
     iou: float = 0.7
     seed: int = 0
+    classes: Classes | Iterable[str] = VEHICLES
+    surrogate: str | Path | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "classes", classes_of(self.classes))
         check_range("budget", self.budget, least=1, unit="sensor")
         check_range("failures", self.failures, least=0, unit="candidates")
         if not self.schemes:
@@ -69,6 +73,11 @@ class EnvConfig:
         """Those of which an episode draws one."""
         several = self.scheme if isinstance(self.scheme, list | tuple) else (self.scheme,)
         return tuple(scheme_of(scheme) for scheme in several)
+
+    @property
+    def counted(self) -> Classes:
+        """The classes of road users that count."""
+        return classes_of(self.classes)
 
     @cached_property
     def budgets(self) -> tuple[int, int]:
@@ -91,10 +100,11 @@ class SubsetConfig(EnvConfig):
     """What `coview/SensorSubset-v0` is made with.
 
     slots: for candidates, None for what the largest of the sites needs; objective: in place of a site and of how its
-    sets are scored; cache, workers, ray: of `placement_env.objective.Objective`.
+    sets are scored; table, cache, workers, ray: of `placement_env.objective.Objective`.
     """
 
     slots: int | None = None
+    table: str | Path | None = None
     objective: Objective | None = None
     cache: str | Path | None = None
     workers: int = 1
@@ -158,3 +168,5 @@ def _check_choosing(config: ChoosingConfig) -> None:
         raise ValueError(f"objective must be an Objective, got {config.objective!r}")
     if isinstance(config.site, list | tuple) or isinstance(config.scheme, list | tuple):
         raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
+    if config.counted not in (VEHICLES, config.objective.classes):
+        raise ValueError("an environment made from an objective keeps its classes: give them to the objective")

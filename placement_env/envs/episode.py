@@ -140,14 +140,19 @@ class Scenarios:
             self.sites[conditions.site], config.frames, conditions.scheme, config.fidelity, config.weights,
             candidates=self.sites.candidates(conditions.site), detector=config.detector, codec=config.codec,
             iou=config.iou, seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
+            classes=config.counted, surrogate=config.surrogate, table=config.table,
         )  # fmt: skip
 
 
 def check_scored(config: EnvConfig, sites: Sites) -> None:
-    """Raises ValueError where there is no table, or no surrogate, that scores the candidates of a site as asked."""
+    """Raises ValueError where no table, surrogate or detector scores the candidates of a site as asked."""
+    files = {"surrogate": config.surrogate, "table": getattr(config, "table", None)}
     for index in range(len(sites)):
         for scheme in config.schemes:
-            check_fidelity_for(sites[index], sites.candidates(index), scheme, config.fidelity, iou=config.iou)
+            check_fidelity_for(
+                sites[index], sites.candidates(index), scheme, config.fidelity, iou=config.iou,
+                classes=config.counted, detector=config.detector, **files,
+            )  # fmt: skip
 
 
 def draw_conditions(

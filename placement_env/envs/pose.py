@@ -135,7 +135,8 @@ class PoseScenarios:
             self._made[key] = Preparation(
                 site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
                 frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, codec=config.codec,
-                cache=None, workers=1, ray=None, detector=config.detector,
+                cache=None, workers=1, ray=None, detector=config.detector, classes=config.counted,
+                surrogate=config.surrogate,
             )  # fmt: skip
         return self._made[key]
 
@@ -198,7 +199,7 @@ def see_moved(
 ) -> Visibility:
     """What candidates see of the traffic, of which those that stand `still` saw what `visibility` says."""
     moved = np.flatnonzero(~still)
-    fresh = see(preparation.traffic, candidates.select(moved))
+    fresh = see(preparation.traffic, candidates.select(moved), labels=preparation.classes.labels)
     if visibility is None or len(moved) == len(still):
         return fresh
     columns = {name: getattr(visibility, name).copy() for name in ("points", "distance", "sent", "far")}
@@ -239,8 +240,9 @@ class SensorPoseEnv(PlacementEnv):
     config: a `placement_env.envs.config.PoseConfig`; or its settings by name. site: a site, its name, or several;
     budget: sensors; failures: candidates that have failed; scheme: or several. Each episode draws one of several, and a
     number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
-    detector; frames, weights, candidates, detector, codec, iou, seed: of `placement_env.objective.Objective`. `reset`
-    takes the options site, scheme, budget (up to the environment's) and failed.
+    detector; frames, weights, candidates, detector, codec, iou, seed, classes, surrogate: of
+    `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget (up to the environment's) and
+    failed.
 
     ## Version History
     v0: first version.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from placement_env.classes import VEHICLES
 from placement_env.envs.scenario import area_of
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
@@ -60,12 +61,17 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         return drawn_pixels(figure)
 
 
+def _noun(objective: Objective) -> str:
+    """What is counted, in words."""
+    return "vehicles" if objective.classes.names == VEHICLES.names else " and ".join(objective.classes.names)
+
+
 def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     """Some vehicles of all frames, coloured by the points that the members have on them, and what to say of them."""
     from matplotlib.collections import PolyCollection
 
     if objective.visibility is None or not len(objective.visibility.boxes):
-        return "no vehicles"
+        return f"no {_noun(objective)}"
     boxes = objective.visibility.boxes
     some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
     points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
@@ -74,7 +80,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     )
     axes.add_collection(shown, autolim=False)
     drawn = f", {len(some)} drawn" if len(some) < len(boxes) else ""
-    return f"N = {len(boxes)} vehicles in {objective.visibility.frames} frames{drawn}"
+    return f"N = {len(boxes)} {_noun(objective)} in {objective.visibility.frames} frames{drawn}"
 
 
 def _draw_strips(figure: Figure, scale: float) -> Axes:

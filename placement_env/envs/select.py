@@ -128,15 +128,17 @@ class SensorSelectEnv(PlacementEnv):
 
     ## Info
     `ap`, `recall`, `kbit` (of the set), `kbit_per_sensor`, `price`, `subset` (boolean, of the slots), `marginal_gain`,
-    `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`, `action_mask`.
+    `reward_terms`, `fidelity`, `cache_hit` (the set was scored in this episode already), `illegal`, `action_mask`; with
+    several classes also `class_ap`, the AP of each by its name.
 
     ## Arguments
     config: a `placement_env.envs.config.SelectConfig`; or its settings by name. site: a site, its name, or several;
     budget: sensors to place; failures: candidates that have failed; scheme: or several. Each episode draws one of
     several, and a number from a budget or failures given as (lowest, highest). actions: flat or factored; slots: for
     candidates, None for what the largest of the sites needs; objective: in place of a site and all that follows;
-    fidelity, frames, weights, candidates, detector, codec, iou, seed, cache, workers, ray: of
-    `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget and failed.
+    fidelity, frames, weights, candidates, detector, codec, iou, seed, cache, workers, ray, classes (of road users that
+    count: names, or `placement_env.classes.Classes`), surrogate, table: of `placement_env.objective.Objective`. `reset`
+    takes the options site, scheme, budget and failed.
 
     ## Version History
     v0: first version.

@@ -125,7 +125,7 @@ class State:
         """What `step` tells beside the observation, an array (n, ...) each, `reward_terms` a dictionary of these."""
         comm, price = self._weights
         scores = self.scores
-        return {
+        return self._class_ap() | {
             "ap": scores.ap.copy(),
             "recall": scores.recall.copy(),
             "kbit": scores.kbit.copy(),
@@ -142,6 +142,16 @@ class State:
             "cache_hit": self.repeated.copy(),
             "illegal": self.illegal.copy(),
         }
+
+    def _class_ap(self) -> dict[str, Any]:
+        """AP of each class, where several count."""
+        names = self._groups[0][0].objective.classes.names if self._groups else ()
+        if len(names) < 2:
+            return {}
+        figures = np.zeros((self.n, len(names)))
+        for scenario, rows in self._groups:
+            figures[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
+        return {"class_ap": {name: figures[:, k].copy() for k, name in enumerate(names)}}
 
     def _step(
         self,

@@ -11,6 +11,9 @@ Two kinds of value are kept, of one frame each:
                  nothing, only the far ones kept, encoded with loss. Sensors that add no point are left out of the
                  key, so that sets which differ by them share it; schemes and codecs with the same points do, too.
     outcome      what one set detects in one scheme with one codec, fused and matched at each IoU threshold
+
+Several classes are matched each by itself: at every IoU threshold of `Detected.ious`, which is that of vehicles, the
+others at those that `Classes.iou_of` says.
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from placement_env.checks import check_iou
-from placement_env.fidelity.protocol import Estimate
+from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -33,7 +37,7 @@ from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.detection.view import Cloud, View, together
-from toolkit.objects import Detections, Detector, Objects
+from toolkit.objects import LABELS, Detections, Detector, Objects, check_known
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -69,11 +73,20 @@ class Measured(Protocol):
 
 class Outcome(NamedTuple):
     """One set in one frame. For each detection its score and, at each IoU threshold, which of the frame's scored
-    objects it hit, or else FALSE_ALARM or IGNORED; the bits that each sensor of the set sent."""
+    objects it hit, or else FALSE_ALARM or IGNORED; the bits that each sensor of the set sent; class of each detection,
+    None for all vehicles."""
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
     bits: Shaped[np.ndarray, " sensors"]
+    labels: Shaped[np.ndarray, " n"] | None = None
+
+    def of_class(self, label: int) -> Outcome:
+        """What became of the detections of one class; `truth` counts the objects of all classes still."""
+        if self.labels is None:
+            return self
+        own = self.labels == label
+        return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
 
 
 class Hits(NamedTuple):
@@ -90,8 +103,9 @@ class Detected:
 
     scheme: how sets fuse, an object or a name; codec: of what is sent; iou: at which a detection counts; memo: where
     detections and outcomes are kept, or the path of its file, None for this object's memory; frames: only the first so
-    many; workers, ray: where frames are worked on, see `toolkit.runtime.parallel.spread`; the figures are the same.
-    Raises ValueError where these do not fit, and for a detector without `digest` with a memo that others share.
+    many; workers, ray: where frames are worked on, see `toolkit.runtime.parallel.spread`; the figures are the same;
+    classes: of the objects that count, several combined. Raises ValueError where these do not fit, for a class that the
+    detector does not know, and for a detector without `digest` with a memo that others share.
     """
 
     name = "detector"
@@ -108,8 +122,11 @@ class Detected:
         frames: int | None = None,
         workers: int = 1,
         ray: str | None = None,
+        classes: Classes = VEHICLES,
     ) -> None:
         check_iou(iou)
+        check_known(detector, classes.names)
+        self.classes = classes
         self.renders, self.detector, self.iou = renders, detector, iou
         self.scheme, self.codec = scheme_of(scheme), check_codec(codec)
         self.frames = len(_indices(renders.frames, frames))
@@ -131,6 +148,10 @@ class Detected:
         """Figures of each set over the first frames, or these; more of them later cost what the added ones cost."""
         return self.estimates(subsets, frames)[self.iou]
 
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """Figures of each set over all frames for each class."""
+        return self.class_estimates(subsets)[self.iou]
+
     def estimates(
         self,
         subsets: Bool[np.ndarray, "n C"],
@@ -139,15 +160,30 @@ class Detected:
     ) -> dict[float, Estimate]:
         """Figures of each set at each IoU threshold of `ious`, which is `IOUS` and its own. progress: called with how
         many of the frames in which a set was not scored yet are done."""
+        by_class = self.class_estimates(subsets, frames, progress)
+        return {iou: each.combined(self.classes) for iou, each in by_class.items()}
+
+    def class_estimates(
+        self,
+        subsets: Bool[np.ndarray, "n C"],
+        frames: int | Sequence[int] | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[float, ClassEstimates]:
+        """As `estimates`, class by class."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)
-        to_find = sum(int(self.scored(k).sum()) for k in chosen_frames)
-        figures = np.zeros((len(sets), len(self.ious), 3))
+        to_find = [int(sum(self.to_find(k, label).sum() for k in chosen_frames)) for label in self.classes.labels]
+        figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
         for first in range(0, len(sets), AT_ONCE):
             some = sets[first : first + AT_ONCE]
             outcomes = self.outcomes(dict.fromkeys(some), chosen_frames, progress)
             for row, chosen in enumerate(some, first):
-                figures[row] = _figures(outcomes[chosen], to_find)
-        return {iou: Estimate(*figures[:, i].T.copy()) for i, iou in enumerate(self.ious)}
+                for c, label in enumerate(self.classes.labels):
+                    figures[row, c] = _figures([each.of_class(label) for each in outcomes[chosen]], to_find[c])
+        ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()
+        return {
+            iou: ClassEstimates(ap[:, :, i].copy(), recall[:, :, i].copy(), kbit[:, 0, i].copy())
+            for i, iou in enumerate(self.ious)
+        }
 
     def hits(self, subset: Bool[np.ndarray, " C"], frames: int | Sequence[int] | None = None) -> Hits:
         """What one set hits, object by object."""
@@ -198,11 +234,24 @@ class Detected:
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
         """Which objects of frame k are to be found."""
         if k not in self._scored:
-            self._scored[k] = scored(self.renders.objects(k), self.renders.site)
+            self._scored[k] = scored(self.renders.objects(k), self.renders.site, self.classes.labels)
         return self._scored[k]
 
+    def to_find(self, k: int, label: int) -> Bool[np.ndarray, " objects"]:
+        """Those of them that are of one class."""
+        return self.scored(k) & (self.renders.objects(k).labels == label)
+
+    def iou_of(self, label: int, iou: float) -> float:
+        """The IoU threshold of a class where that of vehicles is `iou`."""
+        return self.classes.iou_of(LABELS[label], iou)
+
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
-        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.ious)
+        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self._thresholds)
+
+    @property
+    def _thresholds(self) -> list[tuple[int, list[float]]]:
+        """What outcomes are matched by: class after class, at which IoU thresholds."""
+        return [(label, [self.iou_of(label, iou) for iou in self.ious]) for label in self.classes.labels]
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
         if subsets.shape[1] != len(self.renders.sensors):
@@ -253,14 +302,15 @@ class _Frame:
 
     def outcome(self, chosen: tuple[int, ...]) -> Outcome:
         """What the sensors of a set detect together, matched."""
-        fused = self.fused(chosen)
-        objects, counted = self._rules.renders.objects(self._k), self._rules.scored(self._k)
+        fused, rules = self.fused(chosen), self._rules
+        objects, counted = rules.renders.objects(self._k), rules.scored(self._k)
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
-        truth = np.empty((len(self._rules.ious), len(fused.detections)), np.int16)
-        for row, iou in enumerate(self._rules.ious):
-            matched = match(fused.detections, objects, iou, counted=counted)
-            truth[row] = np.where(matched.ignored, IGNORED, place[matched.truth])
-        return Outcome(fused.detections.scores, truth, fused.bits)
+        truth = np.full((len(rules.ious), len(fused.detections)), IGNORED, np.int16)
+        for label in rules.classes.labels:
+            for row, iou in enumerate(rules.ious):
+                matched = match(fused.detections, objects, rules.iou_of(label, iou), label=label, counted=counted)
+                truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
+        return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
         """What the detector says of the points of some clouds together."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ import numpy as np
 
 from toolkit.arrays import Float
 from toolkit.detection.schemes import SCHEMES
+from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import write_text
 from toolkit.runtime.json_files import read_json
 
@@ -46,9 +47,9 @@ RANGES = {
 
 @dataclass(frozen=True)
 class HitModel:
-    """The numbers above, for one scheme (its name) and IoU threshold. false_alarms: how many false alarms outrank a
-    hit, for each object found less surely and not hit; source: what they were fitted to. Raises ValueError where one is
-    out of range.
+    """The numbers above, for one scheme (its name), IoU threshold and class of objects. false_alarms: how many false
+    alarms outrank a hit, for each object found less surely and not hit; source: what they were fitted to. Raises
+    ValueError where one is out of range.
     """
 
     scheme: str
@@ -61,11 +62,14 @@ class HitModel:
     source: str
     reach: float = 0.0
     oblique: float = 0.0
+    label: str = LABELS[VEHICLE]
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
             if not lowest <= getattr(self, name) <= highest:
                 raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
+        if self.label not in LABELS:
+            raise ValueError(f"label must be one of {', '.join(LABELS)}, got {self.label!r}")
         if not self.scheme or not isinstance(self.scheme, str):
             raise ValueError(f"scheme must be the name of a fusion scheme, got {self.scheme!r}")
 
@@ -86,7 +90,7 @@ def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) 
     no file of models."""
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"no surrogate {path}: fit one with placement_env.fidelity.hit_fit.fit and save_models")
+        raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
     rows = read_json(path)
     try:
         if not isinstance(rows, list):
@@ -101,26 +105,40 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
-def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general") -> HitModel:
+def shipped_model(
+    scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
+) -> HitModel:
     """The model that comes with coview for a shipped detector, that of the general one where it has none of its own.
 
-    Raises ValueError, which lists what there is, where there is none for the scheme and IoU threshold.
+    Raises ValueError, which lists what there is, where there is none for the scheme, IoU threshold and class.
     """
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")
+    return chosen_model(models, scheme, iou, label, source=detector)
+
+
+def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str) -> HitModel:
+    """The model for a scheme, IoU threshold and class, of those that `source` holds. Raises ValueError, which lists
+    these and says how one is fitted, where there is none."""
+    models = list(models)
     for model in models:
-        if model.scheme == scheme and math.isclose(model.iou, iou):
+        if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
             return model
-    there = ", ".join(f"{model.scheme} at {model.iou:g}" for model in models)
+    there = ", ".join(f"{model.scheme} at {model.iou:g}{_of(model.label)}" for model in models)
     raise ValueError(
-        f"no surrogate of {detector} for {scheme} at IoU {iou:g}: choose among {there}; fidelity detector or coverage "
-        "takes any, and placement_env.fidelity.hit_fit.fit makes a model"
+        f"no surrogate of {source} for {scheme} at IoU {iou:g}{_of(label)}: choose among {there}; fidelity detector or "
+        "coverage takes any, and coview surrogate fits one to a detector"
     )
+
+
+def _of(label: str) -> str:
+    """Of which class a model is, where it is not of vehicles."""
+    return "" if label == LABELS[VEHICLE] else f" of {label}"
 
 
 def _model(row: Any, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
-    if not isinstance(row, dict) or set(row) != names:
+    if not isinstance(row, dict) or set(row) | {"label"} != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
@@ -130,4 +148,6 @@ def _model(row: Any, schemes: Collection[str]) -> HitModel:
             f"scheme must be one of {', '.join(schemes)} and source a text, got {row['scheme']!r} and "
             f"{row['source']!r}: for a scheme of your own, pass schemes="
         )
+    if not isinstance(row.get("label", ""), str):
+        raise ValueError(f"label must be one of {', '.join(LABELS)}, got {row['label']!r}")
     return HitModel(**row | {name: float(row[name]) for name in RANGES})

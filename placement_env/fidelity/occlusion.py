@@ -12,6 +12,7 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
+from toolkit.objects import VEHICLE
 from toolkit.points import inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
@@ -39,8 +40,10 @@ class _Part(NamedTuple):
     far: Float32[np.ndarray, " n"]
 
 
-def look_at(traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor]) -> Seen:
-    """What the sensors see of all frames; renderer: of the traffic's site and bodies."""
+def look_at(
+    traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor], labels: Sequence[int] = (VEHICLE,)
+) -> Seen:
+    """What the sensors see of all frames; renderer: of the traffic's site and bodies; labels: of the scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
@@ -52,7 +55,7 @@ def look_at(traffic: Traffic, renderer: Renderer, sensors: Sequence[Sensor]) -> 
             for key, body, box in zip(keys, bodies, boxes, strict=True)
         }
         on_objects, more_sent, more_far = scene.compose([parts[key] for key in keys])
-        points.append(on_objects[:, scored(snapshot.objects, traffic.site)])
+        points.append(on_objects[:, scored(snapshot.objects, traffic.site, labels)])
         sent.append(scene.sent + more_sent)
         far.append(scene.far + more_far)
     return Seen(

@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from placement_env.checks import check_iou
+from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
-from toolkit.objects import Detector
+from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.objects import Detector, check_known
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, only_own_noise
 from toolkit.sensors.sensor import Sensor
@@ -21,6 +22,7 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
     from toolkit.runtime.cache import Cache
@@ -57,6 +59,9 @@ class Preparation:
     ray: str | None = None
     detector: Detector | None = None
     errors: ErrorProfile = PAPER_ERRORS
+    classes: Classes = VEHICLES
+    surrogate: str | Path | None = None
+    table: str | Path | None = None
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -87,6 +92,7 @@ class Preparation:
             seen = see(
                 self.traffic,
                 self.candidates,
+                labels=self.classes.labels,
                 workers=self.workers,
                 ray=self.ray,
                 cache=self.disk_cache,
@@ -98,7 +104,7 @@ class Preparation:
     @cached_property
     def network(self) -> str:
         """Which shipped network, or surrogate of it, scores the candidates."""
-        return network_for(self.site, self.candidates.sensors)
+        return network_for(self.site, self.candidates.sensors, self.classes)
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
         """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
@@ -106,6 +112,13 @@ class Preparation:
         there = replace(self, candidates=candidates)
         vars(there).update(traffic=self.traffic, network=self.network, visibility=visibility)
         return there
+
+    def check(self, name: str) -> None:
+        """Raises ValueError where the fidelity of that name cannot score these candidates so; renders nothing."""
+        check_fidelity_for(
+            self.site, self.candidates, self.scheme, name, iou=self.iou, classes=self.classes,
+            surrogate=self.surrogate, table=self.table, detector=self.detector,
+        )  # fmt: skip
 
     def fidelity(self, name: str) -> Fidelity:
         """The fidelity of that name. Raises ValueError for errors that it does not know."""
@@ -119,15 +132,14 @@ class Preparation:
     def _coverage(self) -> Fidelity:
         from placement_env.fidelity.coverage import Coverage
 
-        return Coverage(self.visibility, self.scheme, codec=self.codec)
+        return Coverage(self.visibility, self.scheme, codec=self.codec, classes=self.classes)
 
     def _surrogate(self) -> Fidelity:
-        from placement_env.fidelity.hit_model import shipped_model
         from placement_env.fidelity.surrogate import Surrogate
 
-        model = shipped_model(self.scheme.name, self.iou, self.network)
-        radius = self.site.hybrid_radius
-        return Surrogate(self.visibility, self.scheme, model, radius=radius, codec=self.codec)
+        models = surrogate_models(self.scheme, self.iou, self.network, classes=self.classes, path=self.surrogate)
+        settings: dict[str, Any] = {"radius": self.site.hybrid_radius, "codec": self.codec, "classes": self.classes}
+        return Surrogate(self.visibility, self.scheme, models, **settings)
 
     def _detected(self) -> Fidelity:
         from models.detector import load_detector
@@ -140,34 +152,69 @@ class Preparation:
             detector = load_detector(self.network, area=self.site.area)
         return Detected(
             renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.disk_cache,
-            workers=self.workers, ray=self.ray,
+            workers=self.workers, ray=self.ray, classes=self.classes,
         )  # fmt: skip
 
     def _table(self) -> Fidelity:
         from placement_env.fidelity.table import TableFidelity, digest_of, load_table
 
-        table = load_table(self.site.name)
+        table = load_table(self.site.name if self.table is None else self.table)
         site, origin = self.site, table.origin
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
                 "not of these candidates or this version of the site: take another fidelity, or make_table"
             )
-        return TableFidelity(table, self.scheme, self.iou, self.codec)
+        return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
 
 
 def check_fidelity_for(
-    site: Site, candidates: Candidates, scheme: Scheme | str, fidelity: str, *, iou: float = 0.7
+    site: Site,
+    candidates: Candidates,
+    scheme: Scheme | str,
+    fidelity: str,
+    *,
+    iou: float = 0.7,
+    classes: Classes = VEHICLES,
+    surrogate: str | Path | None = None,
+    table: str | Path | None = None,
+    detector: Detector | None = None,
 ) -> None:
-    """Raises ValueError where there is no table, or no surrogate, that scores these candidates so; renders nothing."""
+    """Raises ValueError where there is no table, surrogate or detector that scores these candidates so; renders
+    nothing. surrogate, table: files, None for what is shipped; detector: None for the shipped one."""
     scheme = scheme_of(scheme)
     check_iou(iou)
+    if surrogate is not None and fidelity != "surrogate":
+        raise ValueError(f"a file of surrogates is for fidelity surrogate, got {fidelity!r}: leave one of them out")
+    if table is not None and fidelity != "table":
+        raise ValueError(f"a table is for fidelity table, got {fidelity!r}: leave one of them out")
     if fidelity == "surrogate":
-        from placement_env.fidelity.hit_model import shipped_model
-
-        shipped_model(scheme.name, iou, network_for(site, candidates.sensors))
+        network = network_for(site, candidates.sensors, classes)
+        surrogate_models(scheme, iou, network, classes=classes, path=surrogate)
     if fidelity == "table":
-        Preparation(site=site, candidates=candidates, frames=1, scheme=scheme, iou=iou).fidelity("table")
+        Preparation(
+            site=site, candidates=candidates, frames=1, scheme=scheme, iou=iou, classes=classes, table=table
+        ).fidelity("table")
+    if fidelity == "detector" and detector is not None:
+        check_known(detector, classes.names)
+    if fidelity == "detector" and detector is None and classes.names != VEHICLES.names:
+        from models.detector import load_detector
+
+        check_known(load_detector(network_for(site, candidates.sensors, classes), area=site.area), classes.names)
+
+
+def surrogate_models(
+    scheme: Scheme, iou: float, network: str, *, classes: Classes = VEHICLES, path: str | Path | None = None
+) -> tuple[HitModel, ...]:
+    """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
+    missing, FileNotFoundError where the file is."""
+    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
+
+    wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
+    if path is None:
+        return tuple(shipped_model(scheme.name, at, network, label=name) for name, at in wanted)
+    models = load_models(path, schemes={*SCHEMES, scheme.name})
+    return tuple(chosen_model(models, scheme.name, at, name, source=str(path)) for name, at in wanted)
 
 
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
@@ -176,9 +223,14 @@ def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
         raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
 
 
-def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"."""
+def network_for(site: Site, sensors: Iterable[Sensor], classes: Classes = VEHICLES) -> str:
+    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"; for
+    other classes than vehicles the one of that name in the folder `classes`, where there is one."""
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
-    return site.name if own else "general"
+    name = site.name if own else "general"
+    of_classes = f"classes/{name}"
+    if classes.names != VEHICLES.names and (SHIPPED / f"{of_classes}.safetensors").exists():
+        return of_classes
+    return name

@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkab
 
 import numpy as np
 
+from placement_env.classes import Classes
 from toolkit.arrays import Bool, Float64
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
@@ -20,6 +21,18 @@ class Estimate(NamedTuple):
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
+
+
+class ClassEstimates(NamedTuple):
+    """The same of each of k classes: ap and recall NaN where a class has nothing to find; kbit: of the whole set."""
+
+    ap: Float64[np.ndarray, "n k"]
+    recall: Float64[np.ndarray, "n k"]
+    kbit: Float64[np.ndarray, " n"]
+
+    def combined(self, classes: Classes) -> Estimate:
+        """One figure of all classes."""
+        return Estimate(classes.combined(self.ap), classes.combined(self.recall), self.kbit)
 
 
 @runtime_checkable
@@ -44,6 +57,18 @@ class ByFrames(Fidelity, Protocol):
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames; what was scored on a frame before is not scored there again."""
+
+
+@runtime_checkable
+class ByClass(Fidelity, Protocol):
+    """A fidelity whose figures are those of some classes of road users, combined."""
+
+    @property
+    def classes(self) -> Classes:
+        """Which they are, and how they are combined."""
+
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """Figures of each set for each class; combined they are what it says of the set."""
 
 
 def check_fidelity(fidelity: Any) -> None:

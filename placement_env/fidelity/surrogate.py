@@ -9,11 +9,14 @@ down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.hit_model import HitModel, shipped_model
-from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64
@@ -26,10 +29,11 @@ MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float3
 
 
 class Surrogate:
-    """Sets of the candidates of `visibility` scored by a model, the shipped one of `scheme` at `iou` if none is given.
+    """Sets of the candidates of `visibility` scored by a model of each class, the shipped one of `scheme` at the IoU
+    threshold of the class if none is given.
 
-    radius: the site's hybrid radius (m); codec: of what is sent. Raises ValueError where the model is of another scheme
-    or there is none.
+    model: of vehicles, or one of each class; radius: the site's hybrid radius (m); codec: of what is sent; classes: of
+    the objects that count, several combined. Raises ValueError where a model is of another scheme or there is none.
     """
 
     name = "surrogate"
@@ -38,37 +42,73 @@ class Surrogate:
         self,
         visibility: Visibility,
         scheme: Scheme | str = "early",
-        model: HitModel | None = None,
+        model: HitModel | Sequence[HitModel] | None = None,
         *,
         iou: float = 0.7,
         radius: float = HYBRID_RADIUS,
         codec: Codec = PAPER,
+        classes: Classes = VEHICLES,
     ) -> None:
-        scheme = scheme_of(scheme)
-        self.model = shipped_model(scheme.name, iou) if model is None else model
-        if self.model.scheme != scheme.name:
-            raise ValueError(
-                f"the model is for {self.model.scheme} fusion, not for {scheme.name}: pass one fitted to it"
-            )
-        self._evidence = Evidence(visibility, scheme, radius)
-        self._sums = MemberSums(self._evidence.rows(self.model))
+        scheme, self.classes = scheme_of(scheme), classes
+        visibility = visibility.of_classes(classes.labels)
+        if model is None:
+            model = [shipped_model(scheme.name, classes.iou_of(name, iou), label=name) for name in classes.names]
+        models = [model] if isinstance(model, HitModel) else model
+        for each in models:
+            if each.scheme != scheme.name:
+                raise ValueError(f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one fitted to it")
+        by_label = {each.label: each for each in models}
+        if missing := [name for name in classes.names if name not in by_label]:
+            raise ValueError(f"there is no model of {', '.join(missing)}: pass one fitted to each class")
+        self.models = tuple(by_label[name] for name in classes.names)
+        self._parts = [
+            _Part(visibility.of_classes([label]), scheme, radius, of_class)
+            for label, of_class in zip(classes.labels, self.models, strict=True)
+        ]
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
         self._bits = bits_sent(scheme, codec, visibility, boxes)
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Expected AP and recall of each set."""
+        """Expected AP and recall of each set, of several classes combined; 0 without an object."""
+        if len(self.classes) > 1:
+            estimate = self.by_class(subsets).combined(self.classes)
+            return Estimate(np.nan_to_num(estimate.ap), np.nan_to_num(estimate.recall), estimate.kbit)
+        ap, recall = self._parts[0].expected(subsets)
+        return Estimate(ap, recall, self._kbit(subsets))
+
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """The same of each class, NaN where there is no object of it."""
+        figures = [part.expected(subsets) for part in self._parts]
+        for part, (ap, recall) in zip(self._parts, figures, strict=True):
+            if not part.objects:
+                ap[:] = recall[:] = np.nan
+        ap, recall = (np.stack(each, axis=1) for each in zip(*figures, strict=True))
+        return ClassEstimates(ap, recall, self._kbit(subsets))
+
+    def _kbit(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        return np.asarray(subsets @ self._bits / (1000 * self._frames))
+
+
+class _Part:
+    """The objects of one class, and their model."""
+
+    def __init__(self, visibility: Visibility, scheme: Scheme, radius: float, model: HitModel) -> None:
+        self._model, self._evidence = model, Evidence(visibility, scheme, radius)
+        self._sums = MemberSums(self._evidence.rows(model))
+        self.objects = visibility.points.shape[1]
+
+    def expected(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+        """AP and recall of each set."""
         ap, recall = np.zeros(len(subsets)), np.zeros(len(subsets))
         for block, sums in self._sums.blocks(subsets):
-            ap[block], recall[block] = self._expected(sums)
-        return Estimate(ap, recall, subsets @ self._bits / (1000 * self._frames))
+            ap[block], recall[block] = self._of_sums(sums)
+        return ap, recall
 
-    def _expected(
-        self, sums: Float32[np.ndarray, "n w"]
-    ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-        sums = self._evidence.joined(sums, self.model)
+    def _of_sums(self, sums: Float32[np.ndarray, "n w"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+        sums = self._evidence.joined(sums, self._model)
         sums.sort(axis=1)
-        return expected_ap(self.model.probability(sums[:, ::-1]), self.model.false_alarms)
+        return expected_ap(self._model.probability(sums[:, ::-1]), self._model.false_alarms)
 
 
 def expected_ap(

@@ -15,14 +15,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import IOUS, Detected, Measured
-from placement_env.fidelity.protocol import Estimate
+from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
-from toolkit.objects import Detector
+from toolkit.objects import LABELS, VEHICLE, Detector
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.json_files import parse_json
@@ -35,11 +36,17 @@ from toolkit.sites.site import HYBRID_RADIUS, Site
 SHIPPED = Path(__file__).parent / "exact"
 
 
+def _no_more() -> Float64[np.ndarray, "0 0 0 0"]:
+    """Of classes beside the first, where there are none."""
+    return np.zeros((0, 0, 0, 0))
+
+
 @dataclass(frozen=True)
 class Origin:
     """What a table was measured from: site, names of the sensors, digest of both (`digest_of`), how many frames and
     objects to find in them, digests of what was measured in and of the detector, seed of the noise, commit of the code,
-    the site's hybrid radius (m), name of the sensors' error profile.
+    the site's hybrid radius (m), name of the sensors' error profile, classes of the objects, and of each the IoU
+    threshold in the place of each of `IOUS`.
     """
 
     site: str
@@ -53,12 +60,19 @@ class Origin:
     commit: str
     hybrid_radius: float = HYBRID_RADIUS
     errors: str = PAPER_ERRORS.name
+    classes: tuple[str, ...] = VEHICLES.names
+    ious: tuple[tuple[float, ...], ...] = (IOUS,)
+
+    def __post_init__(self) -> None:
+        if len(self.ious) != len(self.classes) or any(len(each) != len(IOUS) for each in self.ious):
+            raise ValueError(f"there must be {len(IOUS)} IoU thresholds of each of {self.classes}, got {self.ious}")
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
     """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`); kbit is what
-    the sensors of a set send together in a frame by the paper's codec.
+    the sensors of a set send together in a frame by the paper's codec. Where several classes were measured, `ap` and
+    `recall` are of the first of them, more_ap and more_recall of the others.
 
     Raises ValueError where the shapes do not fit.
     """
@@ -67,11 +81,26 @@ class Table:
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     recall: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
     kbit: Float64[np.ndarray, "sets schemes"] = field(repr=False)
+    more_ap: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
+    more_recall: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
 
     def __post_init__(self) -> None:
         shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
             raise ValueError(f"a table of {len(self.origin.sensors)} sensors must be {shape}, got {self.ap.shape}")
+        others = len(self.origin.classes) - 1
+        if others and not self.more_ap.shape == self.more_recall.shape == (others, *shape):
+            raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
+
+    def of_class(self, name: str) -> tuple[Float64[np.ndarray, "s k i"], Float64[np.ndarray, "s k i"]]:
+        """AP and recall (sets, schemes, ious) of a class. Raises ValueError for one that was not measured."""
+        if name not in self.origin.classes:
+            raise ValueError(
+                f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
+                "or take fidelity detector"
+            )
+        place = self.origin.classes.index(name)
+        return (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
@@ -87,9 +116,9 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class TableFidelity:
-    """Sets scored by looking them up: as exact as detection, at no cost.
+    """Sets scored by looking them up: as exact as detection, at no cost. classes: that count, several combined.
 
-    Raises ValueError for a scheme, IoU threshold or codec that the table has not.
+    Raises ValueError for a scheme, IoU threshold, class or codec that the table has not.
     """
 
     table: Table
@@ -97,22 +126,35 @@ class TableFidelity:
     iou: float = 0.7
     codec: Codec = PAPER
     name: str = field(default="table", init=False)
+    classes: Classes = VEHICLES
 
     def __post_init__(self) -> None:
-        _ = self._column
+        _ = self._columns
         if self.codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: take fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """Figures of each set."""
-        rows, (scheme, iou) = self.table.row(subsets), self._column
-        table = self.table
-        return Estimate(table.ap[rows, scheme, iou], table.recall[rows, scheme, iou], table.kbit[rows, scheme])
+        """Figures of each set, of several classes combined."""
+        if len(self.classes.names) > 1:
+            return self.by_class(subsets).combined(self.classes)
+        rows, ((ap, recall),) = self.table.row(subsets), self._columns
+        return Estimate(ap[rows], recall[rows], self._kbit[rows])
+
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """Figures of each set for each class."""
+        rows = self.table.row(subsets)
+        ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in zip(*self._columns, strict=True))
+        return ClassEstimates(ap, recall, self._kbit[rows])
 
     @cached_property
-    def _column(self) -> tuple[int, int]:
-        """Number of the scheme and of the IoU threshold."""
-        return _column(self.scheme, self.iou)
+    def _kbit(self) -> Float64[np.ndarray, " sets"]:
+        return self.table.kbit[:, _scheme_number(self.scheme)]
+
+    @cached_property
+    def _columns(self) -> list[tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]]:
+        """AP and recall of all sets for each class."""
+        return [class_column(self.table, self.scheme, name, self.classes.iou_of(name, self.iou))
+                for name in self.classes.names]  # fmt: skip
 
 
 class Best(NamedTuple):
@@ -122,9 +164,12 @@ class Best(NamedTuple):
     ap: float
 
 
-def best_sets(table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3) -> dict[int, list[Best]]:
+def best_sets(
+    table: Table, scheme: Scheme | str = "early", iou: float = 0.7, top: int = 3, *, classes: Classes = VEHICLES
+) -> dict[int, list[Best]]:
     """The best sets of each number of sensors, best first, as the paper's table lists them; all sensors first."""
-    ap, subsets = table.ap[(slice(None), *_column(scheme, iou))], table.subsets
+    subsets = table.subsets
+    ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
     found = {}
     for size in range(len(table.origin.sensors), 0, -1):
@@ -145,8 +190,9 @@ def make_table(
     workers: int = 1,
     ray: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    classes: Classes = VEHICLES,
 ) -> Table:
-    """Score every sensor set in every scheme by detection and write the table.
+    """Score every sensor set in every scheme by detection, for each class, and write the table.
 
     renders: what the sensors measured, such as `Renders.of(CoopDataset(path))`; frames: the first so many; seed: of
     their noise, written down; progress: called with the frames done and to be done, each once for each scheme; workers,
@@ -155,11 +201,13 @@ def make_table(
     """
     out, subsets = Path(out), all_subsets(len(renders.sensors))
     memo = Cache(out.with_name(out.name + ".detections"))
-    columns = []
+    columns: list[list[ClassEstimates]] = []
     for done, scheme in enumerate(PAPER_SCHEMES):
-        detected = Detected(renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray)
+        detected = Detected(
+            renders, detector, scheme, memo=memo, frames=frames, workers=workers, ray=ray, classes=classes
+        )
         report = _after(progress, done * detected.frames, len(PAPER_SCHEMES) * detected.frames)
-        columns.append(list(detected.estimates(subsets, progress=report).values()))
+        columns.append(list(detected.class_estimates(subsets, progress=report).values()))
     origin = Origin(
         site=renders.site.name,
         sensors=tuple(sensor.name for sensor in renders.sensors),
@@ -172,9 +220,15 @@ def make_table(
         commit=commit,
         hybrid_radius=renders.site.hybrid_radius,
         errors=getattr(renders, "errors", PAPER_ERRORS).name,
+        classes=classes.names,
+        ious=tuple(tuple(classes.iou_of(name, iou) for iou in IOUS) for name in classes.names),
     )
-    ap, recall, kbit = np.transpose(np.array(columns), (2, 3, 0, 1))
-    table = Table(origin, ap.copy(), recall.copy(), kbit[..., 0].copy())
+    ap, recall = (  # class, set, scheme, IoU
+        np.transpose([[getattr(each, name) for each in column] for column in columns], (3, 2, 0, 1)).copy()
+        for name in ("ap", "recall")
+    )
+    kbit = np.stack([column[0].kbit for column in columns], axis=1)
+    table = Table(origin, ap[0], recall[0], kbit, ap[1:], recall[1:])
     save_table(table, out)
     memo.delete()
     return table
@@ -191,7 +245,8 @@ def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
 def save_table(table: Table, path: str | Path) -> None:
     """Write a table as a .npz file, all of it or nothing."""
     origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
-    write_arrays(path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, "origin": origin})
+    more = {"more_ap": table.more_ap, "more_recall": table.more_recall} if len(table.origin.classes) > 1 else {}
+    write_arrays(path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, **more, "origin": origin})
 
 
 def load_table(name: str | Path) -> Table:
@@ -207,7 +262,9 @@ def load_table(name: str | Path) -> Table:
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         radius = values.get("hybrid_radius", _hybrid_radius(values["site"]))
-        return Table(Origin(**values | {"sensors": tuple(values["sensors"]), "hybrid_radius": radius}), **arrays)
+        lists = {"sensors": tuple(values["sensors"]), "classes": tuple(values.get("classes", VEHICLES.names))}
+        ious = tuple(tuple(map(float, each)) for each in values.get("ious", [IOUS]))
+        return Table(Origin(**values | lists | {"hybrid_radius": radius, "ious": ious}), **arrays)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with make_table") from None
 
@@ -217,14 +274,31 @@ def _hybrid_radius(site: str) -> float:
     return load_site(site).hybrid_radius if site in BUILT_IN else HYBRID_RADIUS
 
 
-def _column(scheme: Scheme | str, iou: float) -> tuple[int, int]:
+def class_column(
+    table: Table, scheme: Scheme | str, name: str, iou: float
+) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
+    """AP and recall of all sets for a class in a scheme at an IoU threshold. Raises ValueError where the table has not
+    got them."""
+    ap, recall = table.of_class(name)
+    at = table.origin.ious[table.origin.classes.index(name)]
+    if iou not in at:
+        raise ValueError(_without(scheme, at, iou, of="" if name == LABELS[VEHICLE] else f" of {name}"))
+    column = (slice(None), _scheme_number(scheme, iou), at.index(iou))
+    return ap[column], recall[column]
+
+
+def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
     scheme = scheme_of(scheme)
-    if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name] or iou not in IOUS:
-        raise ValueError(
-            f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {IOUS}, got {scheme.name!r} and {iou}: "
-            "take fidelity detector"
-        )
-    return PAPER_SCHEMES.index(scheme.name), IOUS.index(iou)
+    if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
+        raise ValueError(_without(scheme, IOUS, iou))
+    return PAPER_SCHEMES.index(scheme.name)
+
+
+def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str = "") -> str:
+    return (
+        f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(ious))}{of}, "
+        f"got {scheme_of(scheme).name!r} and {iou}: take fidelity detector"
+    )
 
 
 def _after(progress: Callable[[int, int], None] | None, before: int, total: int) -> Callable[[int], None] | None:

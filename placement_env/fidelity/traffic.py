@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -76,7 +77,7 @@ def renderer_of(traffic: Traffic) -> Renderer:
     return Renderer(traffic.site, traffic.bodies, (), threads=1)
 
 
-def scored(objects: Objects, site: Site) -> Bool[np.ndarray, " n"]:
-    """Which objects a detector is scored by: vehicles (no heavy ones) centred in the area, as in
-    `toolkit.detection.evaluation` with its exact protocol."""
-    return (objects.labels == VEHICLE) & centred_in(objects.boxes, site.area)
+def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
+    """Which objects a detector is scored by: those of some classes (numbers), vehicles (no heavy ones) if none are
+    given, centred in the area, as in `toolkit.detection.evaluation` with its exact protocol."""
+    return np.isin(objects.labels, labels) & centred_in(objects.boxes, site.area)

@@ -1,8 +1,8 @@
-"""`Visibility`: how many points each candidate has on each vehicle, and how many it sends.
+"""`Visibility`: how many points each candidate has on each object that is scored, and how many it sends.
 
-Points on a vehicle are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
+Points on an object are noise-free: those that lie on it and in the crop. That is what `toolkit.boxes.count_points`
 counts in the cropped cloud, but for the ground that relief lifts into the foot of a box, which is no part of the
-vehicle, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of
+object, and for what lies on the very faces of the box, where rounding decides. Points sent are what noise makes of
 them in the mean, since it lifts half of the points on even ground above z = 0 and with that into the crop.
 """
 
@@ -21,6 +21,7 @@ from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.objects import VEHICLE
 from toolkit.points import beyond, frame_points
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
@@ -35,11 +36,13 @@ Block = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """What C candidates see of the O scored objects (vehicles centred in the area) of F frames, frame after frame.
+    """What C candidates see of the O scored objects (of some classes, centred in the area) of F frames, frame after
+    frame.
 
     points: on each object inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal,
     m, whether or not it is seen; frame: of each object, ascending; boxes: of the objects; sent: expected points in the
-    crop of each frame; far: those of them farther off, horizontally, than the radius of hybrid fusion.
+    crop of each frame; far: those of them farther off, horizontally, than the radius of hybrid fusion;
+    labels: class of each object, all vehicles if not given.
     """
 
     points: Float32[np.ndarray, "C O"]
@@ -48,6 +51,11 @@ class Visibility:
     boxes: Float64[np.ndarray, "O 7"]
     sent: Float32[np.ndarray, "C F"]
     far: Float32[np.ndarray, "C F"]
+    labels: Int64[np.ndarray, " O"] = None  # type: ignore[assignment]  # None: all vehicles
+
+    def __post_init__(self) -> None:
+        if self.labels is None:
+            object.__setattr__(self, "labels", np.full(len(self.boxes), VEHICLE))
 
     @property
     def frames(self) -> int:
@@ -61,7 +69,15 @@ class Visibility:
         """What some of the candidates see, in the order given."""
         chosen = np.asarray(indices, np.int64)
         per_candidate = (self.points[chosen], self.distance[chosen])
-        return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen])
+        return Visibility(*per_candidate, self.frame, self.boxes, self.sent[chosen], self.far[chosen], self.labels)
+
+    def of_classes(self, labels: Sequence[int]) -> Visibility:
+        """What is seen of the objects of some classes (numbers)."""
+        own = np.isin(self.labels, labels)
+        if own.all():
+            return self
+        objects = (self.points[:, own], self.distance[:, own], self.frame[own], self.boxes[own])
+        return Visibility(*objects, self.sent, self.far, self.labels[own])
 
     def save(self, path: str | Path) -> None:
         """Write a file, all of it or nothing, to be read by `load`."""
@@ -71,38 +87,49 @@ class Visibility:
     def load(path: str | Path) -> Visibility:
         """Read what `save` wrote. Raises FileNotFoundError; ValueError where the file is damaged or another one."""
         arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
-        if arrays.keys() != names:
+        if arrays.keys() not in (names, names - {"labels"}):  # without them: written when vehicles alone counted
             raise ValueError(f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: see save")
         return Visibility(**arrays)
 
     @staticmethod
-    def of(recording: CoopDataset, frames: int | None = None, *, noise_seed: int | None = 0) -> Visibility:
-        """What the sensors of a recording see of its vehicles, counted in their clouds; frames: only the first so many.
+    def of(
+        recording: CoopDataset,
+        frames: int | None = None,
+        *,
+        noise_seed: int | None = 0,
+        labels: Sequence[int] = (VEHICLE,),
+    ) -> Visibility:
+        """What the sensors of a recording see of its vehicles, or objects of these classes, counted in their clouds;
+        frames: only the first so many.
 
         What is sent is counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are
         there.
         """
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         radius = site.hybrid_radius
-        points, sent, far, boxes = [], [], [], []
+        points, sent, far, boxes, kinds = [], [], [], [], [np.zeros(0, np.int64)]
         for k in range(count):
             frame = recording[k]
-            boxes.append(frame.objects.boxes[scored(frame.objects, site)])
+            counted = frame.objects[scored(frame.objects, site, labels)]
+            boxes.append(counted.boxes)
+            kinds.append(counted.labels)
             points.append([count_points(cloud, boxes[-1]) for cloud in frame_points(frame, area=site)])
             clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
             far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
-        per_frame = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
+        sent_each, far_each = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
         every = np.concatenate([np.zeros((0, 7)), *boxes])
         on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
         frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
-        return Visibility(on_objects, _distances(recording.sensors, every), frame_of, every, *per_frame)
+        distances = _distances(recording.sensors, every)
+        return Visibility(on_objects, distances, frame_of, every, sent_each, far_each, np.concatenate(kinds))
 
 
 def see(
     traffic: Traffic,
     candidates: Candidates,
     *,
+    labels: Sequence[int] = (VEHICLE,),
     workers: int = 1,
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
@@ -110,13 +137,15 @@ def see(
 ) -> Visibility:
     """What the candidates see of the traffic.
 
-    workers, ray: see `toolkit.runtime.parallel.spread`; progress: called with how many candidates are done; cache:
-    where the finished blocks of candidates are kept, so that what was broken off goes on there.
+    labels: classes (numbers) of the objects that count; workers, ray: see `toolkit.runtime.parallel.spread`; progress:
+    called with how many candidates are done; cache: where the finished blocks of candidates are kept, so that what was
+    broken off goes on there.
     Raises ValueError without candidates.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
-    job = _Job(traffic, candidates.sensors, cache)
+    labels = tuple(sorted(labels))
+    job = _Job(traffic, candidates.sensors, cache, labels)
     blocks = _blocks(candidates.sensors)
     kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
     made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
@@ -125,17 +154,19 @@ def see(
         seen.append(kept[block] if block in kept else next(made))
         if progress:
             progress(block[1])
-    frame, boxes = _scored_boxes(traffic)
+    frame, boxes, kinds = _scored_objects(traffic, labels)
     points, sent, far = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    return Visibility(points, _distances(candidates.sensors, boxes), frame, boxes, sent, far)
+    return Visibility(points, _distances(candidates.sensors, boxes), frame, boxes, sent, far, kinds)
 
 
-def _scored_boxes(traffic: Traffic) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"]]:
-    """Frame and box of every scored object."""
-    rows = [scored(snapshot.objects, traffic.site) for snapshot in traffic.snapshots]
-    frame = np.repeat(np.arange(len(rows)), [int(row.sum()) for row in rows])
-    chosen = [snapshot.objects.boxes[row] for snapshot, row in zip(traffic.snapshots, rows, strict=True)]
-    return frame, np.concatenate([np.zeros((0, 7)), *chosen])
+def _scored_objects(
+    traffic: Traffic, labels: Sequence[int]
+) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"], Int64[np.ndarray, " O"]]:
+    """Frame, box and class of every scored object."""
+    chosen = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
+    frame = np.repeat(np.arange(len(chosen)), [len(each) for each in chosen])
+    kinds = np.concatenate([np.zeros(0, np.int64), *(each.labels for each in chosen)])
+    return frame, np.concatenate([np.zeros((0, 7)), *(each.boxes for each in chosen)]), kinds
 
 
 def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
@@ -163,11 +194,12 @@ class _Job:
     traffic: Traffic
     sensors: tuple[Sensor, ...]
     cache: Cache | None
+    labels: tuple[int, ...]
 
     def __call__(self, block: Block) -> Seen:
         found = self.cached(block)
         if found is None:
-            found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)])
+            found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
             if self.cache is not None:
                 self.cache.put({self.key(block): found})
         return found
@@ -181,4 +213,4 @@ class _Job:
         """What is seen by a block of sensors depends on this."""
         sensors = self.sensors[slice(*block)]
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
-        return key_of("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors])
+        return key_of("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)

@@ -23,7 +23,8 @@ CONFIDENCE = 0.95  # of every interval
 @dataclass(frozen=True)
 class Judgement:
     """What the detector makes of one sensor set in traffic that no search saw. low, high: interval of the AP from a
-    bootstrap over blocks of frames; vehicles: how many were to be detected, in so many frames."""
+    bootstrap over blocks of frames; vehicles: how many were to be detected, in so many frames; kind: what they are, a
+    vehicle, or an object where other classes count: ap and recall are those of the classes combined then."""
 
     ap: float
     low: float
@@ -32,6 +33,7 @@ class Judgement:
     precision: float | None
     vehicles: int
     frames: int
+    kind: str = "vehicle"
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
@@ -101,6 +103,17 @@ class ClassSeen:
     objects: int
     least_points: int
     share: float | None
+
+
+@dataclass(frozen=True)
+class ClassAP:
+    """One class that counts: its weight in the mean, the IoU at which a detection of it counts, and what the detector
+    makes of the chosen set for it alone."""
+
+    label: str
+    weight: float
+    iou: float
+    judged: Judgement
 
 
 @dataclass(frozen=True)
@@ -211,6 +224,7 @@ class Plan:
     by_range: tuple[BreakdownRow, ...] = ()
     by_approach: tuple[BreakdownRow, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
+    class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()
     failures: tuple[FailureCase, ...] = ()
     links: tuple[LinkLoad, ...] = ()

@@ -77,12 +77,14 @@ def kbit_per_frame(
     objective: Objective, members: tuple[int, ...], result: Result
 ) -> Float64[np.ndarray, "sensors frames"]:
     """What each sensor of a set sends in each frame of the objective's traffic. Of boxes, where the scheme sends them,
-    it is taken that a sensor sends one for each vehicle that it sees with `LEAST` points."""
+    it is taken that a sensor sends one for each object that it sees with `LEAST` points."""
     made = objective.preparation
     if made is None:
         raise ValueError("what is sent in each frame is known of an objective made from a site: Objective(site, ...)")
     if result.sensors:
-        visibility = see(made.traffic, as_candidates(result.sensors, objective.candidates.mounts))
+        visibility = see(
+            made.traffic, as_candidates(result.sensors, objective.candidates.mounts), labels=made.classes.labels
+        )
     else:
         known = made.visibility if objective.visibility is None else objective.visibility
         visibility = known.select(members)

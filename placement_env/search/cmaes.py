@@ -138,7 +138,10 @@ def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
         candidates = as_candidates(sensors, mounts, preparation.candidates.axes)
-        seen = see(preparation.traffic, candidates, workers=preparation.workers, ray=preparation.ray)
+        seen = see(
+            preparation.traffic, candidates, labels=preparation.classes.labels, workers=preparation.workers,
+            ray=preparation.ray,
+        )  # fmt: skip
         scored_by = preparation.at(candidates, seen).fidelity(fidelity)
         parts = (candidates, scored_by, preparation.scheme, weights)
         objective = Objective.of(*parts, visibility=seen, codec=preparation.codec)

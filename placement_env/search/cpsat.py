@@ -4,7 +4,8 @@
 
 x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
 same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees
-nothing which another on its mount does not see.
+nothing which another on its mount does not see. Of several classes of objects the shares that are covered count by
+their weights, or the worst of them: max z where z <= Σ_o w_ko y_o for every class k.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from placement_env.checks import check_whole
+from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import ROUNDING, Objective
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpModel, CpSolver, IntVar
 
 FINEST = 1 << 40  # units of the highest price
+PARTS = 10**9  # into which the whole of several classes is divided
 SECONDS = 60.0  # of solving, where no limit is given
 
 
@@ -85,7 +88,9 @@ def search(
     if visibility is None:
         raise ValueError("CP-SAT needs to know what each candidate sees: pass visibility=see(traffic, candidates)")
     progress = Progress(objective, budget, seconds, evaluations)
+    visibility = visibility.of_classes(objective.classes.labels)
     seen, mount, may_stand = visibility.points >= least, objective.candidates.mount, objective.allowed([])
+    worth, units = worth_of(visibility.labels, objective.classes)
     left = SECONDS if seconds is None else seconds
     cover = cover_most(
         seen,
@@ -98,15 +103,17 @@ def search(
         seed=seed,
         effort=effort,
         prices=Prices.of(objective),
+        worth=worth,
     )
     progress.settle(cover.chosen)
-    objects = max(1, seen.shape[1])
+    objects = max(1, units)
+    of = f"{seen.shape[1]} objects" if worth is None else f"{units:.0e} parts of the {objective.classes.described(1.0)}"
     certificate = Certificate(
         "optimal" if cover.optimal else "bound",
         cover.covered / objects,
         cover.bound / objects,
         1.0 if cover.optimal else 0.0,
-        f"{cover.covered} of {seen.shape[1]} objects have {views} view(s) of {least:g} points or more from "
+        f"{cover.covered} of {of} have {views} view(s) of {least:g} points or more from "
         f"{{{', '.join(map(str, cover.chosen))}}}, and no set covers more than {cover.bound}",
         "coverage",
     )
@@ -125,11 +132,13 @@ def cover_most(
     seed: int = 0,
     effort: float | None = None,
     prices: Prices | None = None,
+    worth: Int64[np.ndarray, "k O"] | None = None,
 ) -> Cover:
     """At most `budget` candidates, one per mount, so that as many objects as can be have at least `views` of them.
 
     seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all;
-    effort: see `search`; prices: what they cost together, None for no matter what.
+    effort: see `search`; prices: what they cost together, None for no matter what; worth: of each object to each of k
+    parties, the least of whose sums counts (`worth_of`), None for how many objects there are.
     The solver starts from greedy's set, so the answer covers no less.
 
     >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), np.array([0, 0, 1]), 2).chosen
@@ -141,10 +150,11 @@ def cover_most(
     rows = np.ones(len(seen), bool) if may_stand is None else may_stand
     kept = useful(np.where(rows[:, None], seen, False), mount, None if prices is None else prices.each)
     cost = None if prices is None else Prices(prices.each[kept], prices.most)
-    objects, weight = merged(seen[kept], mount[kept], views)
-    start = greedy_cover(objects, weight, mount[kept], budget, views, prices=cost)
-    bound = bound_at(objects, weight, mount[kept], budget, views=views, chosen=start)
-    model, built = _model(objects, weight, mount[kept], budget, views=views, start=start, bound=bound)
+    each = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
+    objects, weights = _merged_worth(seen[kept], mount[kept], views, each)
+    start = greedy_cover(objects, weights.sum(axis=0), mount[kept], budget, views, prices=cost)
+    bound = min(bound_at(objects, row, mount[kept], budget, views=views, chosen=start) for row in weights)
+    model, built = _model(objects, weights, mount[kept], budget, views=views, start=start, bound=bound)
     if cost is not None:
         model.add(_cp_model().LinearExpr.weighted_sum(built, cost.each.tolist()) <= cost.most)
     solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
@@ -155,8 +165,26 @@ def cover_most(
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     chosen = sorted(kept[start].tolist())
-    covered = int((seen[chosen].sum(axis=0) >= views).sum())
-    return Cover(chosen, covered, max(bound, covered), bound <= covered, len(weight), *times)
+    covered = int((each @ (seen[chosen].sum(axis=0) >= views)).min())
+    return Cover(chosen, covered, max(bound, covered), bound <= covered, weights.shape[1], *times)
+
+
+def worth_of(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[Int64[np.ndarray, "k O"] | None, int]:
+    """What covering each object is worth, in whole parts of the sum that is given too: None for as many as there are
+    objects, where one class counts. The parts of a class go to its objects in equal shares; for the mean of classes by
+    their weights, for the worst a row for each class, all of the same sum."""
+    there = [label for label in classes.labels if (labels == label).any()]
+    if len(classes.names) == 1 or not there:
+        return None, len(labels)
+    shares = np.zeros((len(there), len(labels)))
+    for row, label in enumerate(there):
+        shares[row, labels == label] = 1 / (labels == label).sum()
+    if classes.combine == "worst":
+        return np.rint(shares * PARTS).astype(np.int64), PARTS
+    weights = np.array(
+        [weight for label, weight in zip(classes.labels, classes.weights, strict=True) if label in there]
+    )
+    return np.rint(weights @ shares / weights.sum() * PARTS).astype(np.int64)[None], PARTS
 
 
 def useful(
@@ -191,17 +219,28 @@ def merged(
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, " m"]]:
     """Objects that differ in who sees them, and how many there are of each; without those that fewer than `views`
     mounts see."""
+    objects, weights = _merged_worth(seen, mount, views, np.ones((1, seen.shape[1]), np.int64))
+    return objects, weights[0]
+
+
+def _merged_worth(
+    seen: Bool[np.ndarray, "C O"], mount: Int64[np.ndarray, " C"], views: int, worth: Int64[np.ndarray, "k O"]
+) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
+    """As `merged`, with what the objects of each kind are worth together."""
     mounts = np.unique(mount)
     able = np.zeros(seen.shape[1], np.int64)
     for here in mounts:
         able += seen[mount == here].any(axis=0)
-    seen = seen[:, able >= views]
+    seen, worth = seen[:, able >= views], worth[:, able >= views]
     if not seen.size:
-        return seen[:, :0], np.zeros(0, np.int64)
+        return seen[:, :0], worth[:, :0]
     packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
     keys = packed.view(np.dtype((np.void, packed.shape[1])))[:, 0]
-    _, first, weight = np.unique(keys, return_index=True, return_counts=True)
-    return seen[:, first], weight.astype(np.int64)
+    _, first, place = np.unique(keys, return_index=True, return_inverse=True)
+    weights = np.zeros((len(worth), len(first)), np.int64)
+    for row, own in zip(weights, worth, strict=True):
+        np.add.at(row, place.ravel(), own)
+    return seen[:, first], weights
 
 
 def greedy_cover(
@@ -259,22 +298,30 @@ def bound_at(
 
 
 def _model(
-    seen: np.ndarray, weight: np.ndarray, mount: np.ndarray, budget: int, *, views: int, start: list[int], bound: int
+    seen: np.ndarray, weights: np.ndarray, mount: np.ndarray, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
     """The programme, with the set `start` as a complete hint, and its variables x."""
     cp = _cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]
-    covered = [model.new_bool_var("") for _ in range(len(weight))]
+    covered = [model.new_bool_var("") for _ in range(weights.shape[1])]
     for o, y in enumerate(covered):
         by = [built[c] for c in np.flatnonzero(seen[:, o]).tolist()]
         model.add(cp.LinearExpr.sum(by) >= views * y)
     for here in np.unique(mount):
         model.add_at_most_one([built[c] for c in np.flatnonzero(mount == here).tolist()])
     model.add(cp.LinearExpr.sum(built) <= budget)
-    total = cp.LinearExpr.weighted_sum(covered, weight.tolist())
-    model.add(total <= bound)
-    model.maximize(total)
+    total = cp.LinearExpr.weighted_sum(covered, weights[0].tolist())
+    if len(weights) > 1:
+        least = model.new_int_var(0, bound, "")
+        for row in weights:
+            model.add(cp.LinearExpr.weighted_sum(covered, row.tolist()) >= least)
+        hinted = int((weights @ (seen[start].sum(axis=0) >= views)).min())
+        model.add_hint(least, min(hinted, bound))
+        model.maximize(least)
+    else:
+        model.add(total <= bound)
+        model.maximize(total)
     hint = [*np.isin(np.arange(len(built)), start), *(seen[start].sum(axis=0) >= views)]
     for x, value in zip(built + covered, hint, strict=True):
         model.add_hint(x, bool(value))

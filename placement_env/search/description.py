@@ -23,9 +23,10 @@ def described_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> lis
 
 def described_score(score: Score) -> str:
     """The figures of a set in one line."""
+    each = ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items()) if len(score.class_ap) > 1 else ""
     return (
-        f"AP {score.ap:.4f}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
-        f"{score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
+        f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per "
+        f"sensor, {score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
     )
 
 
@@ -40,7 +41,10 @@ def described_empty(objective: Objective) -> str:
         )
     alone = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
     if float(alone.ap.max()) <= 0:
-        return "no candidate that fits its link detects a vehicle in these frames: take more frames or other candidates"
+        there = " or a ".join(objective.classes.names)
+        return (
+            f"no candidate that fits its link detects a {there} in these frames: take more frames or other candidates"
+        )
     if float(alone.reward.max()) <= 0:
         return "no sensor is worth what it costs: lower the weights of kbit and price"
     return "the search stopped before it had scored a set that may be built: give it more seconds or evaluations"

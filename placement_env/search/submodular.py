@@ -19,8 +19,10 @@ TOLERANCE = 1e-9  # a gain that rises by no more does not count against submodul
 
 
 def is_submodular(objective: Objective) -> bool:
-    """Whether AP is known to be monotone submodular here: coverage by at least one view, nothing else."""
-    return objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
+    """Whether AP is known to be monotone submodular here: coverage by at least one view, nothing else, and of several
+    classes the mean, not the worst."""
+    additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
+    return additive and objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
 
 
 def guarantee(objective: Objective) -> float:

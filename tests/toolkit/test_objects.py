@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.objects import CYCLIST, HEAVY, LABELS, Detections, Objects, label_index
+from toolkit.objects import CYCLIST, HEAVY, LABELS, Detections, Objects, check_known, known_labels, label_index
 
 CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
@@ -79,3 +79,24 @@ def test_labels_as_other_programs_have_them():
     for wrong in (1.5, np.nan):
         with pytest.raises(ValueError, match="whole numbers"):
             Objects(boxes, np.array([0.0, wrong]))
+
+
+class Knows:
+    def __init__(self, labels):
+        self.labels = labels
+
+    def __call__(self, points):
+        return Detections.empty()
+
+
+def test_a_detector_may_say_which_classes_it_knows():
+    assert known_labels(lambda points: Detections.empty()) is None
+    assert known_labels(Knows(("heavy", "vehicle"))) == ("vehicle", "heavy")
+    assert known_labels(Knows([1, 1])) == ("cyclist",)
+    check_known(Knows(("heavy", "vehicle")), ["heavy"])
+    check_known(lambda points: Detections.empty(), ["heavy"])
+    with pytest.raises(ValueError, match="the detector knows vehicle only, not heavy, cyclist: take one"):
+        check_known(Knows(("vehicle",)), ["heavy", "vehicle", "cyclist"])
+    for wrong in ("vehicle", 3, ["tram"]):
+        with pytest.raises(ValueError, match=r"labels of a detector must be a list|label must be one of"):
+            known_labels(Knows(wrong))

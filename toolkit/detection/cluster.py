@@ -27,7 +27,7 @@ from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.boxes import count_points, nms
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import empty_scene
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 from toolkit.points import frame_points
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
@@ -108,6 +108,11 @@ class ClusterDetector:
         return ClusterDetector.learn(
             points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
         )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The classes it knows: all, by their size."""
+        return LABELS
 
     @property
     def digest(self) -> str:

@@ -62,6 +62,11 @@ class ImportedDetector:
         """That of the detector; there is none (AttributeError) where it has none."""
         return str(self._detect.digest)  # type: ignore[attr-defined]
 
+    @property
+    def labels(self) -> Any:
+        """Classes that the detector says it knows; there are none (AttributeError) where it does not say."""
+        return self._detect.labels  # type: ignore[attr-defined]
+
     def __reduce__(self) -> tuple[Any, ...]:
         return ImportedDetector, (self.name, self.site)
 

@@ -39,13 +39,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_inside, iou_3d, iou_bev
-from toolkit.objects import HEAVY, VEHICLE, Detections, Objects, label_index
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects, label_index
 
 Protocol = Literal["exact", "published"]
 
 GRID = 50  # points along each side of a truth's footprint, protocol `published`
+USUAL_IOUS = {VEHICLE: (0.7, 0.8, 0.9), HEAVY: (0.7, 0.8, 0.9), CYCLIST: (0.25, 0.5, 0.7), PEDESTRIAN: (0.25, 0.5, 0.7)}
+TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # 3D, from which on a detection is called true
 MOSTLY = 0.5  # share of a detection's footprint on an object that is not scored, above which it is ignored
 
 
@@ -83,7 +85,8 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """A detector's score at one IoU threshold; precision and recall are those of all its detections together."""
+    """A detector's score at one IoU threshold; precision and recall are those of all its detections together.
+    scores, hits: of the n detections that are not ignored, in no order, and whether each hit."""
 
     ap: float
     precision: float
@@ -92,6 +95,37 @@ class DetectionScore:
     fp: int
     truths: int
     curve: Curve = field(repr=False)
+    scores: Float64[np.ndarray, " n"] = field(repr=False, compare=False)
+    hits: Bool[np.ndarray, " n"] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Detections in bins of equal width of their score: the mean score, the share that is true, how many there are."""
+
+    score: Float[np.ndarray, " b"]
+    true: Float[np.ndarray, " b"]
+    count: Int64[np.ndarray, " b"]
+
+    @property
+    def error(self) -> float:
+        """Expected calibration error: the mean distance of score and share, over all detections."""
+        filled = self.count > 0
+        gap = np.abs(self.score[filled] - self.true[filled])
+        return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
+
+
+def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
+    """The reliability diagram of detections; an empty bin has NaN.
+
+    >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
+    array([0. , 0.5])
+    """
+    place = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
+    count = np.bincount(place, minlength=bins)
+    with np.errstate(invalid="ignore"):
+        mean, true = (np.bincount(place, values, minlength=bins) / count for values in (scores, hits))
+    return Reliability(mean, true, count)
 
 
 def evaluate(
@@ -328,6 +362,8 @@ def _result(scores: np.ndarray, hits: np.ndarray, truths: int) -> DetectionScore
         fp=len(hits) - tp,
         truths=truths,
         curve=curve,
+        scores=scores,
+        hits=hits,
     )
 
 

@@ -92,7 +92,7 @@ def counted_words(judged: Sequence[Judgement | None]) -> str:
         return "no vehicles were judged"
     vehicles, frames = max(each.vehicles for each in some), max(each.frames for each in some)
     up_to = "up to " if len({(each.vehicles, each.frames) for each in some}) > 1 else ""
-    return f"judged by the detector, N = {up_to}{vehicles} vehicles in {frames} frames; {INTERVAL}"
+    return f"judged by the detector, N = {up_to}{vehicles} {some[0].kind}s in {frames} frames; {INTERVAL}"
 
 
 def price_words(currency: str) -> str:

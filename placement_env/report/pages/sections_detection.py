@@ -85,8 +85,8 @@ def _classes(plan: Plan) -> tuple[ReportBlock, ...]:
         said = (
             f"Of all classes, {low.label} is covered least: {percent(low.share)} of "
             f"{counted(low.objects, 'road user')} had at least "
-            f"{counted(low.least_points, 'point')} on them. These are shares of coverage, not AP: the detector knows "
-            "vehicles only."
+            f"{counted(low.least_points, 'point')} on them. These are shares of coverage, not AP"
+            + (": the detector knows vehicles only." if not plan.class_ap or len(plan.class_ap) < 2 else ".")
         )
     columns = (
         Column("Class", number=False),
@@ -102,7 +102,21 @@ def _classes(plan: Plan) -> tuple[ReportBlock, ...]:
         )
         for row in plan.by_class
     ]
-    return (Paragraph(said), *table("Coverage by class of road user (no AP)", columns, rows))
+    return (*_class_ap(plan), Paragraph(said), *table("Coverage by class of road user (no AP)", columns, rows))
+
+
+def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
+    """AP of each class that counts, where several do."""
+    if len(plan.class_ap) < 2:
+        return ()
+    low = min(plan.class_ap, key=lambda row: row.judged.ap)
+    said = f"Of the classes that count, {low.label} is detected least: {ap_text(low.judged)} at IoU {low.iou:g}."
+    columns = (Column("Class", number=False), Column("IoU"), Column("weight"), *JUDGED_COLUMNS)
+    rows = [
+        (text_cell(row.label), figure_cell(row.iou), figure_cell(row.weight), *judged_cells(row.judged))
+        for row in plan.class_ap
+    ]
+    return (Paragraph(said), *table("AP of each class with the chosen set", columns, rows))
 
 
 def schemes_section(plan: Plan) -> Section:

@@ -16,7 +16,7 @@ def method_section(plan: Plan) -> Section:
     judged = plan.chosen.judged if plan.chosen else None
     conclusion = (
         f"Every AP here is that of {plan.detector} in simulated traffic"
-        + (f", {counted(judged.vehicles, 'vehicle')} in {counted(judged.frames, 'frame')}" if judged else "")
+        + (f", {counted(judged.vehicles, judged.kind)} in {counted(judged.frames, 'frame')}" if judged else "")
         + ": it ranks places for sensors, and does not replace a trial on the street."
         if plan.detector
         else "Nothing was judged by a detector, because no set of sensors may be built."

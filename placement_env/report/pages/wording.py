@@ -104,7 +104,7 @@ def ap_text(judged: Judgement) -> str:
 
 def measured(judged: Judgement) -> str:
     """An AP with interval and number of vehicles, where it is clear that it is one."""
-    return f"{number(judged.ap)} ({interval(judged)}, {counted(judged.vehicles, 'vehicle')})"
+    return f"{number(judged.ap)} ({interval(judged)}, {counted(judged.vehicles, judged.kind)})"
 
 
 def interval(judged: Judgement) -> str:

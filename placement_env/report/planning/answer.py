@@ -20,6 +20,7 @@ from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Selection, judged_front, near_optimal
 from toolkit.detection.schemes import scheme_of
+from toolkit.objects import LABELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,8 @@ def answer(
         by_zone=breakdown.by_zone(scored, question.site, question.seed),
         by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),
         by_approach=breakdown.by_approach(scored, question.site, question.seed),
-        by_class=breakdown.by_class(final, members, question.classes),
+        by_class=breakdown.by_class(final, members, LABELS),
+        class_ap=final.by_class(members),
         worth=worth,
         failures=failures,
         links=mounting.link_loads(planned, limited=scheme_of(question.scheme).sends_points),

@@ -13,10 +13,11 @@ import numpy as np
 
 from placement_env.analysis.approaches import approaches_of, compass
 from placement_env.analysis.tally import Tally
+from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, Detected
 from placement_env.report.content import BreakdownRow, ClassSeen
-from placement_env.report.planning.judging import Judge, judgement
+from placement_env.report.planning.judging import Judge, combined_judgement
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.objects import label_index
@@ -32,9 +33,9 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """What one set detects, box by box. truths: scored vehicles of all frames, in order; truth_frame: of each; points:
-    that the set has on each; boxes, scores, truth: of the detections that count, and which of the truths each hit, -1
-    for a false alarm; frame: of each; frames: how many there are."""
+    """What one set detects, box by box. truths: scored objects of all frames, in order; truth_frame, truth_label: of
+    each; points: that the set has on each; boxes, scores, truth: of the detections that count, and which of the truths
+    each hit, -1 for a false alarm; frame, label: of each; frames: how many there are; classes: that count."""
 
     truths: Float64[np.ndarray, "t 7"]
     truth_frame: Int64[np.ndarray, " t"]
@@ -44,9 +45,18 @@ class Scored:
     truth: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
     frames: int
+    truth_label: Int64[np.ndarray, " t"]
+    label: Int64[np.ndarray, " n"]
+    classes: Classes
 
-    def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> Tally:
-        """The tally of some truths and detections."""
+    def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> list[Tally]:
+        """The tally of some truths and detections for each class."""
+        return [
+            self._tally(truths & (self.truth_label == label), detections & (self.label == label))
+            for label in self.classes.labels
+        ]
+
+    def _tally(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> Tally:
         there = np.bincount(self.truth_frame[truths], minlength=self.frames)
         return Tally(self.scores[detections], self.truth[detections] >= 0, self.frame[detections], there)
 
@@ -55,15 +65,19 @@ def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
     """What the chosen set detects in all frames of a judge."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
     at = detected.ious.index(detected.iou)
-    truths, points, boxes, scores, truth = [], [], [], [], []
+    truths, points, boxes, scores, truth, truth_label, label = [], [], [], [], [], [], []
     first = 0
     for k, outcome in enumerate(outcomes):
         counts = outcome.truth[at] >= FALSE_ALARM
         hit = outcome.truth[at, counts].astype(np.int64)
-        there = detected.renders.objects(k).boxes[detected.scored(k)]
+        objects = detected.renders.objects(k)[detected.scored(k)]
+        there = objects.boxes
+        truth_label.append(objects.labels)
         truths.append(there)
         points.append(count_points(fused_cloud(detected, chosen, k), there))
-        boxes.append(detected.detections(chosen, k).boxes[counts])
+        found = detected.detections(chosen, k)[counts]
+        boxes.append(found.boxes)
+        label.append(found.labels)
         scores.append(outcome.scores[counts])
         truth.append(np.where(hit >= 0, first + hit, FALSE_ALARM))
         first += len(there)
@@ -77,6 +91,9 @@ def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
         np.concatenate(truth),
         np.repeat(frames, [len(each) for each in scores]),
         len(frames),
+        np.concatenate(truth_label),
+        np.concatenate(label),
+        detected.classes,
     )
 
 
@@ -95,7 +112,8 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
     rows = []
     for number, name in enumerate(names):
         here = of_truth == number
-        judged = judgement(scored.part(here, of_detection == number), seed) if here.any() else None
+        part = scored.part(here, of_detection == number)
+        judged = combined_judgement(part, scored.classes, seed) if here.any() else None
         rows.append(BreakdownRow(name, judged, float(scored.points[here].mean()) if here.any() else None))
     return tuple(rows)
 

@@ -56,7 +56,7 @@ def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None
         other = Judge(
             Detected(
                 detected.renders, detected.detector, scheme_of(name), codec=detected.codec, iou=detected.iou,
-                memo=detected.memo, workers=detected.workers, ray=detected.ray,
+                memo=detected.memo, workers=detected.workers, ray=detected.ray, classes=detected.classes,
             ),
             judge.seed,
         )  # fmt: skip

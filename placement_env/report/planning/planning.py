@@ -28,6 +28,7 @@ from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
 from toolkit.detection.schemes import scheme_of
+from toolkit.objects import LABELS
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
@@ -94,9 +95,12 @@ class _Planning:
         question = self.question
         fidelity = self._search_fidelity()
         searched = self._preparation(self.pool, 0)
+        searched.check("detector")
         visibility = searched.look(self.progress)
-        if not visibility.points.shape[1]:
-            return _none(question, refusals.without_vehicles(question, question.search_frames, "simulated"), self.pool)
+        missing = [LABELS[label] for label in question.classes.labels if not (visibility.labels == label).any()]
+        if missing:
+            reasons = refusals.without_objects(question, missing, question.search_frames, "simulated")
+            return _none(question, reasons, self.pool)
         everything = self._objective(searched, fidelity)
         excluded = refusals.exclusions(everything, question.max_kbit, question.currency)
         kept = np.flatnonzero(refusals.buildable(everything, question.max_kbit))
@@ -115,8 +119,9 @@ class _Planning:
         judging = [self._preparation(candidates, part, question.errors) for part in (1, 2)]
         judge, final = map(self._judge, judging)
         for each in (judge, final):
-            if not each.truths.sum():
-                return _none(question, refusals.without_vehicles(question, each.frames, "judging"), self.pool)
+            if each.absent:
+                reasons = refusals.without_objects(question, each.absent, each.frames, "judging")
+                return _none(question, reasons, self.pool)
         picked = select(objective, found, judge, min_ap=question.min_ap, seed=question.seed, progress=self.progress)
         traffic = [prepared.traffic for prepared in (searched, *judging)]
         terms = Terms(question, found, picked, fidelity, searched.network, excluded)
@@ -141,6 +146,7 @@ class _Planning:
             workers=self.workers,
             detector=question.detector,
             errors=errors,
+            classes=question.classes,
         )
 
     def _judge(self, prepared: Preparation) -> Judge:
@@ -164,7 +170,9 @@ class _Planning:
         """The surrogate where there is one for the scheme and IoU, else coverage."""
         question = self.question
         try:
-            check_fidelity_for(question.site, self.pool, question.scheme, "surrogate", iou=question.iou)
+            check_fidelity_for(
+                question.site, self.pool, question.scheme, "surrogate", iou=question.iou, classes=question.classes
+            )
         except ValueError:
             return "coverage"
         return "surrogate"

@@ -41,6 +41,7 @@ def plan_origin(
         **detector_origin(detector),
         "network": network,
         "search_fidelity": search_fidelity,
+        "classes": question.classes.origin,
         "codec": PAPER.digest,
         "errors": question.errors.origin,
         "traffic": {

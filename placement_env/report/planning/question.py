@@ -15,14 +15,14 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.checks import check_iou, check_whole
+from placement_env.classes import VEHICLES, Classes, classes_of
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
-from toolkit.objects import LABELS, Detector
+from toolkit.objects import Detector
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
-DETECTED = ("vehicle",)  # classes that detectors know today; of others a plan says what share is seen
 SEARCH_FRAMES, JUDGE_FRAMES, FINAL_FRAMES = 60, 60, 120
 
 
@@ -34,11 +34,12 @@ class Question:
     catalogue's currency, else in prices of one ordinary pole, None for any sum; min_ap: AP to be reached, None for the
     best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
     send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
-    that count; scheme: of fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own
-    sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at no price;
-    keep_out: areas where no sensor may stand; detector: None for a shipped network; frames: of the traffic that
-    searches see, of that by which sets are compared, and of that by which the answer is judged; seed: of all three;
-    errors: of the sensors, when sets are compared and the answer is judged: searches know the sensors' own noise only.
+    that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
+    fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file
+    of poles; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no
+    sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
+    sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
+    are compared and the answer is judged: searches know the sensors' own noise only.
 
     Raises ValueError in one line where a field does not fit.
     """
@@ -49,7 +50,7 @@ class Question:
     min_ap: float | None = None
     max_kbit: float | None = None
     capacity_kbit: float | None = None
-    classes: tuple[str, ...] = LABELS
+    classes: Classes = VEHICLES
     scheme: str = "early"
     iou: float = 0.7
     candidates: str | Path = "pool"
@@ -75,7 +76,7 @@ class Question:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
         if self.min_ap is not None and not 0 < self.min_ap <= 1:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
-        self._check_classes()
+        object.__setattr__(self, "classes", classes_of(self.classes))
         scheme_of(self.scheme)
         check_iou(self.iou)
         for name in ("search_frames", "judge_frames", "final_frames"):
@@ -84,16 +85,6 @@ class Question:
         if self.candidates == "paper" and self.catalogue is not None:
             raise ValueError(
                 "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
-            )
-
-    def _check_classes(self) -> None:
-        for label in self.classes:
-            if label not in LABELS:
-                raise ValueError(f"there is no class {label!r}: choose among {', '.join(LABELS)}")
-        if not set(DETECTED) & set(self.classes):
-            raise ValueError(
-                f"the detector knows {' and '.join(DETECTED)} only, so there is no AP of {', '.join(self.classes)}: "
-                f"add {DETECTED[0]}; of the others a plan says what share is seen"
             )
 
     @property
@@ -138,7 +129,10 @@ class Question:
             "min_ap": self.min_ap,
             "max_kbit": self.max_kbit,
             "capacity_kbit": self.capacity_kbit,
-            "classes": list(self.classes),
+            "classes": list(self.classes.names),
+            "class_weights": list(self.classes.weights),
+            "combine": self.classes.combine,
+            "class_ious": [self.classes.iou_of(name, self.iou) for name in self.classes.names],
             "scheme": self.scheme,
             "iou": self.iou,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from placement_env.objective import Objective
@@ -23,12 +25,32 @@ def without_traffic(question: Question) -> tuple[str, ...]:
     return ()
 
 
-def without_vehicles(question: Question, frames: int, part: str) -> tuple[str, ...]:
-    """There was nothing to detect in a part of the traffic."""
+def without_objects(question: Question, missing: Sequence[str], frames: int, part: str) -> tuple[str, ...]:
+    """There was nothing to detect, of some classes that count, in a part of the traffic."""
     return (
-        f"No vehicle comes into the detection area of site {question.site.name!r} in {plural(frames, 'frame')} of "
-        f"{part} traffic: take more frames, another seed, or a larger area.",
+        f"No {' and no '.join(missing)} comes into the detection area of site {question.site.name!r} in "
+        f"{plural(frames, 'frame')} of {part} traffic: take more frames, another seed, or a larger area.",
     )
+
+
+def check_present(objective: Objective) -> None:
+    """Raises ValueError where there is nothing to find of a class that counts, so that nothing is said of it."""
+    if missing := absent_classes(objective):
+        raise ValueError(
+            f"there is no {' and no '.join(missing)} to find in these frames: take more of them or another seed, or "
+            "leave out the class"
+        )
+
+
+def absent_classes(objective: Objective) -> tuple[str, ...]:
+    """Classes that count and of which there is nothing to find."""
+    classes, seen = objective.classes, objective.visibility
+    if seen is not None:
+        return tuple(
+            n for n, label in zip(classes.names, classes.labels, strict=True) if not (seen.labels == label).any()
+        )
+    figures = objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0]
+    return tuple(name for name, ap in zip(classes.names, figures, strict=True) if np.isnan(ap))
 
 
 def buildable(objective: Objective, max_kbit: float | None) -> Bool[np.ndarray, " C"]:
@@ -65,7 +87,7 @@ def short_of(question: Question, best: PlanOption, final: Judgement, excluded: t
     price = money(best.price, question.currency)
     reasons = [
         f"The best set found, {plural(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
-        f"({final.low:.3f} to {final.high:.3f}) on {plural(final.vehicles, 'vehicle')} in the final traffic"
+        f"({final.low:.3f} to {final.high:.3f}) on {plural(final.vehicles, final.kind)} in the final traffic"
         + (f" and {best.judged.ap:.3f} in the traffic it was chosen on" if best.judged else "")
         + f"; {question.min_ap:g} is required at IoU {question.iou:g}."
     ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from placement_env.classes import VEHICLES
 from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
-from placement_env.report.planning.question import DETECTED, Question
+from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Rule
+from toolkit.objects import LABELS
 from toolkit.sensors.errors.profiles import only_own_noise
 
 
@@ -31,7 +33,7 @@ def plural(count: int, noun: str) -> str:
 
 def figure(judged: Judgement) -> str:
     """An AP with its interval and what it is of."""
-    vehicles, frames = plural(judged.vehicles, "vehicle"), plural(judged.frames, "frame")
+    vehicles, frames = plural(judged.vehicles, judged.kind), plural(judged.frames, "frame")
     return f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
 
 
@@ -118,11 +120,19 @@ def _of_errors(question: Question) -> str:
 
 def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
     """What the figures take for granted."""
-    others = [label for label in question.classes if label not in DETECTED]
+    classes = question.classes
+    others = [label for label in LABELS if label not in classes.names]
+    of = (
+        "of vehicles alone, heavy ones not counted,"
+        if classes.names == VEHICLES.names
+        else f"of {classes.names[0]} alone,"
+        if len(classes) == 1
+        else f"the {classes.described(question.iou)},"
+    )
     sentences = [
         "Traffic is simulated (SUMO) and measurements are cast rays with noise of the sensors' models; nothing was "
         "measured at the place itself.",
-        f"AP is of {' and '.join(DETECTED)}s alone, heavy ones not counted, centred in the detection area, by the "
+        f"AP is {of} centred in the detection area, by the "
         f"detector {detector} at IoU {question.iou:g} in {question.scheme} fusion.",
         "Searches, comparison and judgement have traffic of their own each (seeds "
         f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from "
@@ -135,7 +145,7 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
     ]
     if others:
         sentences.append(
-            f"The detector does not know {', '.join(others)}: of these a share is stated that the set has at least "
+            f"No AP is asked for {', '.join(others)}: of these a share is stated that the set has at least "
             f"{LEAST:g} points on, which is coverage and no AP."
         )
     if question.catalogue is None:

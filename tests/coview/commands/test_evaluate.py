@@ -47,9 +47,15 @@ def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
     code, out, _ = run(*arguments, "--out", tmp_path, "--json")
     rows = json.loads(out)["rows"]
     assert code == 0
-    assert [(row["scheme"], row["sensors"]) for row in rows] == [
-        ("early", [0, 2, 5]), ("early", [0, 1, 2, 3, 4, 5]), ("late", [0, 2, 5]), ("late", [0, 1, 2, 3, 4, 5]),
-    ]  # fmt: skip
+    everyone = [0, 1, 2, 3, 4, 5]
+    assert [(row["scheme"], row["sensors"], row["label"]) for row in rows] == [
+        (scheme, sensors, label)
+        for scheme in ("early", "late")
+        for sensors in ([0, 2, 5], everyone)
+        for label in ("vehicle", "cyclist", "pedestrian", "heavy")
+    ]
+    assert [each["label"] for each in json.loads(out)["classes"][:4]] == ["vehicle", "cyclist", "pedestrian", "heavy"]
+    assert (tmp_path / "pr_pedestrian_0.5.png").exists()
     assert {"ap", "recall", "kbit_per_sensor", "ms_per_frame", "iou"} <= set(rows[0])
     assert json.loads((tmp_path / "table.json").read_text())["rows"] == rows
     assert (tmp_path / "pr_0.5.png").stat().st_size > 1000
@@ -123,3 +129,40 @@ def test_errors_by_name_are_written_down(recording, tmp_path, run, refused):
         kbit[errors] = written["rows"][0]["kbit_per_sensor"]
     assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
     assert "no error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
+
+
+def test_classes_restrict_the_rows(recording, tmp_path, run):
+    arguments = (
+        "evaluate",
+        recording,
+        "--frames",
+        1,
+        "--schemes",
+        "early",
+        "--classes",
+        "pedestrian",
+        "--out",
+        tmp_path,
+    )
+    code, out, _ = run(*arguments, "--json")
+    assert code == 0
+    assert [(row["label"], row["iou"]) for row in json.loads(out)["rows"]] == [
+        ("pedestrian", 0.25), ("pedestrian", 0.5), ("pedestrian", 0.7),
+    ]  # fmt: skip
+    code, out, _ = run(*arguments, "--overwrite", "--classes", "vehicle", "pedestrian")
+    assert "vehicle, " in out
+    assert "above the detector's threshold:" in out
+
+
+def test_a_network_of_vehicles_alone_refuses_other_classes(recording, tmp_path, refused):
+    arguments = ("--detector", "voxelnet", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
+    assert "the detector knows vehicle only, not cyclist: take one trained" in refused(
+        "evaluate", recording, *arguments
+    )
+
+
+def test_a_network_of_four_classes_has_them_all_by_default(recording, tmp_path, run):
+    arguments = ("--detector", "classes/tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
+    code, out, err = run("evaluate", recording, *arguments, "--out", tmp_path)
+    assert code == 0, err
+    assert [row["label"] for row in json.loads(out)["rows"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]

@@ -20,3 +20,12 @@ def test_errors_by_name(recording, run, refused):
     assert code == 0
     assert json.loads(out)["provenance"]["errors"]["profile"] == "poor"
     assert "no error profile 'bad': choose among paper" in refused("survey", recording, "--errors", "bad")
+
+
+def test_each_class_has_its_lines(recording, run):
+    code, out, _ = run("survey", recording, "--sensors", 4, "all", "--frames", 2)
+    assert code == 0
+    assert "vehicle from 4: " in out
+    assert "without a point, mean " in out
+    code, out, _ = run("survey", recording, "--frames", 1, "--classes", "pedestrian", "--json")
+    assert list(json.loads(out)["classes"]) == ["pedestrian"]

@@ -16,11 +16,11 @@ from models.training.calibration import (
     logit,
     lowest_threshold,
     platt,
-    reliability,
     sigmoid,
 )
 from models.training.presets import config_for
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
+from toolkit.detection.metrics import reliability
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
@@ -50,14 +50,6 @@ def test_few_or_spotless_detections_give_no_wild_answer():
     assert 0 <= intercept < 2
     upside_down = platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)
     assert upside_down[0] == 0.05  # order is kept
-
-
-def test_reliability_counts_every_detection_once():
-    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
-    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
-    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
-    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
-    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -142,7 +134,3 @@ def test_the_detector_calibrates_as_the_fit_does():
     expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
     np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
     assert torch.equal(calibrated(scores, replace(config, calibration=())), scores)
-
-
-def test_what_is_true_is_by_the_iou_of_its_class():
-    assert calibration.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}

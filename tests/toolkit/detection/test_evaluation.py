@@ -9,7 +9,11 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.cluster import ClusterDetector
-from toolkit.detection.evaluation import evaluate_dataset, format_table, save_evaluation
+from toolkit.detection.evaluation import (
+    evaluate_dataset,
+    format_table,
+    save_evaluation,
+)
 from toolkit.detection.fusion import late
 from toolkit.detection.metrics import evaluate
 from toolkit.frame import Frame
@@ -178,7 +182,7 @@ def test_table_and_files(tmp_path):
 
 
 def test_without_any_truth_ap_is_null_in_json():
-    row = run(schemes=["late"], iou_thresholds=[0.7], label="pedestrian")[0]
+    row = run(schemes=["late"], iou_thresholds=[0.7], classes=["pedestrian"])[0]
     assert row.as_dict()["ap"] is None
     assert "nan" in format_table([row])
 

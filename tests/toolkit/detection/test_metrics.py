@@ -5,8 +5,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toolkit.boxes import footprints, iou_3d, iou_bev
-from toolkit.detection.metrics import average_precision, evaluate, match, precision_recall, sampled_iou
-from toolkit.objects import Detections, Objects
+from toolkit.detection.metrics import (
+    TRUE_IOU,
+    USUAL_IOUS,
+    average_precision,
+    evaluate,
+    match,
+    precision_recall,
+    reliability,
+    sampled_iou,
+)
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 AT = [0.3, 0.5, 0.7]
 CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
@@ -356,3 +365,31 @@ def test_counts_that_cannot_be_are_refused():
     for hits, truths in (([True], -1), ([True], 0), ([True, False], 3), ([True], 1.5)):
         with pytest.raises((ValueError, TypeError), match="truths"):
             precision_recall(np.array([0.9]), np.array(hits), truths)
+
+
+def test_reliability_counts_every_detection_once():
+    diagram = reliability(np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True]))
+    assert diagram.count.tolist() == [2, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+    np.testing.assert_allclose(diagram.true[[0, 5, 9]], [0.5, 1, 1])
+    np.testing.assert_allclose(diagram.score[[0, 5, 9]], [0.025, 0.5, 1])
+    assert diagram.error == pytest.approx((2 * 0.475 + 0.5 + 0) / 4)
+
+
+def test_scores_that_are_no_shares_go_to_the_ends():
+    assert reliability(np.array([-0.5, 1.5]), np.array([False, True]), bins=2).count.tolist() == [1, 1]
+    assert reliability(np.zeros(0), np.zeros(0, bool)).error == 0
+
+
+def test_what_is_true_is_by_the_iou_of_its_class():
+    assert TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
+
+
+def test_usual_thresholds_are_stricter_where_objects_are_large():
+    assert USUAL_IOUS[VEHICLE] == USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
+    assert USUAL_IOUS[CYCLIST] == USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
+
+
+def test_a_score_keeps_what_its_curve_was_made_of():
+    two = [scored([CAR, moved(CAR, 50)], [0.9, 0.4]), scored([CAR], [0.7])]
+    at = evaluate(two, [Objects(CAR), Objects(CAR)], iou_thresholds=[0.5])[0.5]
+    assert sorted(zip(at.scores.tolist(), at.hits.tolist(), strict=True)) == [(0.4, False), (0.7, True), (0.9, True)]

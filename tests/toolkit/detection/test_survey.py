@@ -78,3 +78,30 @@ def test_errors_take_points_and_are_named():
     assert clean.provenance["errors"]["profile"] == "paper"
     with pytest.raises(ValueError, match="no error profile 'x'"):
         survey(Recording(), errors="x")
+
+
+def test_points_are_counted_for_each_class():
+    found = survey(Recording(), noise_seed=3)
+    assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
+    assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
+    np.testing.assert_array_equal(found.by_class["vehicle"], found.counts)
+    np.testing.assert_array_equal(found.points_on("heavy", [0, 2]), found.by_class["heavy"][:, [0, 2]].sum(axis=1))
+    written = found.as_dict([[0, 2], [1]])["classes"]
+    assert written["heavy"]["objects"] == 5
+    points = found.points_on("heavy", [0, 2])
+    assert written["heavy"]["sets"]["0,2"] == {
+        "mean_points": points.mean(), "median_points": np.median(points), "unseen": (points == 0).mean(),
+    }  # fmt: skip
+    assert written["cyclist"]["sets"]["1"] == {"mean_points": None, "median_points": None, "unseen": None}
+    assert np.isnan(found.unseen([0], "pedestrian"))
+    assert found.unseen([0], "vehicle") == found.unseen([0])
+
+
+def test_classes_restrict_what_is_counted_beside_vehicles():
+    found = survey(Recording(), classes=["heavy"], frames=2)
+    assert list(found.by_class) == ["heavy"]
+    assert found.counts.shape == (8, 3)
+    with pytest.raises(ValueError, match="counted were heavy, not 'vehicle'"):
+        found.points_on("vehicle", [0])
+    with pytest.raises(ValueError, match="label must be one of"):
+        survey(Recording(), classes=["tram"])

@@ -136,7 +136,7 @@ def test_limits_leave_out_what_they_exclude(cache, planned):
 
 def test_a_site_without_vehicles(cache, monkeypatch):
     for module in ("visibility", "occlusion"):
-        monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, _: np.zeros(len(objects), bool))
+        monkeypatch.setattr(f"placement_env.fidelity.{module}.scored", lambda objects, *_: np.zeros(len(objects), bool))
     made = plan(replace(QUESTION, seed=77), cache=None)
     assert "No vehicle comes into the detection area of site 'tjunction' in 4 frames" in made.plan.verdict.reasons[0]
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
+from placement_env.classes import Classes
 from placement_env.report.planning.question import Question, with_terms
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sites.files import load_site
@@ -26,7 +27,7 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"min_ap": 0.0}, "min_ap must lie above 0 and up to 1, got 0.0"),
         ({"min_ap": 90.0}, "min_ap must lie above 0 and up to 1, got 90.0"),
         ({"classes": ("vehicle", "tram")}, "there is no class 'tram': choose among vehicle, cyclist"),
-        ({"classes": ("cyclist",)}, "the detector knows vehicle only, so there is no AP of cyclist: add vehicle"),
+        ({"classes": ()}, "classes must be one or several different ones"),
         ({"scheme": "middle"}, "middle"),
         ({"iou": 0.0}, "iou must lie in"),
         ({"search_frames": 0}, "search_frames must be a whole number of at least 1, got 0"),
@@ -73,3 +74,13 @@ def test_the_digest_of_poles_follows_the_file(tmp_path):
     path.write_text("{ }")
     assert Question(site=SITE, candidates=str(path)).poles_digest != first
     assert replace(Question(site=SITE), seed=1).poles_digest is None
+
+
+def test_classes_are_written_down():
+    plain = Question(site=SITE).in_words
+    assert (plain["classes"], plain["class_weights"], plain["combine"]) == (["vehicle"], [1.0], "mean")
+    question = Question(site=SITE, classes=Classes(("pedestrian", "vehicle"), combine="worst"), iou=0.8)
+    assert question.in_words["classes"] == ["vehicle", "pedestrian"]
+    assert question.in_words["combine"] == "worst"
+    assert question.in_words["class_ious"] == [0.8, 0.5]
+    assert Question(site=SITE, classes=("cyclist",)).classes == Classes(("cyclist",))

@@ -11,8 +11,8 @@ from placement_env.report.planning.refusals import (
     buildable,
     exclusions,
     short_of,
+    without_objects,
     without_traffic,
-    without_vehicles,
 )
 
 
@@ -38,7 +38,12 @@ def test_budget_and_network(street):
     assert "budget is 0 sensors" in without_traffic(Question(site=street.site, sensors=0))[0]
     (reason,) = without_traffic(Question(site=street.site))
     assert "has no road network" in reason
-    assert "in 1 frame of simulated traffic" in without_vehicles(Question(site=street.site), 1, "simulated")[0]
+    question = Question(site=street.site)
+    assert without_objects(question, ["vehicle"], 1, "simulated") == (
+        "No vehicle comes into the detection area of site 'street' in 1 frame of simulated traffic: take more frames, "
+        "another seed, or a larger area.",
+    )
+    assert without_objects(question, ["cyclist", "heavy"], 3, "judging")[0].startswith("No cyclist and no heavy comes")
 
 
 def test_short_of_the_requirement(street):

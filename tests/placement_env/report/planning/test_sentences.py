@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from placement_env.classes import Classes
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.sentences import assumptions, money, unknown, verdict_of, why
@@ -61,12 +62,17 @@ def test_assumptions_follow_the_question():
         assumptions(Question(site=SITE, seed=4), search_fidelity="surrogate", detector="Reader", worth_sampled=False)
     )
     assert "seeds 4, 5 and 6" in plain
-    assert "does not know cyclist, pedestrian, heavy" in plain
+    assert "No AP is asked for cyclist, pedestrian, heavy" in plain
+    assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
-    only = Question(site=SITE, classes=("vehicle",))
+    only = Question(site=SITE, classes=Classes(("vehicle", "cyclist", "pedestrian", "heavy"), (3, 1, 1, 3)))
     other = " ".join(assumptions(only, search_fidelity="coverage", detector="Reader", worth_sampled=True))
-    assert "does not know" not in other
+    assert "No AP is asked for" not in other
+    assert "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and 0.38 heavy" in other
+    walkers = Question(site=SITE, classes=("pedestrian",))
+    third = " ".join(assumptions(walkers, search_fidelity="coverage", detector="Reader", worth_sampled=True))
+    assert "AP is of pedestrian alone, centred" in third
     assert "searches went by coverage" in other
     assert "With so many sensors" in other
 

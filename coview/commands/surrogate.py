@@ -1,0 +1,84 @@
+"""`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on each object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import Label, check_least, check_schemes, counted_classes, site_file
+from coview.detectors import check_digest, site_detector
+from coview.exits import OK
+from coview.outputs import check_file, check_writable
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+
+
+def surrogate(
+    site: Positional[str],
+    /,
+    *,
+    out: Path,
+    detector: str = "voxelnet",
+    classes: tuple[Label, ...] = ("vehicle",),
+    small_iou: float = 0.5,
+    schemes: tuple[str, ...] = ("early", "late", "hybrid"),
+    frames: int = 100,
+    poses: int = 60,
+    sets: int = 60,
+    seed: int = 1000,
+    cache: Path | None = Path("out/cache"),
+    workers: int = 1,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Fit a surrogate of a detector at a site, a model for each scheme, class and IoU threshold.
+
+    Example: coview surrogate tjunction --detector classes/tjunction --classes vehicle pedestrian --out people.json
+
+    Args:
+        site: tjunction, roundabout, or a site file.
+        out: File of models to write (.json): coview search --surrogate takes it.
+        detector: As in coview evaluate, but for cluster.
+        classes: Of road users, with a model for each.
+        small_iou: IoU of cyclists and pedestrians; vehicles are fitted at 0.7, 0.8 and 0.9.
+        schemes: Which of early, late and hybrid fusion.
+        frames: Of simulated traffic.
+        poses: Of the site's pool, drawn at random, beside its own sensors.
+        sets: Of 1 to 8 sensors, drawn at random, that the detector scores.
+        seed: Of traffic, poses and sets: another than that of what the surrogate will be judged by.
+        cache: Folder where what was seen and detected is kept, so that it goes on when stopped; None for nowhere.
+        workers: Processes.
+        overwrite: Replace a file that is there.
+        json: Print models and errors as JSON.
+    """
+    from placement_env.fidelity.hit_fit import fit_site
+    from placement_env.fidelity.hit_model import save_models
+    from toolkit.runtime.cache import Cache
+    from toolkit.sites.files import load_site
+
+    for option, value in (("--frames", frames), ("--poses", poses), ("--sets", sets), ("--workers", workers)):
+        check_least(option, value, 1)
+    check_least("--seed", seed, 0)
+    check_schemes(schemes)
+    counted = counted_classes(classes, None, "mean", small_iou)
+    check_file(out, inputs=site_file(site), overwrite=overwrite)
+    if cache is not None:
+        check_writable(cache.resolve(), cache)
+    place = load_site(site)
+    detect = site_detector(detector, place)
+    if cache is not None:
+        check_digest(detector, detect, ": add one, or say --cache None")
+    source = f"{frames} frames of {place.name} traffic, seed {seed}, {sets} sets, detector {detector}"
+    with progress_bar("", hidden=json) as bar:
+        fitted = fit_site(
+            place, detect, schemes=schemes, classes=counted, frames=frames, poses=poses, sets=sets, seed=seed,
+            source=source, cache=None if cache is None else Cache(cache / "cache.sqlite"), workers=workers,
+            progress=bar.stage,
+        )  # fmt: skip
+    save_models(tuple(model for model, _ in fitted), out)
+    lines = [f"{m.label:<10} {m.scheme:<7} IoU {m.iou:g}: AP within {rms:.3f} of the detector's" for m, rms in fitted]
+    print_result(
+        [{**vars(model), "rms": rms} for model, rms in fitted], "\n".join([*lines, f"written to {out}"]), as_json=json
+    )
+    return OK

@@ -1,0 +1,148 @@
+"""`Classes`: which road users count for an objective, how much each does, and how their figures become one.
+
+The figure of a sensor set is the weighted mean of those of its classes,
+
+    AP = Σ_c w_c · AP_c / Σ_c w_c                 combine "mean"
+    AP = min_c AP_c                               combine "worst": max-min, no class is bought at another's expense
+
+over the classes of which there is anything to find; with recall it goes as with AP. A detection counts from the IoU on
+that is usual for its class: that of the objective for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and
+pedestrians, whose boxes lose far more of it by the same few centimetres (KITTI and Waymo do alike); or one given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from placement_env.checks import check_iou
+from toolkit.arrays import Float64
+from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
+from toolkit.runtime.cache import key_of
+
+Combine = Literal["mean", "worst"]
+COMBINE: tuple[Combine, ...] = get_args(Combine)
+SMALL = (LABELS[CYCLIST], LABELS[PEDESTRIAN])
+SMALL_IOU = 0.5
+
+
+@dataclass(frozen=True)
+class Classes:
+    """names: of `toolkit.objects.LABELS`, kept in that order; weights: of each, kept so that they sum to 1, equal ones
+    if none are given; combine: mean or worst; ious: of each, None for the usual one.
+
+    Raises ValueError in one line where these do not fit.
+
+    >>> Classes(("pedestrian", "vehicle"), (1, 3))
+    Classes(names=('vehicle', 'pedestrian'), weights=(0.75, 0.25), combine='mean', ious=(None, None))
+    """
+
+    names: tuple[str, ...] = (LABELS[VEHICLE],)
+    weights: tuple[float, ...] = ()
+    combine: Combine = "mean"
+    ious: tuple[float | None, ...] = ()
+
+    def __post_init__(self) -> None:
+        names, weights, ious = tuple(self.names), tuple(self.weights), tuple(self.ious)
+        if isinstance(self.names, str) or not names or len(set(names)) < len(names):
+            raise ValueError(f"classes must be one or several different ones of {', '.join(LABELS)}, got {self.names}")
+        for name in names:
+            if name not in LABELS:
+                raise ValueError(f"there is no class {name!r}: choose among {', '.join(LABELS)}")
+        weights = weights or (1.0,) * len(names)
+        if len(weights) != len(names) or not all(0 < weight < math.inf for weight in weights):
+            raise ValueError(
+                f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}: leave out a class "
+                "that does not count"
+            )
+        if self.combine not in COMBINE:
+            raise ValueError(f"combine must be one of {', '.join(COMBINE)}, got {self.combine!r}")
+        if self.combine == "worst" and len(set(weights)) > 1:
+            raise ValueError(
+                f"the worst class takes no weights, got {self.weights}: leave them out, or combine by mean"
+            )
+        ious = ious or (None,) * len(names)
+        if len(ious) != len(names):
+            raise ValueError(f"there must be an IoU for each of {', '.join(names)}, got {self.ious}")
+        for name, iou in zip(names, ious, strict=True):
+            if iou is not None:
+                check_iou(iou)
+            if iou is not None and name == LABELS[VEHICLE]:
+                raise ValueError("the IoU of vehicles is that of the objective: give iou, and None here")
+        order = sorted(range(len(names)), key=lambda k: LABELS.index(names[k]))
+        total = float(sum(weights))
+        object.__setattr__(self, "names", tuple(names[k] for k in order))
+        object.__setattr__(self, "weights", tuple(float(weights[k]) / total for k in order))
+        object.__setattr__(self, "ious", tuple(None if ious[k] is None else float(ious[k] or 0) for k in order))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        """Their numbers in `LABELS`, ascending."""
+        return tuple(label_index(name) for name in self.names)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What results say of them."""
+        return {"names": self.names, "weights": self.weights, "combine": self.combine, "ious": self.ious}
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that figures depend on."""
+        return key_of(self.origin).hex()
+
+    def iou_of(self, name: str, iou: float) -> float:
+        """At which a detection of a class counts. iou: of the objective."""
+        own = self.ious[self.names.index(name)]
+        return own if own is not None else SMALL_IOU if name in SMALL else iou
+
+    def described(self, iou: float) -> str:
+        """In words: "AP of vehicle", or the mean or worst of several, with their IoU where it is not the objective's.
+
+        >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
+        'worst of vehicle and pedestrian (IoU 0.5)'
+        """
+        each = [
+            name if (own := self.iou_of(name, iou)) == iou else f"{name} (IoU {own:g})" for name in self.names
+        ]  # fmt: skip
+        if len(each) == 1:
+            return each[0]
+        if self.combine == "mean" and len(set(self.weights)) > 1:
+            each = [f"{weight:.2f} {text}" for weight, text in zip(self.weights, each, strict=True)]
+        return f"{self.combine} of {', '.join(each[:-1])} and {each[-1]}"
+
+    def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
+        """One figure of each row, of a figure of each class; NaN stands for nothing to find, and is the answer where
+        all are.
+
+        >>> Classes(("vehicle", "cyclist")).combined(np.array([[0.5, 1.0], [0.5, np.nan]]))
+        array([0.75, 0.5 ])
+        """
+        if len(self) == 1:
+            return figures[:, 0]
+        defined = ~np.isnan(figures)
+        if self.combine == "worst":
+            least = np.where(defined, figures, np.inf).min(axis=1)
+            return np.where(defined.any(axis=1), least, np.nan)
+        weights = np.where(defined, self.weights, 0.0)
+        total = weights.sum(axis=1)
+        sums = (np.where(defined, figures, 0.0) * weights).sum(axis=1)
+        return np.divide(sums, total, out=np.full(len(figures), np.nan), where=total > 0)
+
+
+VEHICLES = Classes()
+
+
+def classes_of(classes: Classes | Iterable[str] | str) -> Classes:
+    """Classes as they are, or equal weights of those of these names, or of the one of this name."""
+    if isinstance(classes, Classes):
+        return classes
+    if not isinstance(classes, Iterable):
+        raise ValueError(f"classes must be Classes or names of {', '.join(LABELS)}, got {classes!r}")
+    return Classes((classes,) if isinstance(classes, str) else tuple(classes))

@@ -1,0 +1,136 @@
+"""`evaluate_dataset` class by class: a detector that knows three of them, counted by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.detection.evaluation import (
+    curve_files,
+    evaluate_dataset,
+    format_class_table,
+    format_table,
+    save_evaluation,
+)
+from toolkit.frame import Frame
+from toolkit.geometry import look
+from toolkit.objects import Detections, Objects
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+SENSORS = tuple(
+    Sensor(f"s{k}", DepthCamera(width=40, height=30, stride=1), look((x, 0.0, 5.2), 0.0, tilt=0.2))
+    for k, x in enumerate([-30.0, 0.0, 30.0])
+)
+
+
+class Mixed:
+    """In each of 4 frames a car, two cyclists and a pedestrian; the last frame has no pedestrian."""
+
+    site = Site("somewhere", np.array([-40.0, -20.0, 40.0, 20.0]))
+    sensors = SENSORS
+    KINDS = ("vehicle", "cyclist", "cyclist", "pedestrian")
+    SIZES = np.array([[4, 2, 1.5], [1.8, 0.6, 1.7], [1.8, 0.6, 1.7], [0.6, 0.6, 1.8]])
+
+    def __len__(self):
+        return 4
+
+    def __getitem__(self, k):
+        x = np.array([-20.0, -10, 0, 10]) + k
+        boxes = np.column_stack([x, 0 * x, self.SIZES[:, 2] / 2, self.SIZES, 0 * x])
+        kept = slice(None) if k < 3 else slice(0, 3)
+        depths = tuple(np.full(s.model.shape, 5.0, np.float32) for s in SENSORS)
+        return Frame(SENSORS, depths, Objects(boxes[kept], np.array(self.KINDS[kept])), index=k)
+
+
+class Knows:
+    """Finds every car, one cyclist of the two, and calls the other one a pedestrian in two of the frames."""
+
+    labels = ("pedestrian", "vehicle", "cyclist")
+
+    def __init__(self):
+        self.frame = -1
+
+    def __call__(self, points):
+        self.frame += 1
+        there = Mixed()[self.frame].objects
+        kinds = ["vehicle", "cyclist", "pedestrian" if self.frame < 2 else "cyclist"]
+        return Detections(there.boxes[:3], np.array([0.9, 0.8, 0.7]), np.array(kinds))
+
+
+def mixed(classes, **options):
+    return evaluate_dataset(Mixed(), Knows(), schemes=["early"], classes=classes, **options)
+
+
+def test_each_class_has_its_rows_at_its_usual_thresholds():
+    rows = mixed(["vehicle", "cyclist", "pedestrian"])
+    assert [(row.label, row.iou) for row in rows] == [
+        *(("vehicle", iou) for iou in (0.7, 0.8, 0.9)),
+        *(("cyclist", iou) for iou in (0.25, 0.5, 0.7)),
+        *(("pedestrian", iou) for iou in (0.25, 0.5, 0.7)),
+    ]
+    assert [row.truths for row in rows[::3]] == [4, 8, 3]
+    assert [row.recall for row in rows[::3]] == [1.0, 0.75, 0.0]
+    assert [row.false_alarms_per_frame for row in rows[::3]] == [0.0, 0.0, 0.5]
+    assert [row.ap for row in rows[::3]] == [1.0, 0.75, 0.0]
+    assert rows.provenance["classes"]["pedestrian"] == (0.25, 0.5, 0.7)
+    given = mixed(["cyclist"], iou_thresholds=[0.6])
+    assert [(row.label, row.iou) for row in given] == [("cyclist", 0.6)]
+    assert (given.provenance["label"], given.provenance["iou"]) == ("cyclist", [0.6])
+
+
+def test_the_order_of_classes_and_their_company_change_no_figure():
+    alone = {label: mixed([label], iou_thresholds=[0.5])[0] for label in ("vehicle", "cyclist", "pedestrian")}
+    for row in mixed([2, "cyclist", "vehicle", "cyclist"], iou_thresholds=[0.5]):
+        twin = alone[row.label]
+        assert (row.ap, row.recall, row.precision) == pytest.approx((twin.ap, twin.recall, twin.precision), nan_ok=True)
+
+
+def test_class_figures_say_what_the_threshold_is_worth():
+    vehicle, cyclist, pedestrian = mixed(["vehicle", "cyclist", "pedestrian"]).classes
+    assert [(c.label, c.iou, c.frames, c.truths, c.detections) for c in (vehicle, cyclist, pedestrian)] == [
+        ("vehicle", 0.5, 4, 4, 4), ("cyclist", 0.5, 4, 8, 6), ("pedestrian", 0.25, 4, 3, 2),
+    ]  # fmt: skip
+    assert (vehicle.recall, vehicle.precision, vehicle.false_alarms_per_frame) == (1, 1, 0)
+    assert (cyclist.recall, cyclist.precision, cyclist.false_alarms_per_frame) == (0.75, 1, 0)
+    assert (pedestrian.recall, pedestrian.precision, pedestrian.false_alarms_per_frame) == (0, 0, 0.5)
+    assert vehicle.reliability.error == pytest.approx(0.1)
+    written = pedestrian.as_dict()
+    assert written["calibration_error"] == pytest.approx(0.7)
+    assert sum(written["reliability"]["count"]) == 2
+    assert written["reliability"]["true"][0] is None
+    json.dumps(written, allow_nan=False)
+
+
+def test_tables_of_several_classes_stand_one_after_another():
+    rows = mixed(["vehicle", "pedestrian"])
+    first, second = format_table(rows).split("\n\n")
+    assert first.splitlines()[0] == "vehicle, 4 to find"
+    assert second.splitlines()[0] == "pedestrian, 3 to find"
+    assert "AP@0.9" in first
+    assert "AP@0.25" in second
+    assert first.split("\n", 1)[1] == format_table(rows[:3])
+    lines = format_class_table(rows.classes).splitlines()
+    assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
+    assert lines[2].split() == ["pedestrian", "early", "0,1,2", "3", "0.000", "0.000", "0.500", "0.700", "0.25"]
+    assert format_table([]) == ""
+
+
+def test_files_of_curves_are_named_by_class(tmp_path):
+    rows = mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5])
+    save_evaluation(rows, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"table.json", *curve_files(["vehicle", "pedestrian"], [0.5])}
+    assert list(curve_files(["vehicle", "cyclist"])) == [
+        "pr_0.7.png", "pr_0.8.png", "pr_0.9.png", "pr_cyclist_0.25.png", "pr_cyclist_0.5.png", "pr_cyclist_0.7.png",
+    ]  # fmt: skip
+    assert json.loads((tmp_path / "table.json").read_text())["classes"][1]["label"] == "pedestrian"
+
+
+def test_a_class_that_the_detector_does_not_know_is_refused():
+    with pytest.raises(ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"):
+        mixed(["vehicle", "heavy"])
+    with pytest.raises(ValueError, match="label must be one of"):
+        mixed(["tram"])
+    with pytest.raises(ValueError, match="a class and an IoU threshold"):
+        mixed([])
