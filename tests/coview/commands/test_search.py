@@ -223,7 +223,7 @@ def test_classes_are_weighed(run, tmp_path):
     assert found["ap"] == pytest.approx(0.75 * found["class_ap"]["vehicle"] + 0.25 * found["class_ap"]["pedestrian"])
     code, out, _ = run(*asked, *classes, "--cache", tmp_path, "--method", "cpsat")
     assert code == 0
-    assert "parts of the mean of 0.75 vehicle" in out
+    assert " of the mean of 0.75 vehicle and 0.25 pedestrian has 1 view(s) of 20 points or more from {" in out
 
 
 @pytest.mark.parametrize(

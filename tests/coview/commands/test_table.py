@@ -32,9 +32,8 @@ def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
 
 def test_a_table_of_classes_is_searched(recording, tmp_path, run, refused):
     out, classes = tmp_path / "all.npz", ("--classes", "vehicle", "pedestrian", "--combine", "worst")
-    code, printed, err = run(
-        "table", recording, "--out", out, "--frames", 2, "--detector", "cluster", *classes, "--json"
-    )
+    asked = ("table", recording, "--out", out, "--frames", 2, "--detector", "cluster", "--json")
+    code, printed, err = run(*asked, *classes)
     assert code == 0, err
     best = json.loads(printed)["early"]["2"][0]
     search = ("search", "tjunction", "--candidates", "paper", "--fidelity", "table", "--budget", 2, "--table", out)
