@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         SensorCatalogue as SensorCatalogue,
         load_sensor_catalogue as load_sensor_catalogue,
     )
+    from placement_env.classes import Classes as Classes
     from placement_env.envs.config import (
         PoseConfig as PoseConfig,
         SelectConfig as SelectConfig,
@@ -83,6 +84,7 @@ else:
             "candidates.poles": ("load_keep_out", "load_poles"),
             "candidates.pool": ("paper_candidates", "pool"),
             "candidates.sensor_catalogue": ("SensorCatalogue", "load_sensor_catalogue"),
+            "classes": ("Classes",),
             "envs.config": ("PoseConfig", "SelectConfig", "SubsetConfig"),
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),

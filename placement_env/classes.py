@@ -37,7 +37,7 @@ class Classes:
 
     Raises ValueError in one line where these do not fit.
 
-    >>> Classes(("pedestrian", "vehicle"), (1, 3))
+    >>> Classes(("pedestrian", "vehicle"), (1.0, 3.0))
     Classes(names=('vehicle', 'pedestrian'), weights=(0.75, 0.25), combine='mean', ious=(None, None))
     """
 
@@ -102,15 +102,17 @@ class Classes:
         own = self.ious[self.names.index(name)]
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
-    def described(self, iou: float) -> str:
-        """In words: "AP of vehicle", or the mean or worst of several, with their IoU where it is not the objective's.
+    def described(self, iou: float | None = None) -> str:
+        """In words: a class, or the mean or worst of several; iou: of the objective, beside which other ones are named,
+        None to name none.
 
         >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
         'worst of vehicle and pedestrian (IoU 0.5)'
         """
-        each = [
-            name if (own := self.iou_of(name, iou)) == iou else f"{name} (IoU {own:g})" for name in self.names
-        ]  # fmt: skip
+        each = list(self.names)
+        if iou is not None:
+            own = [self.iou_of(name, iou) for name in each]
+            each = [name if at == iou else f"{name} (IoU {at:g})" for name, at in zip(each, own, strict=True)]
         if len(each) == 1:
             return each[0]
         if self.combine == "mean" and len(set(self.weights)) > 1:

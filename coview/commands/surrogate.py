@@ -57,9 +57,11 @@ def surrogate(
     from toolkit.runtime.cache import Cache
     from toolkit.sites.files import load_site
 
-    for option, value in (("--frames", frames), ("--poses", poses), ("--sets", sets), ("--workers", workers)):
-        check_least(option, value, 1)
-    check_least("--seed", seed, 0)
+    for option, value, least in (
+        ("--frames", frames, 1), ("--poses", poses, 0), ("--sets", sets, 1), ("--workers", workers, 1),
+        ("--seed", seed, 0),
+    ):  # fmt: skip
+        check_least(option, value, least)
     check_schemes(schemes)
     counted = counted_classes(classes, None, "mean", small_iou)
     check_file(out, inputs=site_file(site), overwrite=overwrite)

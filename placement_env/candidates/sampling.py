@@ -17,11 +17,11 @@ MOST_POSES = 8  # of the pool in one set
 def own_and_random(site: Site, poses: int, rng: np.random.Generator) -> Candidates:
     """The site's own sensors, if any, each on a mount of its own, and after them some random poses of its pool.
 
-    Raises ValueError where the pool has fewer poses.
+    Raises ValueError where the pool has fewer poses, or there would be no sensor.
     """
-    more = pool(site)
-    if not 1 <= poses <= len(more):
-        raise ValueError(f"poses must be 1 to the {len(more)} of the pool of {site.name!r}, got {poses}")
+    more, least = pool(site), 0 if site.sensors else 1
+    if not least <= poses <= len(more):
+        raise ValueError(f"poses must be {least} to the {len(more)} of the pool of {site.name!r}, got {poses}")
     more = more.select(np.sort(rng.choice(len(more), poses, replace=False)))
     if not site.sensors:
         return more

@@ -107,14 +107,19 @@ def search(
     )
     progress.settle(cover.chosen)
     objects = max(1, units)
-    of = f"{seen.shape[1]} objects" if worth is None else f"{units:.0e} parts of the {objective.classes.described(1.0)}"
+    members = ", ".join(map(str, cover.chosen))
+    view = f"{views} view(s) of {least:g} points or more from {{{members}}}"
+    if worth is None:
+        note = f"{cover.covered} of {units} objects have {view}, and no set covers more than {cover.bound}"
+    else:
+        share, most = cover.covered / units, cover.bound / units
+        note = f"{share:.4f} of the {objective.classes.described()} has {view}, and no set covers more than {most:.4f}"
     certificate = Certificate(
         "optimal" if cover.optimal else "bound",
         cover.covered / objects,
         cover.bound / objects,
         1.0 if cover.optimal else 0.0,
-        f"{cover.covered} of {of} have {views} view(s) of {least:g} points or more from "
-        f"{{{', '.join(map(str, cover.chosen))}}}, and no set covers more than {cover.bound}",
+        note,
         "coverage",
     )
     return progress.result("CP-SAT", certificate)

@@ -104,10 +104,9 @@ def of_table(asked: argparse.Namespace) -> tuple:
 
 def of_poses(asked: argparse.Namespace) -> tuple:
     """Visibility, sets and AP of random poses of a pool, on traffic of the seed."""
-    from fit_surrogate import sets_of
-
     from models.detector import load_detector
     from placement_env.candidates.pool import pool
+    from placement_env.candidates.sampling import random_sets
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.traffic import simulate_traffic
@@ -117,7 +116,7 @@ def of_poses(asked: argparse.Namespace) -> tuple:
     rng, site = np.random.default_rng(asked.seed), load_site(asked.poses)
     candidates = pool(site)
     candidates = candidates.select(np.sort(rng.choice(len(candidates), 100, replace=False)))
-    sets = sets_of(candidates, 0, len(candidates), 2 * asked.sets, rng)
+    sets = random_sets(candidates, 0, 2 * asked.sets, rng)
     sets = rng.permutation(sets[sets.any(axis=1)])[: asked.sets]
     frames = simulate_traffic(site, asked.frames, asked.seed)
     detector = load_detector("general", area=site.area)

@@ -134,3 +134,23 @@ def test_a_damaged_cache_is_only_slower(tmp_path, run):
     code, _, _ = run(*common, "--cache", tmp_path / "cache", "--out", tmp_path / "b")
     assert code == 0
     assert (tmp_path / "a" / "plan.json").read_bytes() == (tmp_path / "b" / "plan.json").read_bytes()
+
+
+def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
+    arguments = ("plan", "tjunction", "--budget", 1, *PAPER, "--cache", tmp_path / "cache", "--workers", 1)
+    classes = ("--classes", "vehicle", "pedestrian", "--combine", "worst")
+    code, out, err = run(*arguments, *classes, "--out", tmp_path / "out")
+    assert code == 0, err
+    made = json.loads((tmp_path / "out" / "plan.json").read_text(), parse_constant=pytest.fail)
+    each = {row["label"]: row for row in made["class_ap"]}
+    assert [each[name]["iou"] for name in ("vehicle", "pedestrian")] == [0.7, 0.5]
+    assert made["chosen"]["judged"]["ap"] == min(row["judged"]["ap"] for row in each.values())
+    assert made["chosen"]["judged"]["kind"] == "object"
+    assert (made["question"]["classes"], made["question"]["combine"]) == (["vehicle", "pedestrian"], "worst")
+    assert made["provenance"]["network"] == "classes/tjunction"
+    assert made["provenance"]["search_fidelity"] == "coverage"
+    assert [row["label"] for row in made["by_class"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]
+    for name, row in each.items():
+        judged = row["judged"]
+        assert f"  {name:<10} AP {judged['ap']:.3f} ({judged['low']:.3f} to {judged['high']:.3f}) at IoU" in out
+    assert "AP of each class with the chosen set" in (tmp_path / "out" / "report.html").read_text()

@@ -211,3 +211,44 @@ def test_links_too_small_for_every_candidate_are_named(tmp_path, run):
     assert out.startswith("none may be built: The links exclude 6 of 6 candidates: the least that any of these sends")
     code, out, _ = run("search", poor, *arguments, "--json")
     assert json.loads(out)["sensors"] == []
+
+
+def test_classes_are_weighed(run, tmp_path):
+    asked = ("search", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 6, "--fidelity", "coverage")
+    classes = ("--classes", "pedestrian", "vehicle", "--class-weights", 1, 3)
+    code, out, _ = run(*asked, *classes, "--cache", tmp_path, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["provenance"]["classes"]["weights"] == [0.75, 0.25]
+    assert found["ap"] == pytest.approx(0.75 * found["class_ap"]["vehicle"] + 0.25 * found["class_ap"]["pedestrian"])
+    code, out, _ = run(*asked, *classes, "--cache", tmp_path, "--method", "cpsat")
+    assert code == 0
+    assert " of the mean of 0.75 vehicle and 0.25 pedestrian has 1 view(s) of 20 points or more from {" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("--classes", "vehicle", "--class-weights", 1, 2),
+            "--class-weights needs a weight for each of vehicle,",
+        ),
+        (("--classes", "vehicle", "heavy", "--class-weights", 1, 0), "a weight above 0 for each of"),
+        (("--classes", "vehicle", "heavy", "--class-weights", 1, 2, "--combine", "worst"), "the worst class takes no"),
+        (("--classes", "vehicle", "vehicle"), "classes must be one or several different ones"),
+        (("--small-iou", 0), "--small-iou must lie above 0 and at most at 1, got 0"),
+        (("--classes", "vehicle", "cyclist"), "coview surrogate fits one"),
+        (("--classes", "vehicle", "cyclist", "--fidelity", "detector"), "knows vehicle only, not cyclist"),
+        (("--surrogate", "none.json"), "no surrogate none.json: fit one with coview surrogate"),
+        (("--table", "none.npz"), "a table is for fidelity table, got 'surrogate'"),
+        (("--fidelity", "table", "--candidates", "paper", "--table", "none.npz"), "no table 'none.npz'"),
+    ],
+)
+def test_classes_that_do_not_fit_are_refused(arguments, message, refused, tmp_path):
+    assert message in refused("search", "tjunction", "--frames", 2, "--cache", tmp_path, *arguments)
+
+
+def test_a_class_that_never_comes_is_named(refused, tmp_path):
+    asked = ("search", "tjunction", "--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "coverage")
+    said = refused(*asked, "--classes", "vehicle", "heavy", "--seed", 1, "--cache", tmp_path)
+    assert "there is no heavy to find in these frames: take more of them" in said

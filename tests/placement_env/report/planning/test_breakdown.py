@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from placement_env.classes import Classes
+from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.breakdown import (
     by_approach,
     by_class,
@@ -12,6 +14,7 @@ from placement_env.report.planning.breakdown import (
     fused_cloud,
     scored_boxes,
 )
+from placement_env.report.planning.judging import Judge
 
 
 @pytest.fixture
@@ -73,3 +76,17 @@ def test_classes_are_seen_or_not(street):
 def test_the_cloud_of_no_sensor(street):
     assert fused_cloud(street.detected, (), 0).shape == (0, 3)
     assert fused_cloud(street.detected, (0, 2), 0).shape == (100, 3)
+
+
+def test_groups_of_several_classes_are_combined(street):
+    old = street.detected
+    judge = Judge(Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "pedestrian"))), 0)
+    scored = scored_boxes(judge, (0, 2))
+    assert scored.truth_label.tolist() == [0, 0, 0, 0, 2] * 8
+    assert scored.label.tolist() == [0] * 32
+    rows = by_group(scored, ["walker", "cars"], lambda boxes: (boxes[:, 3] > 1).astype(np.int64), 0)
+    assert (rows[0].judged.ap, rows[0].judged.vehicles) == (0.0, 8)
+    alone = by_group(scored_boxes(street.judge, (0, 2)), ["cars"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
+    assert rows[1].judged.ap == alone[0].judged.ap
+    (together,) = by_group(scored, ["all"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
+    assert together.judged.ap == alone[0].judged.ap / 2

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.tally import Tally
-from placement_env.report.planning.judging import judgement
+from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.detector import Detected
+from placement_env.report.planning.judging import Judge, combined_judgement, judgement
+from toolkit.objects import Detections
 
 
 def test_a_set_is_judged_as_the_detector_scores_it(street):
@@ -43,3 +46,60 @@ def test_the_interval_holds_the_ap_and_depends_on_the_seed_alone():
     assert (first.low, first.high) != (other.low, other.high)
     assert 0 <= first.low <= first.ap <= first.high <= 1
     assert 0.05 < first.high - first.low < 0.6
+
+
+class Walkers:
+    """What the street's reader finds, and the walker in the first three frames."""
+
+    digest = "walkers"
+
+    def __init__(self, reader):
+        self.reader, self.calls = reader, 0
+
+    def __call__(self, points, /):
+        self.calls += 1
+        walker = Detections(np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2]))
+        return Detections.merge([self.reader(points), *([walker] if self.calls <= 3 else [])])
+
+
+@pytest.fixture
+def walked(street):
+    def make(classes):
+        old = street.detected
+        return Judge(Detected(old.renders, Walkers(old.detector), "early", classes=classes), 0)
+
+    return make
+
+
+@pytest.mark.parametrize("combine", ["mean", "worst"])
+def test_several_classes_are_judged_together_and_each_by_itself(walked, combine):
+    judge = walked(Classes(("vehicle", "pedestrian"), combine=combine))
+    (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
+    vehicle, walker = judge.by_class((0, 1))
+    assert (vehicle.label, vehicle.iou, vehicle.weight) == ("vehicle", 0.7, 0.5)
+    assert (walker.label, walker.iou, walker.weight) == ("pedestrian", 0.5, 0.5)
+    assert vehicle.judged.ap == 0.75
+    assert (walker.judged.ap, walker.judged.vehicles, walker.judged.kind) == (0.375, 8, "pedestrian")
+    assert (walker.judged.low, walker.judged.high) == (0.0, 0.75)
+    assert both.ap == {"mean": 0.5625, "worst": 0.375}[combine]
+    assert (both.vehicles, both.kind, both.precision) == (40, "object", 1.0)
+    assert both.ap == pytest.approx(float(judge.detected(np.array([[1, 1, 0, 0]], bool)).ap[0]), abs=1e-12)
+    if combine == "mean":  # vehicles are found alike in every frame, so all that varies is the walker
+        assert both.low == pytest.approx((0.75 + walker.judged.low) / 2)
+        assert both.high == pytest.approx((0.75 + walker.judged.high) / 2)
+
+
+def test_vehicles_alone_are_judged_as_ever(walked, street):
+    (mine,), (plain,) = (j.judge(np.array([[1, 1, 0, 0]], bool)) for j in (walked(VEHICLES), street.judge))
+    assert mine == plain
+    assert mine.kind == "vehicle"
+    assert [row.label for row in street.judge.by_class((0,))] == ["vehicle"]
+
+
+def test_classes_of_which_there_is_nothing(walked):
+    judge = walked(Classes(("vehicle", "heavy", "cyclist")))
+    assert judge.absent == ("cyclist", "heavy")
+    none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(4, np.int64))
+    some = Tally(np.array([0.9]), np.array([True]), np.array([1]), np.ones(4, np.int64))
+    found = combined_judgement([some, none], Classes(("vehicle", "heavy")), 0)
+    assert (found.ap, found.recall) == (0.25, 0.25)

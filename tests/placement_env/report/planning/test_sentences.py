@@ -66,7 +66,7 @@ def test_assumptions_follow_the_question():
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
-    only = Question(site=SITE, classes=Classes(("vehicle", "cyclist", "pedestrian", "heavy"), (3, 1, 1, 3)))
+    only = Question(site=SITE, classes=Classes(("vehicle", "cyclist", "pedestrian", "heavy"), (3.0, 1.0, 1.0, 3.0)))
     other = " ".join(assumptions(only, search_fidelity="coverage", detector="Reader", worth_sampled=True))
     assert "No AP is asked for" not in other
     assert "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and 0.38 heavy" in other

@@ -1,0 +1,55 @@
+"""coview surrogate: a file that coview search takes."""
+
+import json
+
+import pytest
+
+from placement_env.fidelity.hit_model import load_models
+
+QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early")
+
+
+def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
+    out, cache = tmp_path / "people.json", ("--cache", tmp_path / "cache")
+    asked = ("surrogate", "tjunction", "--detector", "classes/tjunction", "--classes", "vehicle", "pedestrian")
+    code, said, err = run(*asked, *QUICK, "--out", out, *cache, "--json")
+    assert code == 0, err
+    models = load_models(out)
+    assert [(model.label, model.scheme, model.iou) for model in models] == [
+        ("vehicle", "early", 0.7), ("vehicle", "early", 0.8), ("vehicle", "early", 0.9), ("pedestrian", "early", 0.5),
+    ]  # fmt: skip
+    assert "seed 1000, 10 sets, detector classes/tjunction" in models[0].source
+    rows = json.loads(said)
+    assert [row["label"] for row in rows] == [model.label for model in models]
+    assert all(0 <= row["rms"] < 0.3 for row in rows)
+    assert "--overwrite" in refused(*asked, *QUICK, "--out", out, *cache)
+
+    search = ("search", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 6, *cache)
+    both = ("--classes", "vehicle", "pedestrian", "--combine", "worst", "--surrogate", out)
+    code, said, err = run(*search, *both, "--json")
+    assert code == 0, err
+    best = json.loads(said)
+    assert set(best["class_ap"]) == {"vehicle", "pedestrian"}
+    assert best["ap"] == min(best["class_ap"].values())
+    assert best["provenance"]["classes"]["combine"] == "worst"
+    code, said, _ = run(*search, *both)
+    assert "(vehicle " in said
+    assert "no surrogate of" in refused(*search, *both, "--classes", "vehicle", "cyclist")
+    assert "for fidelity surrogate, got 'coverage'" in refused(*search, *both, "--fidelity", "coverage")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--frames", 0), "--frames must be at least 1"),
+        (("--poses", 10**6), "poses must be 0 to the"),
+        (("--detector", "cluster"), "detector cluster learns from a recording"),
+        (("--classes", "vehicle", "heavy"), "knows vehicle only, not heavy"),
+        (("--small-iou", 50), "--small-iou must lie above 0"),
+        (("--schemes", "middle"), "there is no fusion scheme"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message, refused, tmp_path):
+    asked = ("surrogate", "tjunction", "--out", tmp_path / "a.json", "--cache", tmp_path / "cache")
+    assert message in refused(*asked, *arguments)
+    assert not (tmp_path / "a.json").exists()

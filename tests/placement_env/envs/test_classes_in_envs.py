@@ -1,0 +1,96 @@
+"""Environments in which several classes of road users count; where vehicles alone do, nothing is there that was not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from placement_env.classes import VEHICLES, Classes
+from placement_env.envs.registration import register
+from placement_env.fidelity.coverage import Coverage
+from placement_env.objective import Objective
+from toolkit.objects import PEDESTRIAN, VEHICLE
+
+register()
+BOTH = Classes(("vehicle", "pedestrian"), combine="worst")
+SELECT = "coview/SensorSelect-v0"
+
+
+def mixed(plain: Objective) -> Objective:
+    """The same candidates, every third object being a pedestrian."""
+    assert plain.visibility is not None
+    labels = np.where(np.arange(60) % 3 == 0, PEDESTRIAN, VEHICLE)
+    seen = replace(plain.visibility, labels=labels)
+    return Objective.of(plain.candidates, Coverage(seen, classes=BOTH), "early", site=plain.site, visibility=seen)
+
+
+def test_rewards_add_up_to_the_worst_class(objective: Any) -> None:
+    made = mixed(objective())
+    env = gym.make(SELECT, objective=made, budget=3)
+    _, info = env.reset(seed=0)
+    assert info["class_ap"] == {"vehicle": 0.0, "pedestrian": 0.0}
+    total = 0.0
+    for action in (0, 3, 4):
+        _, reward, _, _, info = env.step(action)
+        total += float(reward)
+    score = made.score([0, 3, 4])
+    assert total == pytest.approx(score.reward)
+    assert info["ap"] == score.ap == min(info["class_ap"].values())
+    assert info["class_ap"] == score.class_ap
+    assert info["class_ap"]["vehicle"] != info["class_ap"]["pedestrian"]
+
+
+def test_vehicles_alone_have_the_observations_and_info_they_had(objective: Any) -> None:
+    plain, several = gym.make(SELECT, objective=objective()), gym.make(SELECT, objective=mixed(objective()))
+    first, info = plain.reset(seed=1)
+    other, more = several.reset(seed=1)
+    assert set(more) - set(info) == {"class_ap"}
+    assert "class_ap" not in plain.step(0)[4]
+    assert first.shape == other.shape
+    assert plain.observation_space == several.observation_space
+
+
+def test_vector_environments_say_what_scalar_ones_say(objective: Any) -> None:
+    made = mixed(objective())
+    vector = gym.make_vec(SELECT, num_envs=3, vectorization_mode="vector_entry_point", objective=made)
+    alone = gym.make(SELECT, objective=made)
+    vector.reset(seed=0)
+    alone.reset(seed=0)
+    _, rewards, _, _, infos = vector.step(np.array([0, 2, 4]))
+    _, reward, _, _, info = alone.step(0)
+    assert rewards[0] == reward
+    for name in BOTH.names:
+        assert infos["class_ap"][name][0] == info["class_ap"][name]
+        assert infos["class_ap"][name][1] == made.score([2]).class_ap[name]
+    assert infos["_class_ap"].all()
+
+
+def test_classes_by_name_at_a_site() -> None:
+    settings: dict[str, Any] = {"site": "tjunction", "fidelity": "coverage", "frames": 6}
+    env = gym.make(SELECT, classes=("pedestrian", "vehicle"), **settings)
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(3)
+    expected = Objective("tjunction", 6, fidelity="coverage", classes=("vehicle", "pedestrian")).score([3])
+    assert (reward, info["class_ap"]) == (expected.reward, expected.class_ap)
+    pose = gym.make("coview/SensorPose-v0", classes=BOTH, budget=1, **settings)
+    _, info = pose.reset(seed=0)
+    assert set(info["class_ap"]) == {"vehicle", "pedestrian"}
+    _, _, _, _, info = pose.step(np.ones(3, np.float32))
+    assert info["ap"] == min(info["class_ap"].values())
+
+
+def test_what_does_not_fit_is_refused(objective: Any) -> None:
+    with pytest.raises(ValueError, match="there is no class 'tram'"):
+        gym.make(SELECT, classes=("tram",))
+    with pytest.raises(ValueError, match="keeps its classes: give them to the objective"):
+        gym.make(SELECT, objective=objective(), classes=("pedestrian",))
+    with pytest.raises(ValueError, match=r"no surrogate of classes.tjunction for early at IoU 0\.5 of pedestrian"):
+        gym.make(SELECT, classes=("vehicle", "pedestrian"), site="tjunction")
+    with pytest.raises(ValueError, match="holds vehicle, not heavy"):
+        gym.make(SELECT, classes=("heavy",), fidelity="table")
+    gym.make(SELECT, objective=mixed(objective()), classes=BOTH)
+    gym.make(SELECT, objective=mixed(objective()), classes=VEHICLES)
