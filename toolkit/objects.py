@@ -136,7 +136,7 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
     if unknown:
         raise ValueError(
             f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take one trained on all of "
-            "them, such as the weights classes/tjunction, or leave these classes out"
+            "them, such as the weights tjunction, or leave these classes out"
         )
 
 

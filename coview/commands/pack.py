@@ -70,7 +70,7 @@ def pack(
         with progress_bar("site", random_sites, hidden=json) as bar:
             total = random_recordings_file(
                 random_sites, frames or FRAMES, seed, out, encode=drawn_file, join=join_packed, workers=workers,
-                progress=bar.to, fleet=None if fleet == "catalogue" else fleet_named(fleet), overwrite=overwrite,
+                progress=bar.to, fleet=fleet_named(fleet), overwrite=overwrite,
             )  # fmt: skip
     else:
         with ExitStack() as stack:

@@ -34,7 +34,7 @@ def surrogate(
 ) -> int:
     """Fit a surrogate of a detector at a site, a model for each scheme, class and IoU threshold.
 
-    Example: coview surrogate tjunction --detector classes/tjunction --classes vehicle pedestrian --out people.json
+    Example: coview surrogate tjunction --detector tjunction --classes vehicle pedestrian --out people.json
 
     Args:
         site: tjunction, roundabout, or a site file.

@@ -13,7 +13,7 @@ import numpy as np
 from placement_env.checks import check_whole
 from toolkit.arrays import Bool
 from toolkit.bodies.body import Body
-from toolkit.bodies.fleet import catalogue
+from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import centred_in
 from toolkit.sites.site import Site
@@ -59,13 +59,14 @@ class Traffic:
 def simulate_traffic(
     site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
 ) -> Traffic:
-    """`frames` frames of simulated traffic; bodies: None for `catalogue()`. Same seed, same frames.
+    """`frames` frames of simulated traffic; bodies: that come again and again, None for everyone drawn afresh. Same
+    seed, same frames.
 
     Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
     """
     check_whole("frames", frames, least=1)
-    bodies = catalogue() if bodies is None else bodies
-    return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed)))
+    drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
+    return Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None)))
 
 
 @lru_cache(maxsize=2)

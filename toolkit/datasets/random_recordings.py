@@ -52,14 +52,14 @@ class Failed:
 def random_recording(
     seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
 ) -> RandomRecording:
-    """Recording `number` of a seed: a random junction, three to ten random sensors, the bodies of training each a
-    little stretched, traffic, noise-free measurements.
+    """Recording `number` of a seed: a random junction, three to ten random sensors, traffic, noise-free measurements.
 
-    threads: of the ray casting; fleet: bodies in place of those of training.
+    threads: of the ray casting; fleet: None for everyone drawn afresh; of one that draws nobody each body is stretched
+    a little.
     Raises what drawing the site and SUMO raise.
     """
     from toolkit.bodies.body import vary
-    from toolkit.bodies.fleet import catalogue
+    from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.random import random_sensors, random_site
     from toolkit.traffic.snapshots import simulate
@@ -67,8 +67,11 @@ def random_recording(
     rng = np.random.default_rng([seed, number])
     site = random_site(rng)
     sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
-    bodies = tuple(vary(body, rng) for body in catalogue()) if fleet is None else fleet.bodies(frames, rng)
-    snapshots = simulate(site, bodies, frames=frames, seed=rng, once=fleet is not None)
+    fleet = fleet_named() if fleet is None else fleet
+    bodies = fleet.bodies(frames, rng)
+    if not fleet.drawn:
+        bodies = tuple(vary(body, rng) for body in bodies)
+    snapshots = simulate(site, bodies, frames=frames, seed=rng, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=threads)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
@@ -176,8 +179,9 @@ class _FileJob:
 
 def _described(fleet: Fleet | None) -> str:
     """What must be equal for two fleets to be the same."""
-    if fleet is None:
-        return "that of training"
+    from toolkit.bodies.fleet import fleet_named
+
+    fleet = fleet_named() if fleet is None else fleet
     bodies = sha256()
     for body in fleet.fixed:
         bodies.update(f"{body.name} {body.label} {body.size}".encode() + body.vertices.tobytes())
@@ -201,8 +205,6 @@ class _Job:
 
     def __call__(self, number: int) -> Any:
         try:
-            if self.fleet is None:
-                return self.encode(random_recording(self.seed, number, self.frames))
             return self.encode(random_recording(self.seed, number, self.frames, fleet=self.fleet))
         except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
             return Failed(number, f"{type(error).__name__}: {error}")

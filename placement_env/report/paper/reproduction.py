@@ -30,6 +30,7 @@ from placement_env.report.paper.regions import benchmark_experiment, region_expe
 from placement_env.report.paper.scheme_table import scheme_experiment, scheme_runs
 from placement_env.report.paper.set_table import set_experiment
 from placement_env.report.paper.stored import StoredDetections, detect_runs
+from toolkit.bodies.fleet import fleet_named
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.provenance import coview_version
@@ -139,7 +140,10 @@ def test_recording(
     path = out / f"recording_{frames}.hdf5"
     tell = None if progress is None else partial(_simulated, progress, frames)
     try:
-        simulate_dataset(load_site(site), frames=frames, seed=SEEDS[site], out=path, workers=workers, progress=tell)
+        simulate_dataset(
+            load_site(site), frames=frames, seed=SEEDS[site], out=path, workers=workers, progress=tell,
+            fleet=fleet_named("catalogue"),
+        )  # fmt: skip
     except FileExistsError:
         raise FileExistsError(
             f"{path} is not the test recording, or damaged: remove it, or give another --out"

@@ -36,7 +36,7 @@ def main() -> None:
 
     import torch
 
-    from models import load_detector, load_site_detector
+    from models.detector import load_detector, load_site_detector
     from toolkit.datasets.dataset import CoopDataset
 
     torch.set_num_threads(1)

@@ -162,7 +162,7 @@ def test_a_network_of_vehicles_alone_refuses_other_classes(recording, tmp_path, 
 
 
 def test_a_network_of_four_classes_has_them_all_by_default(recording, tmp_path, run):
-    arguments = ("--detector", "classes/tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
+    arguments = ("--detector", "tjunction", "--frames", 1, "--schemes", "early", "--iou", 0.5, "--json")
     code, out, err = run("evaluate", recording, *arguments, "--out", tmp_path)
     assert code == 0, err
     assert [row["label"] for row in json.loads(out)["rows"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]

@@ -11,14 +11,14 @@ QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early")
 
 def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     out, cache = tmp_path / "people.json", ("--cache", tmp_path / "cache")
-    asked = ("surrogate", "tjunction", "--detector", "classes/tjunction", "--classes", "vehicle", "pedestrian")
+    asked = ("surrogate", "tjunction", "--detector", "tjunction", "--classes", "vehicle", "pedestrian")
     code, said, err = run(*asked, *QUICK, "--out", out, *cache, "--json")
     assert code == 0, err
     models = load_models(out)
     assert [(model.label, model.scheme, model.iou) for model in models] == [
         ("vehicle", "early", 0.7), ("vehicle", "early", 0.8), ("vehicle", "early", 0.9), ("pedestrian", "early", 0.5),
     ]  # fmt: skip
-    assert "seed 1000, 10 sets, detector classes/tjunction" in models[0].source
+    assert "seed 1000, 10 sets, detector tjunction" in models[0].source
     rows = json.loads(said)
     assert [row["label"] for row in rows] == [model.label for model in models]
     assert all(0 <= row["rms"] < 0.3 for row in rows)

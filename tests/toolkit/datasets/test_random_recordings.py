@@ -34,7 +34,8 @@ def test_a_recording_is_whole(recording):
     assert any(len(frame.objects) for frame in recording.frames)
 
 
-def test_bodies_are_those_of_training_a_little_stretched(recording):
+def test_bodies_that_are_not_drawn_are_a_little_stretched():
+    recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in recording.frames])
     training = np.array([body.size for body in catalogue() if body.label == VEHICLE])
     assert not {body.name for body in catalogue()} & set(HELD_OUT)
@@ -50,7 +51,8 @@ def test_seed_and_number_decide(recording):
 
 
 def test_what_fails_is_left_out_with_a_note(recording, monkeypatch):
-    def drawn(seed, number, frames):
+    def drawn(seed, number, frames, *, fleet):
+        assert fleet is None
         if number == 1:
             raise ValueError("no road")
         return recording
@@ -74,9 +76,9 @@ def test_the_number_of_workers_changes_nothing():
     assert alone == helped
 
 
-def test_a_fleet_takes_the_place_of_the_bodies_of_training():
+def test_everyone_is_drawn_afresh():
     own = fleet_named("own")
-    first, again = (random_recording(seed=4, number=1, frames=2, fleet=own) for _ in range(2))
+    first, again = (random_recording(seed=4, number=1, frames=2, fleet=fleet) for fleet in (None, own))
     (third,) = random_recordings(1, 2, 4, digest, workers=1, fleet=own)
     assert digest(first) == digest(again)
     assert third == digest(random_recording(seed=4, number=0, frames=2, fleet=own))
@@ -90,7 +92,7 @@ class Noted:
     def __init__(self, kill_at=None):
         self.numbers, self.kill_at = [], kill_at
 
-    def __call__(self, seed, number, frames):
+    def __call__(self, seed, number, frames, *, fleet):
         if number == self.kill_at:
             raise KeyboardInterrupt
         if number == 2:
@@ -118,8 +120,8 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch)
     assert not out.exists()
     with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
         random_recordings_file(5, 4, 8, out, **settings)
-    with pytest.raises(FileExistsError, match="fleet that of training instead of 0 "):
-        random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("own"))
+    with pytest.raises(FileExistsError, match="fleet 0 .* instead of 47 "):
+        random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("catalogue"))
     monkeypatch.setattr(module, "random_recording", second)
     done = []
     with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from toolkit.bodies.body import tight
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.datasets.readings import read_frame
@@ -213,7 +214,7 @@ class Rendered:
     site, sensors = SITE, POSTS
 
     def __init__(self, frames: int = 3) -> None:
-        rng, bodies = np.random.default_rng(5), catalogue()
+        rng, bodies = np.random.default_rng(5), tuple(map(tight, catalogue()))
         renderer = Renderer(SITE, bodies, POSTS, threads=1)
         self.empty = Frame(POSTS, tuple(renderer.background), Objects.empty())
         self.frames = []
