@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
+FEWEST_PARKED, MOST_PARKED = 4, 20  # vehicles a recording has at most, drawn
 _NOTE = b"left out "  # begins the file of a recording that failed
 _LONGEST_NOTE = 4096
 _Made = TypeVar("_Made")
@@ -62,7 +63,7 @@ def random_recording(
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.random import random_sensors, random_site
-    from toolkit.traffic.snapshots import simulate
+    from toolkit.traffic.snapshots import MOST_OBJECTS, simulate
 
     rng = np.random.default_rng([seed, number])
     site = random_site(rng)
@@ -71,7 +72,9 @@ def random_recording(
     bodies = fleet.bodies(frames, rng)
     if not fleet.drawn:
         bodies = tuple(vary(body, rng) for body in bodies)
-    snapshots = simulate(site, bodies, frames=frames, seed=rng, once=bool(fleet.drawn))
+    parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
+    most = MOST_OBJECTS * 4 // 5 + parked
+    snapshots = simulate(site, bodies, frames=frames, seed=rng, most=most, parked=parked, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=threads)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)

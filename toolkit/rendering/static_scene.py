@@ -136,6 +136,14 @@ def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
     return merge([_strip(np.stack(rings)), Mesh(top, cap)])
 
 
+def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
+    """A dense core, and sprays of leaves over it."""
+    middle = solid.footprint.mean(axis=0)
+    core = Solid(middle + 0.75 * (solid.footprint - middle), solid.base, solid.base + 0.8 * (solid.top - solid.base))
+    leaves = Solid(middle + 0.85 * (solid.footprint - middle), solid.base, solid.top - LEAF / 3)
+    return merge([_hedge(core, rng), _crown(leaves, rng)])
+
+
 def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
     """Sprays of leaves, most near the outline of the crown, so that some rays pass."""
     polygon = shapely.Polygon(solid.footprint)
@@ -155,6 +163,7 @@ def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
 _SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
     "building": _building,
     "hedge": _hedge,
+    "bush": _bush,
     "tree": _crown,
 }
 

@@ -166,7 +166,7 @@ def poles(
     """Mounts `prefix`00, `prefix`01, ... that stand on the ground, usable from 3 m up to `top` m."""
     mounts = []
     for i, (x, y) in enumerate(places):
-        foot = np.array([x, y, _ground(relief, x, y)])
+        foot = np.array([x, y, *_ground(relief, np.array([[x, y]]))])
         mounts.append(Mount(f"{prefix}{i:02}", foot, 3.0, top, price, capacity))
     return mounts
 
@@ -174,17 +174,16 @@ def poles(
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Solids made for level ground, lifted by the ground under the middle of each; what stands on the ground (base 0)
     reaches 0.3 m into it, so that no gap shows."""
-    settled = []
-    for solid in solids:
-        lift = _ground(relief, *solid.footprint.mean(axis=0))
+    solids, settled = list(solids), []
+    lifts = _ground(relief, np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2))
+    for solid, lift in zip(solids, lifts.tolist(), strict=True):
         base = -0.3 if solid.base == 0 else solid.base
         settled.append(replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3)))
     return tuple(settled)
 
 
-def _ground(relief: Relief, x: float, y: float) -> float:
-    level = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(np.array([x, y]))
-    return round(float(level), 3)
+def _ground(relief: Relief, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+    return Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(places).round(3)
 
 
 def _surface(lanes: Outlines, footways: Outlines) -> shapely.Geometry:

@@ -151,6 +151,19 @@ def road_polygons(
     return within_window(lanes, window), within_window(footways, window)
 
 
+def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
+    """The strips of a net.xml text that nobody may use, by edge: middle line (k, 2) as its traffic goes, width (m)."""
+    root = ElementTree.fromstring(network)
+    unused = [
+        (str(edge.get("id")), lane)
+        for edge in root.iter("edge")
+        if edge.get("function", "normal") == "normal"
+        for lane in edge.iter("lane")
+        if not _users(lane)
+    ]
+    return {edge: (_coordinates(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
+
+
 def _users(lane: ElementTree.Element) -> set[str]:
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())

@@ -18,33 +18,47 @@ from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
-from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, street
+from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.surroundings import Road, furnish, place_mounts
+from toolkit.sites.street.bays import ANGLES, Strip
+from toolkit.sites.street.furnishing import furnish
+from toolkit.sites.street.works import CLOSED_LANE
+from toolkit.sites.surroundings import Road, place_mounts
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
-POSTED = 2.3  # width of a strip of parking bays (m)
+LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang
+_LOW_MOUNTS = 0.35  # share of the mounts on which a sensor may hang at eye level
+_STEEPEST = np.deg2rad(35.0)
+
+
+@dataclass(frozen=True)
+class Shoulder:
+    """A strip between lanes and footway on which nobody drives: width (m, 0: none), and the angle of the bays on it
+    (degrees, 0: along the kerb; None: road works instead of bays)."""
+
+    width: float = 0.0
+    angle: int | None = None
 
 
 @dataclass(frozen=True)
 class Leg:
     """One road that meets the junction: path (k, 2) from the junction outwards; lanes towards it and away from it
-    (0: one-way); widths of a lane, of the footway and of the parking strip on either side (m)."""
+    (0: one-way); widths of a lane and of the footway (m); the shoulders of its two directions."""
 
     path: Float64[np.ndarray, "k 2"]
     inbound: int
     outbound: int
     lane: float
     footway: float
-    parking: float
+    shoulders: tuple[Shoulder, Shoulder]
     speed: float
 
     @property
     def half_widths(self) -> tuple[float, float]:
         """From the path to the outer edge of the footway, left (inbound side) and right (outbound side), seen from the
         junction (m)."""
-        beside = self.footway + self.parking
-        left, right = (n * self.lane + beside if n else 0.0 for n in (self.inbound, self.outbound))
+        directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
+        left, right = (n * self.lane + self.footway + shoulder.width if n else 0.0 for n, shoulder in directions)
         return left, right
 
 
@@ -52,7 +66,9 @@ def random_site(rng: np.random.Generator | int) -> Site:
     """A junction drawn by `rng` (a generator or a seed); the same seed gives the same site.
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. At least
-    12 mounts, 1 to 10 default sensors on them. Raises ValueError where the seed is negative.
+    12 mounts, 1 to 10 default sensors on them. By chance there are avenues whose crowns hang over the road, vehicles
+    parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
+    Raises ValueError where the seed is negative.
     """
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
@@ -62,11 +78,17 @@ def random_site(rng: np.random.Generator | int) -> Site:
     is_roundabout = rng.random() < 0.25
     legs, network = _roundabout(rng) if is_roundabout else _crossroads(rng)
     lanes, footways = road_polygons(network, area)
-    road = Road(tuple(leg.path for leg in legs), tuple(leg.half_widths for leg in legs), lanes, footways)
+    strips = shoulders(network)
+    road = Road(
+        tuple(leg.path for leg in legs),
+        tuple(leg.half_widths for leg in legs),
+        lanes,
+        footways,
+        tuple(_ground(strip) for strip in strips.values()),
+    )
     relief = Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31)))
-    mounts = place_mounts(road, area, rng, at_least=12)
-    solids, forecourts = furnish(road, area, mounts, rng)
-    bays = np.concatenate([forecourts, *(_bays(leg, rng) for leg in legs)])
+    mounts = _with_low_ones(place_mounts(road, area, rng, at_least=12), rng)
+    solids, bays = furnish(road, area, mounts, rng, strips=strips, angles=_angles(legs))
     site = Site(
         name=name,
         area=area,
@@ -84,8 +106,9 @@ def random_site(rng: np.random.Generator | int) -> Site:
 
 
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
-    """`count` (None: 1 to 10) depth cameras and lidars on mounts of `site`, 3 to 10 m up, tilted 0 to 30° down, most of
-    them headed for the middle of the area. Cameras come first: d0, d1, ... then lidars l2, l3, ... in order of name.
+    """`count` (None: 1 to 10) depth cameras and lidars on mounts of `site`, `LOWEST` to `HIGHEST` m up as far as their
+    mounts allow, tilted the more the higher they hang (level at eye level, 35° at most), most of them headed for the
+    middle of the area. Cameras come first: d0, d1, ... then lidars l2, l3, ... in order of name.
 
     Raises ValueError where the site has no mounts or `count` is less than 1.
     """
@@ -107,13 +130,16 @@ def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None
 
 def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: np.random.Generator) -> Sensor:
     x, y, z = (float(c) for c in mount.position)
-    low = min(max(3.0, mount.min_height), mount.max_height)
-    z += rng.uniform(low, max(low, min(10.0, mount.max_height)))
+    low = min(max(LOWEST, mount.min_height), mount.max_height)
+    top = max(low, min(HIGHEST, mount.max_height))
+    height = rng.uniform(low, low + 1.5 if low < 2.0 and rng.random() < 0.6 else top)
+    z += min(height, top)
     size = site.area[2:] - site.area[:2]
     aim = rng.normal((site.area[:2] + site.area[2:]) / 2, size / 6)
     towards = np.arctan2(aim[1] - y, aim[0] - x) + rng.normal(0.0, np.deg2rad(15.0))
     heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
-    tilt = rng.uniform(0.0, np.deg2rad(30.0))
+    tilt = np.arctan2(height, rng.uniform(10.0, 45.0)) + rng.normal(0.0, np.deg2rad(2.0))
+    tilt = float(np.clip(tilt, 0.0, _STEEPEST))
     if is_lidar:
         return Sensor(name, _random_lidar(rng), pose(x, y, z, yaw=heading, pitch=tilt / 3))
     return Sensor(name, _random_camera(rng), look((x, y, z), heading, tilt))
@@ -203,11 +229,11 @@ def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, mos
         bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH) ** 2
         ahead = np.array([np.cos(direction), np.sin(direction)])
         path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
-        parking = POSTED if rng.random() < 0.3 else 0.0
+        beside = _shoulder(rng), _shoulder(rng)
         inbound, outbound = (int(n) for n in lanes)
         walk = round(float(np.clip(footway + rng.uniform(-0.5, 0.5), 1.5, 4.0)), 2)
         speed = round(float(rng.choice([8.3, 11.1, 13.9])), 1)
-        legs.append(Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, parking, speed))
+        legs.append(Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, beside, speed))
     return tuple(legs)
 
 
@@ -218,29 +244,47 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
     """The edges of a leg: towards the junction, away from it, or both."""
     rows: list[XmlAttributes] = []
-    for count, name, start, end, path in (
-        (leg.inbound, f"in{number}", f"e{number}", junction, leg.path[::-1]),
-        (leg.outbound, f"out{number}", junction, f"e{number}", leg.path),
+    for count, shoulder, name, start, end, path in (
+        (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
+        (leg.outbound, leg.shoulders[1], f"out{number}", junction, f"e{number}", leg.path),
     ):
         if count:
-            lanes = street(count, width=leg.lane, footway=leg.footway, shoulder=leg.parking, speed=leg.speed)
+            lanes = street(count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed)
             rows.append(
                 {"id": name, "from": start, "to": end, "shape": line(path), "priority": priority, "lanes": lanes}
             )
     return rows
 
 
-def _bays(leg: Leg, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
-    """Bays in a leg's parking strips, some of them taken: x, y, yaw."""
-    rows = [np.zeros((0, 3))]
-    path = shapely.LineString(leg.path)
-    for lanes, side in ((leg.inbound, 1), (leg.outbound, -1)) if leg.parking else ():
-        if not lanes:
-            continue
-        at = np.arange(45.0, 85.0, 6.2)
-        at = at[rng.random(len(at)) < 0.6]
-        here, ahead = (shapely.get_coordinates(path.interpolate(s)).reshape(-1, 2) for s in (at, at + 0.5))
-        yaw = np.arctan2(*(ahead - here).T[::-1])
-        across = side * (lanes * leg.lane + leg.parking / 2) * np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
-        rows.append(np.column_stack([here + across, yaw + (np.pi if side > 0 else 0.0)]).round(4))
-    return np.concatenate(rows)
+def _shoulder(rng: np.random.Generator) -> Shoulder:
+    """Nothing, bays, or a lane closed for works."""
+    use = rng.random()
+    if use < 0.5:
+        return Shoulder()
+    if use > 0.9:
+        return Shoulder(round(float(rng.uniform(*CLOSED_LANE)), 2))
+    angle = int(rng.choice(list(ANGLES), p=[0.55, 0.15, 0.15, 0.15]))
+    return Shoulder(ANGLES[angle], angle)
+
+
+def _angles(legs: Sequence[Leg]) -> dict[str, int]:
+    """The angle of the bays by edge, where there are bays (degrees)."""
+    angles: dict[str, int] = {}
+    for i, leg in enumerate(legs):
+        for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
+            if shoulder.angle is not None:
+                angles[f"{way}{i}"] = shoulder.angle
+    return angles
+
+
+def _ground(strip: Strip) -> Float64[np.ndarray, "_ 2"]:
+    """The outline of a strip of a road."""
+    line, width = strip
+    surface = shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre")
+    return shapely.get_coordinates(surface)[:-1]
+
+
+def _with_low_ones(mounts: Sequence[Mount], rng: np.random.Generator) -> tuple[Mount, ...]:
+    """Some of the mounts made usable from `LOWEST` m up."""
+    low = rng.random(len(mounts)) < _LOW_MOUNTS
+    return tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))

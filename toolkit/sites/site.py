@@ -19,7 +19,8 @@ from toolkit.geometry import check_pose
 from toolkit.sensors.sensor import Sensor
 
 KINDS = (
-    *("building", "wall", "fence", "hedge", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
+    *("building", "wall", "fence", "hedge", "bush", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
+    *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine"),
     *("kerb", "island", "pond"),
 )
 EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file

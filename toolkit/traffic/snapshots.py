@@ -4,7 +4,7 @@ As in the paper's dataset, what is spawned is a car, a two-wheeler or a pedestri
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its
 place. Frames lie 5 s apart. Classes without bodies, or without lanes of their own near the area (pedestrians, where
 there is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are not spawned but
-drawn for the bays; they count among the 30 and stay longer.
+drawn for the bays; they count among the 30, a fifth of them at most unless said otherwise, and stay longer.
 """
 
 from __future__ import annotations
@@ -60,10 +60,12 @@ def simulate(
     seed: int | np.random.Generator,
     interval: float = INTERVAL,
     most: int = MOST_OBJECTS,
+    parked: int | None = None,
     once: bool = False,
 ) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
 
+    parked: how many of these are parked vehicles at most, a fifth when None;
     once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
     pedestrians walk in groups then.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
@@ -79,7 +81,11 @@ def simulate(
         raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} s, got {interval}")
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    return _run(site, bodies, frames, np.random.default_rng(seed), interval=interval, most=most, once=once)
+    parked = most // 5 if parked is None else parked
+    if not 0 <= parked <= most:
+        raise ValueError(f"parked must lie in 0..most {most}, got {parked}")
+    rng = np.random.default_rng(seed)
+    return _run(site, bodies, frames, rng, interval=interval, most=most, most_parked=parked, once=once)
 
 
 def _run(
@@ -90,11 +96,12 @@ def _run(
     *,
     interval: float,
     most: int,
+    most_parked: int,
     once: bool,
 ) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
     supply = Supply(len(bodies), once)
-    parked = Parked.draw(site, obstacles, types, rng, ids, most=most // 5, supply=supply)
+    parked = Parked.draw(site, obstacles, types, rng, ids, most=most_parked, supply=supply)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
         spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids), supply=supply)
         spawner.advance(WARM_UP)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
+from toolkit.boxes import footprints
 from toolkit.datasets import random_recordings as module
 from toolkit.datasets.random_recordings import random_recording, random_recordings, random_recordings_file
 from toolkit.objects import VEHICLE
@@ -159,3 +161,18 @@ def test_numbers_that_are_none_are_refused_before_anything_is_written(count, fra
     with pytest.raises(ValueError, match="at least one site and one frame"):
         random_recordings_file(count, frames, seed, tmp_path / "x", encode=as_bytes, join=as_lines)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_what_moves_touches_nothing_that_stands(number):
+    """A minute and more of traffic at sites with works, crowns and bays: every body is clear of every solid."""
+    recording = random_recording(seed=12, number=number, frames=14)
+    solids = [solid for solid in recording.site.solids if solid.kind not in ("kerb", "island")]
+    tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
+    for frame in recording.frames:
+        boxes = frame.objects.boxes
+        rows, hits = tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")
+        tops = boxes[rows, 2] + boxes[rows, 5] / 2
+        assert all(solids[hit].base > top - 0.3 for hit, top in zip(hits, tops, strict=True))
+    parked = [len(frame.objects) for frame in recording.frames]
+    assert max(parked) <= 24 + module.MOST_PARKED

@@ -6,7 +6,8 @@ import shapely
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.geojson import document, dumps, parse
-from toolkit.sites.random import random_sensors, random_site
+from toolkit.sites.network import shoulders
+from toolkit.sites.random import HIGHEST, LOWEST, random_sensors, random_site
 from toolkit.sites.site import Site
 
 QUICK = range(5)
@@ -26,15 +27,21 @@ def check(site: Site, tmp_path) -> None:
     footways = union(site.footways).difference(lanes.buffer(0.02))
     assert lanes.intersection(shapely.box(*site.area)).area > 200
     assert footways.intersection(shapely.box(*site.area)).area > 50
-    for solid in site.solids:
-        assert shapely.Polygon(solid.footprint).intersection(lanes).area < 1e-3, solid
-    standing = union(s.footprint for s in site.solids if s.top - s.base > 0.5 and s.kind != "kerb")
-    assert standing.intersection(footways).area < 0.03 * footways.area
+    unused = shoulders(site.network).values()
+    strips = [shapely.LineString(line).buffer(width / 2, cap_style="flat") for line, width in unused]
+    driven = lanes.difference(shapely.union_all(strips).buffer(0.02))
+    low = [s for s in site.solids if s.base - site.ground(s.footprint.mean(axis=0)) < 2]
+    for solid in low:
+        assert shapely.Polygon(solid.footprint).intersection(driven).area < 1e-3, solid
+    crowns = [s for s in site.solids if s.kind == "tree" and shapely.Polygon(s.footprint).intersects(lanes)]
+    assert all(1.0 < s.base < s.top < 12.0 for s in crowns)
+    standing = union(s.footprint for s in low if s.top - s.base > 0.5 and s.kind != "kerb")
+    assert standing.intersection(footways).area < 0.06 * footways.area
     assert len(site.mounts) >= 12
     assert 1 <= len(site.sensors) <= 10
     for sensor in site.sensors:
         x, y, z = sensor.position
-        assert 2.9 <= z - site.ground(np.array([[x, y]]))[0] <= 10.1
+        assert LOWEST - 0.1 <= z - site.ground(np.array([[x, y]]))[0] <= HIGHEST + 0.1
         around = [s for s in site.solids if shapely.Polygon(s.footprint).distance(shapely.Point(x, y)) < 0.1]
         assert not [s for s in around if s.base <= z <= s.top], sensor.name
     bays = [shapely.Point(x, y).buffer(1.0) for x, y, _ in site.parking]
@@ -117,3 +124,42 @@ def test_number_of_sensors():
         random_sensors(site, 5, 0)
     with pytest.raises(ValueError, match="no mounts"):
         random_sensors(Site("bare", np.array([0.0, 0, 1, 1])), 5)
+
+
+def drawn(count):
+    return [random_site(seed) for seed in range(count)]
+
+
+def test_streets_hold_what_detectors_must_tell_from_vehicles():
+    """Over a dozen sites: crowns over the road, bays in it, works, and many things as big as cars."""
+    sites = drawn(12)
+    over_road, bays_in_road = [], []
+    for site in sites:
+        road = union(site.lanes)
+        crowns = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "tree"]
+        over_road.append(sum(road.intersects(crown) for crown in crowns))
+        bays_in_road.append(sum(road.contains(shapely.Point(bay[:2])) for bay in site.parking))
+    assert 5 <= sum(number > 10 for number in over_road) <= 11
+    assert sum(number > 5 for number in bays_in_road) >= 5
+    kinds = [{solid.kind for solid in site.solids} for site in sites]
+    assert sum("cone" in there or "barrier" in there for there in kinds) >= 5
+    bulky = {"container", "hedge", "bush", "cabinet", "planter", "heap", "machine", "shelter", "bin"}
+    assert np.mean([sum(s.kind in bulky for s in site.solids) for site in sites]) > 20
+
+
+def test_sensors_hang_from_eye_level_up_and_look_level_there():
+    rows = []
+    for site in drawn(6):
+        rng = np.random.default_rng(0)
+        for sensor in (s for _ in range(20) for s in random_sensors(site, rng) if isinstance(s.model, DepthCamera)):
+            height = sensor.position[2] - site.ground(sensor.position[None, :2])[0]
+            rows.append((height, np.rad2deg(-np.arcsin(sensor.pose[2, 2]))))
+    table = np.array(rows)
+    heights, tilts = table[:, 0], table[:, 1]
+    assert LOWEST - 0.01 < heights.min() < 1.8
+    assert 8.5 < heights.max() < HIGHEST + 0.01
+    assert 0.1 < np.mean(heights < 2.8) < 0.5
+    assert tilts.min() > -1e-6
+    assert tilts.max() < 35.1
+    assert np.median(tilts[heights < 2.2]) < 7
+    assert np.median(tilts[heights > 6]) > 12

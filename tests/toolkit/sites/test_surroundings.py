@@ -6,7 +6,7 @@ import shapely
 
 from toolkit.sites.furniture import rectangle
 from toolkit.sites.site import Mount, Solid
-from toolkit.sites.surroundings import LANE_CLEARANCE, MOUNT_CLEARANCE, Plot, Road, furnish, place_mounts
+from toolkit.sites.surroundings import LANE_CLEARANCE, MOUNT_CLEARANCE, Plot, Road, place_mounts
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
 ROAD = Road(
@@ -64,15 +64,11 @@ def test_mounts_stand_apart_beside_the_road_and_repeat(seed):
     assert [mount.position.tolist() for mount in again] == [mount.position.tolist() for mount in mounts]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed):
-    rng = np.random.default_rng(seed)
-    mounts = place_mounts(ROAD, AREA, rng)
-    solids, bays = furnish(ROAD, AREA, mounts, rng)
-    footprints = [shapely.Polygon(solid.footprint) for solid in solids]
-    assert {"building", "post"} <= {solid.kind for solid in solids}
-    assert max(footprint.intersection(ROAD.carriageway).area for footprint in footprints) < 1e-3
-    standing = [f for f, solid in zip(footprints, solids, strict=True) if solid.kind not in ("post", "kerb")]
-    assert min(f.distance(place) for f in standing for place in spots(mounts)) >= MOUNT_CLEARANCE - 0.02
-    parked = shapely.union_all([shapely.Point(x, y).buffer(1.0) for x, y, _ in bays])
-    assert parked.intersection(shapely.union_all(standing)).area < 1e-6
+def test_shoulders_may_be_built_on_and_driven_lanes_may_not():
+    road = Road(ROAD.paths, ROAD.half_widths, ROAD.lanes, ROAD.footways, [rectangle(-80.0, 0.0, 80.0, 3.5)])
+    plot = Plot(road, shapely.box(*AREA), [])
+    assert road.driven.area == pytest.approx(160 * 3.5, rel=0.01)
+    assert not plot.claim(shapely.box(0, 0.5, 4, 3), footway=True)
+    assert plot.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
+    assert not plot.claim(shapely.box(10, LANE_CLEARANCE / 2, 14, 3), shoulder=True)
+    assert not plot.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
