@@ -22,7 +22,10 @@ from toolkit.arrays import Float, Float64
 from toolkit.geometry import pose
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import projection
+from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, whole_road
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
+from toolkit.sites.opendrive import extract as opendrive
+from toolkit.sites.opendrive.standing import Standing, standing
 from toolkit.sites.osm import extract as osm
 from toolkit.sites.osm import roads as osm_roads
 from toolkit.sites.osm import solids as osm_solids
@@ -75,11 +78,13 @@ def import_opendrive(
     size: Sequence[float | int],
     name: str | None = None,
     heading: float = 0.0,
+    seed: int | None = None,
 ) -> Site:
     """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
 
-    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Mounts are made along the
-    kerbs. A georeference that names no projection is left out with a warning.
+    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Objects and signals become
+    solids and bays, mounts are made along the kerbs. `seed`: what the map is silent of is drawn from it; None leaves it
+    bare. A georeference that names no projection, what is left out and what is drawn is said in warnings.
     Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
@@ -105,7 +110,29 @@ def import_opendrive(
         map_SE3_site=map_SE3_site,
         geo_reference=geo_reference,
     )
-    return _finished(site, path, (x, y), [], lamps=np.zeros((0, 2)))
+    roads = opendrive.roads(path, window, level, SAME_LEVEL)
+    there = _in_frame(_understood(path, roads), map_SE3_site)
+    found = [lane for road in roads for lane in opendrive.lanes(road)]
+    shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
+    paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
+    walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
+    if not paved:
+        raise ValueError(_no_road(path, (x, y)))
+    reach = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    tracks, fillings = driven(site.network), corners(site.network)
+    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
+    parked = [lane for lane in found if lane.kind == "parking" and lane.width >= 1.8]
+    there.bays += [
+        bay
+        for lane in parked
+        for bay in bays_along(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site).coords)
+    ]
+    solids, notes = _off_the_road(there, reach, lanes, tracks)
+    steepest = opendrive.steepest(roads, opendrive.in_map(shapely.box(*area), map_SE3_site))
+    if steepest > 0.005:
+        notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
+    site = replace(site, lanes=lanes, footways=footways, parking=_bays(there, reach, solids, tracks))
+    return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
 
 
 def import_osm(
@@ -116,12 +143,14 @@ def import_osm(
     name: str | None = None,
     heading: float = 0.0,
     lefthand: bool = False,
+    seed: int | None = None,
 ) -> Site:
     """The site `size` (m along x and y) at `centre` (longitude, latitude) of an OpenStreetMap file (.osm, .osm.gz), x
     along `heading` (rad counter-clockwise from east).
 
     Roads, footways, buildings with heights, walls, fences, hedges, trees and lamp posts come from the map; mounts are
-    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. What the map holds and the site cannot
+    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. `seed`: what the map is silent of is
+    drawn from it, and said in a warning; None leaves it bare. What the map holds and the site cannot
     (tunnels, bridges over a road, buildings over a road) is left out with a warning.
     Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
     """
@@ -149,6 +178,7 @@ def import_osm(
     )
     window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
     lanes, footways = road_polygons(site.network, area)
+    street_lanes = _union(lanes)
     street = _union([*lanes, *footways])
     solids, cut = osm_solids.buildings(extract, window, street.buffer(0.1))
     houses = _union([solid.footprint for solid in solids])
@@ -158,9 +188,14 @@ def import_osm(
     beside = street.union(houses)
     solids += osm_solids.barriers(extract, window, beside) + osm_solids.trees(extract, window, beside)
     posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
-    for note in (*notes, *cut):
-        warnings.warn(f"{path.name}: {note}", stacklevel=2)
-    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, squares=squares)
+    walked = [shapely.Polygon(p).difference(street_lanes) for p in (*footways, *squares)]
+    paved = [shapely.Polygon(p) for p in lanes]
+    lanes, footways = whole_road(
+        paved, walked, driven(site.network), shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    )
+    site = replace(site, lanes=lanes, footways=footways)
+    said = [*notes, *cut]
+    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
 
 
 def _finished(
@@ -170,17 +205,16 @@ def _finished(
     solids: Sequence[Solid],
     *,
     lamps: np.ndarray,
-    squares: Sequence[np.ndarray] = (),
+    seed: int | None,
+    notes: Sequence[str],
 ) -> Site:
-    """`site` with its roads' surface, kerbs and mounts."""
-    lanes, footways = road_polygons(site.network, site.area)
-    carriageway = _union(lanes)
+    """`site`, which has lanes, footways and bays, with kerbs and mounts, and furnished where a seed is given."""
+    carriageway = _union(site.lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
-    beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
-    footways = within_window(beside, shapely.box(*site.area).buffer(REACH))
-    road = Road((), (), lanes, footways)
+    road = Road((), (), site.lanes, site.footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
+    walls = walls.union(_union([bay_outline(*bay) for bay in site.parking]).buffer(0.3))
     mounts = _lamp_mounts(lamps, road, site, walls)
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
@@ -188,15 +222,61 @@ def _finished(
         mounts += [
             replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
         ]
-    poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
-    stones = f.kerbs(lanes, footways)
-    return replace(
-        site,
-        lanes=lanes,
-        footways=footways,
-        solids=f.settle([*solids, *poles, *stones], Relief()),
-        mounts=tuple(mounts),
-    )
+    stones = kerbs(site.lanes, site.footways)
+    if seed is None:
+        poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
+        made = replace(site, solids=f.settle([*solids, *poles, *stones], Relief()), mounts=tuple(mounts))
+    else:
+        made, note = furnished(site, mounts, [*solids, *stones], seed)
+        notes = [*notes, note]
+    for note in notes:
+        warnings.warn(f"{path.name}: {note}", stacklevel=3)
+    return made
+
+
+def _understood(path: Path, roads: Sequence[opendrive.MapRoad]) -> Standing:
+    """What the map says stands there; ValueError that names the file where it is damaged."""
+    try:
+        return standing(roads)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _in_frame(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Standing:
+    """What stands there, in the site's frame."""
+    turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
+    yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
+    groups = [[replace(s, footprint=((s.footprint - origin) @ turn).round(3)) for s in g] for g in there.groups]
+    bays = [(*(np.array(bay[:2]) - origin) @ turn, bay[2] - yaw) for bay in there.bays]
+    lamps = [tuple((np.array(lamp) - origin) @ turn) for lamp in there.lamps]
+    return replace(there, groups=groups, bays=[(float(x), float(y), float(a)) for x, y, a in bays], lamps=lamps)
+
+
+def _off_the_road(
+    there: Standing, window: shapely.Geometry, lanes: Sequence[np.ndarray], tracks: shapely.Geometry
+) -> tuple[list[Solid], list[str]]:
+    """The solids within `window` that stand on no lane, and what is to be said of the map's objects."""
+    road = _union(lanes).union(tracks).buffer(-1e-3)
+    shapely.prepare(road)
+    shapes = [shapely.union_all([shapely.Polygon(s.footprint) for s in g]) for g in there.groups]
+    near = [(g, shape) for g, shape in zip(there.groups, shapes, strict=True) if g and shape.intersects(window)]
+    kept = [solid for g, shape in near if not road.intersects(shape) for solid in g]
+    stopped = sum(bool(road.intersects(shape)) for _, shape in near)
+    notes = [f"{stopped} objects or signals stand on the carriageway and were left out"] if stopped else []
+    if there.unknown:
+        listed = ", ".join(f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12])
+        notes.append(f"objects of types that are not known were left out: {listed}")
+    return kept, notes
+
+
+def _bays(
+    there: Standing, window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
+) -> Float64[np.ndarray, "n 3"]:
+    """The bays within `window` in which nothing stands and through which nobody drives."""
+    taken = _union([s.footprint for s in solids if s.kind not in ("island", "kerb")]).union(tracks.buffer(-0.3))
+    outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in there.bays]
+    free = [bay for bay, shape in outlines if window.contains(shape) and not taken.intersects(shape)]
+    return np.array(free, np.float64).reshape(-1, 3).round(4)
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
