@@ -24,7 +24,7 @@ CRACK = 0.3  # m, half the width of cracks between polygons of a map that are cl
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
 SLIVER = 0.2  # m, half the width of the thinnest footway that is kept
 THINNEST = 0.5  # m, half the width of the thinnest carriageway that is kept
-ISLET = 10.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
+ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
 KERB = (0.15, 0.12)  # m, width and height of kerbstones
 WIDEST = 3.5  # m, of the track a vehicle follows over a junction
 HIGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
@@ -81,6 +81,8 @@ def kerbs(lanes: Polygons, footways: Polygons) -> list[Solid]:
     """Kerbstones on the footway's side of every edge between lanes and footways, in pieces of at most 4 m."""
     carriageway = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
+    if walk.is_empty:
+        return []
     edge = shapely.intersection(walk.boundary, carriageway.buffer(0.02)).simplify(0.02)
     edge = shapely.line_merge(edge) if edge.geom_type == "MultiLineString" else edge
     solids = []
@@ -98,7 +100,8 @@ def kerbs(lanes: Polygons, footways: Polygons) -> list[Solid]:
 def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
     """Paths of the network's streets within `reach` m of the site's middle, and half their widths left and right (m).
 
-    A path runs along the left edge of one direction's lanes; its other direction is a path of its own.
+    A path runs along the lane nearest to the middle of the street, each direction's has its own; it goes straight on
+    for 130 m where its edge ends, since houses are drawn along 90 m.
     """
     paths, widths = [], []
     for edge in ElementTree.fromstring(network).iter("edge"):
@@ -108,9 +111,12 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
         line = shapely.LineString(_points(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
         for part in shapely.get_parts(line):
             if part.geom_type == "LineString" and part.length > 10.0:
-                across = sum(float(lane.get("width", 3.2)) for lane in lanes)
-                paths.append(shapely.get_coordinates(part))
-                widths.append((0.0, across - float(lanes[-1].get("width", 3.2)) / 2))
+                inner = float(lanes[-1].get("width", "3.2")) / 2
+                width = round(sum(float(lane.get("width", "3.2")) for lane in lanes) - inner, 3)
+                path = shapely.get_coordinates(part)
+                ahead = (path[-1] - path[-2]) / np.hypot(*(path[-1] - path[-2]))
+                paths.append(np.vstack([path, path[-1] + 130.0 * ahead]))
+                widths.append((width, width))
     return paths, widths
 
 

@@ -193,7 +193,9 @@ def import_osm(
     lanes, footways = whole_road(
         paved, walked, driven(site.network), shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
     )
-    site = replace(site, lanes=lanes, footways=footways)
+    taken = _union([solid.footprint for solid in (*solids, *posts)]).union(_union(lanes)).buffer(0.2)
+    bays = np.array(osm_solids.bays(extract, window, taken), np.float64).reshape(-1, 3)
+    site = replace(site, lanes=lanes, footways=footways, parking=bays)
     said = [*notes, *cut]
     return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
 

@@ -7,7 +7,7 @@ outline, a radius or a length and width. What is flat (crosswalks, markings) is 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from xml.etree import ElementTree
@@ -59,7 +59,7 @@ class Standing:
     unknown: Counter[str] = field(default_factory=Counter)
 
 
-def standing(roads: list[MapRoad]) -> Standing:
+def standing(roads: Sequence[MapRoad]) -> Standing:
     """All objects and signals of `roads`. Raises ValueError where a number among them is none."""
     found = Standing()
     for road in roads:
