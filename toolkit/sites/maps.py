@@ -7,7 +7,6 @@ sensor hangs there yet; mounts on lamp posts are real, mounts along the kerbs ar
 
 from __future__ import annotations
 
-import re
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -25,7 +24,8 @@ from toolkit.sites.georeference import projection
 from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, whole_road
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
 from toolkit.sites.opendrive import extract as opendrive
-from toolkit.sites.opendrive.standing import Standing, standing
+from toolkit.sites.opendrive import placed
+from toolkit.sites.opendrive.header import opendrive_header, usable
 from toolkit.sites.osm import extract as osm
 from toolkit.sites.osm import roads as osm_roads
 from toolkit.sites.osm import solids as osm_solids
@@ -35,7 +35,6 @@ from toolkit.sites.surroundings import POLE, Road, place_mounts
 REACH = 80.0  # m of road kept around the area, for traffic to enter
 SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
-NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in degrees there is no map in metres
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
 _LANE_TYPES = f"""<types>
@@ -89,7 +88,7 @@ def import_opendrive(
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
-    geo_reference = _usable(opendrive_header(path, (x, y)), path)
+    geo_reference = usable(opendrive_header(path, (x, y)), path)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
     with tempfile.TemporaryDirectory() as folder:
@@ -111,8 +110,8 @@ def import_opendrive(
         geo_reference=geo_reference,
     )
     roads = opendrive.roads(path, window, level, SAME_LEVEL)
-    there = _in_frame(_understood(path, roads), map_SE3_site)
-    found = [lane for road in roads for lane in opendrive.lanes(road)]
+    there = placed.in_frame(placed.understood(path, roads), map_SE3_site)
+    found = opendrive.surfaces(path, roads)
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
@@ -127,11 +126,11 @@ def import_opendrive(
         for lane in parked
         for bay in bays_along(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site).coords)
     ]
-    solids, notes = _off_the_road(there, reach, lanes, tracks)
+    solids, notes = placed.off_the_road(there, reach, lanes, tracks)
     steepest = opendrive.steepest(roads, opendrive.in_map(shapely.box(*area), map_SE3_site))
     if steepest > 0.005:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
-    site = replace(site, lanes=lanes, footways=footways, parking=_bays(there, reach, solids, tracks))
+    site = replace(site, lanes=lanes, footways=footways, parking=placed.free_bays(there, reach, solids, tracks))
     return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
 
 
@@ -236,51 +235,6 @@ def _finished(
     return made
 
 
-def _understood(path: Path, roads: Sequence[opendrive.MapRoad]) -> Standing:
-    """What the map says stands there; ValueError that names the file where it is damaged."""
-    try:
-        return standing(roads)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-
-
-def _in_frame(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Standing:
-    """What stands there, in the site's frame."""
-    turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
-    yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
-    groups = [[replace(s, footprint=((s.footprint - origin) @ turn).round(3)) for s in g] for g in there.groups]
-    bays = [(*(np.array(bay[:2]) - origin) @ turn, bay[2] - yaw) for bay in there.bays]
-    lamps = [tuple((np.array(lamp) - origin) @ turn) for lamp in there.lamps]
-    return replace(there, groups=groups, bays=[(float(x), float(y), float(a)) for x, y, a in bays], lamps=lamps)
-
-
-def _off_the_road(
-    there: Standing, window: shapely.Geometry, lanes: Sequence[np.ndarray], tracks: shapely.Geometry
-) -> tuple[list[Solid], list[str]]:
-    """The solids within `window` that stand on no lane, and what is to be said of the map's objects."""
-    road = _union(lanes).union(tracks).buffer(-1e-3)
-    shapely.prepare(road)
-    shapes = [shapely.union_all([shapely.Polygon(s.footprint) for s in g]) for g in there.groups]
-    near = [(g, shape) for g, shape in zip(there.groups, shapes, strict=True) if g and shape.intersects(window)]
-    kept = [solid for g, shape in near if not road.intersects(shape) for solid in g]
-    stopped = sum(bool(road.intersects(shape)) for _, shape in near)
-    notes = [f"{stopped} objects or signals stand on the carriageway and were left out"] if stopped else []
-    if there.unknown:
-        listed = ", ".join(f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12])
-        notes.append(f"objects of types that are not known were left out: {listed}")
-    return kept, notes
-
-
-def _bays(
-    there: Standing, window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
-) -> Float64[np.ndarray, "n 3"]:
-    """The bays within `window` in which nothing stands and through which nobody drives."""
-    taken = _union([s.footprint for s in solids if s.kind not in ("island", "kerb")]).union(tracks.buffer(-0.3))
-    outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in there.bays]
-    free = [bay for bay, shape in outlines if window.contains(shape) and not taken.intersects(shape)]
-    return np.array(free, np.float64).reshape(-1, 3).round(4)
-
-
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
     """A mount on every lamp post in and near the area, on a bracket towards the road."""
     mounts: list[Mount] = []
@@ -309,45 +263,6 @@ def _check_place(centre: Sequence[float | int], size: Sequence[float | int], hea
     if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
         raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size LENGTH WIDTH")
     return float(centre[0]), float(centre[1])
-
-
-def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
-    """The projection an OpenDRIVE file names; ValueError where it is none or `centre` is not in it."""
-    starts, lengths, reference = [], [], None
-    try:
-        parser = ElementTree.iterparse(path, events=("start", "end"))
-        for i, (event, element) in enumerate(parser):
-            if i == 0 and element.tag.rpartition("}")[2] != "OpenDRIVE":
-                raise ValueError(f"{path}: not an OpenDRIVE map (it begins with <{element.tag}>): give an .xodr file")
-            tag = element.tag.rpartition("}")[2]
-            if event == "end" and tag == "geoReference":
-                reference = (element.text or "").strip() or None
-            elif event == "end" and tag == "geometry":
-                starts.append([float(element.get(key, "nan")) for key in "xy"])
-                lengths.append(float(element.get("length", "nan")))
-            elif event == "end" and tag == "road":
-                element.clear()
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: not an OpenDRIVE map or a damaged one ({error}): give an .xodr file") from None
-    if not starts or not np.isfinite(starts).all() or not np.isfinite(lengths).all():
-        raise ValueError(f"{path}: the map has no road, or one without x, y and length: export it again")
-    low, high = np.min(starts, axis=0) - max(lengths), np.max(starts, axis=0) + max(lengths)
-    if not ((low <= centre) & (centre <= high)).all():
-        low, high = np.min(starts, axis=0), np.max(starts, axis=0)
-        raise ValueError(
-            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at x {low[0]:.6g} to "
-            f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
-        )
-    return reference
-
-
-def _usable(geo_reference: str | None, path: Path) -> str | None:
-    """The projection, None for a text that names none, of which a warning is given."""
-    if geo_reference is None or re.search(NAMES_PROJECTION, geo_reference, re.IGNORECASE):
-        return geo_reference
-    said = f"its geoReference names no projection ({geo_reference[:90]!r})"
-    warnings.warn(f"{path.name}: {said}, so the site does not say where on earth it is", stacklevel=3)
-    return None
 
 
 def _no_road(path: Path, centre: tuple[float, float]) -> str:

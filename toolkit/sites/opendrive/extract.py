@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -58,6 +58,14 @@ def roads(path: Path, window: shapely.Geometry, level: float, storey: float) -> 
     return found
 
 
+def surfaces(path: Path, roads_there: Sequence[MapRoad]) -> list[MapLane]:
+    """All lanes of `roads_there`; ValueError that names the file where a number among them is none."""
+    try:
+        return [lane for road in roads_there for lane in lanes(road)]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
 def lanes(road: MapRoad) -> Iterator[MapLane]:
     """All lanes of `road` that are wider than nothing."""
     sections = road.element.findall("lanes/laneSection")
@@ -80,7 +88,7 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
                 inner = outer
 
 
-def steepest(roads_there: list[MapRoad], window: shapely.Geometry) -> float:
+def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
     """The steepest slope (rise over run) of the roads within `window`."""
     slopes = [0.0]
     for road in roads_there:

@@ -38,10 +38,10 @@ SOLIDS = {
     "gantry": ("post", 6.0),
     "trafficIsland": ("island", 0.15),
     "obstacle": ("bin", 1.0),
-    "patch": ("", 0.0),
 }
 FLAT = ("crosswalk", "roadMark", "roadSurface", "patch", "crack", "none", "signalReference")
 LAMPS = ("streetLamp", "streetlamp")
+UNSAID = ("-1", "")  # types that say nothing, as CARLA's maps have them
 MOST = 2000  # repeats of one object
 HEAD_BELOW = 2.1  # m, lowest place for the lower edge of a sign or a signal head
 _FLATTEST = 0.02  # m
@@ -98,7 +98,8 @@ def _add_object(found: Standing, road: MapRoad, element: ElementTree.Element) ->
         if kind in LAMPS:
             found.lamps += [(x, y) for x, y, *_ in _places(road, element)]
     else:
-        found.unknown[kind] += 1
+        name = element.get("name", "") if kind in UNSAID else ""
+        found.unknown[f"{kind} {name}".strip()] += 1
         return
     found.understood[kind] += 1
 
