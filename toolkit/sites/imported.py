@@ -27,16 +27,33 @@ THINNEST = 0.5  # m, half the width of the thinnest carriageway that is kept
 ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
 KERB = (0.15, 0.12)  # m, width and height of kerbstones
 WIDEST = 3.5  # m, of the track a vehicle follows over a junction
+CUT = 1.2  # m beside the track of a vehicle that turns, where kerbs are lowered
+BODY = (5.5, 2.6)  # m, length and width of a vehicle that turns, with room beside it
 HIGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
 
 
 def driven(network: str) -> shapely.Geometry:
-    """The tracks of a net.xml text that motor vehicles follow, over junctions too."""
+    """The tracks of a net.xml text that motor vehicles follow, over junctions with the room that their ends need."""
     tracks = []
     for edge in ElementTree.fromstring(network).iter("edge"):
-        if edge.get("function", "normal") in ("normal", "internal"):
-            tracks += [_track(lane) for lane in edge.iter("lane") if _for_cars(lane)]
+        function = edge.get("function", "normal")
+        for lane in edge.iter("lane") if function in ("normal", "internal") else ():
+            if _for_cars(lane):
+                tracks.append(_track(lane))
+                tracks += _turning(_points(lane)) if function == "internal" else []
     return shapely.union_all(tracks)
+
+
+def turning(network: str, margin: float = CUT) -> shapely.Geometry:
+    """The ground within `margin` m of the bent tracks that motor vehicles follow over junctions."""
+    bent = []
+    for edge in ElementTree.fromstring(network).iter("edge"):
+        for lane in edge.iter("lane") if edge.get("function") == "internal" else ():
+            points = _points(lane)
+            straight = shapely.LineString(points[[0, -1]])
+            if _for_cars(lane) and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3:
+                bent += [_track(lane), *_turning(points)]
+    return shapely.union_all(bent).buffer(margin)
 
 
 def corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
@@ -77,13 +94,15 @@ def whole_road(
     return pieces, within_window([walk], window)
 
 
-def kerbs(lanes: Polygons, footways: Polygons) -> list[Solid]:
-    """Kerbstones on the footway's side of every edge between lanes and footways, in pieces of at most 4 m."""
+def kerbs(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
+    """Kerbstones on the footway's side of every edge between lanes and footways, in pieces of at most 4 m; none on
+    ground where they are `lowered`, as at corners that vehicles cut."""
     carriageway = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
     if walk.is_empty:
         return []
     edge = shapely.intersection(walk.boundary, carriageway.buffer(0.02)).simplify(0.02)
+    edge = edge.difference(lowered)
     edge = shapely.line_merge(edge) if edge.geom_type == "MultiLineString" else edge
     solids = []
     for part in shapely.get_parts(shapely.segmentize(edge, 4.0)):
@@ -187,6 +206,19 @@ def _track(lane: ElementTree.Element) -> shapely.Geometry:
     return shapely.LineString(points).simplify(0.05).buffer(half, cap_style="flat", quad_segs=4)
 
 
+def _turning(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
+    """The ground under `BODY`, both of its ends on `path` or straight on from it, every half metre."""
+    length, width = BODY
+    line = shapely.LineString(path)
+    if line.length < 0.5:
+        return []
+    first, last = (d / max(np.hypot(*d), 1e-9) for d in (path[1] - path[0], path[-1] - path[-2]))
+    line = shapely.LineString([path[0] - length * first, *path, path[-1] + length * last])
+    at = np.arange(0.0, line.length - length, 0.5)
+    ends = zip(_interpolated(line, at), _interpolated(line, at + length), strict=True)
+    return [shapely.LineString(both).buffer(width / 2, cap_style="flat") for both in ends]
+
+
 def _outline(element: ElementTree.Element) -> shapely.Geometry:
     points = _points(element)
     return shapely.make_valid(shapely.Polygon(points)).buffer(0) if len(points) > 2 else shapely.Polygon()
@@ -195,6 +227,10 @@ def _outline(element: ElementTree.Element) -> shapely.Geometry:
 def _points(lane: ElementTree.Element) -> np.ndarray:
     points = [p.split(",")[:2] for p in lane.get("shape", "").split()]
     return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _interpolated(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray, "n 2"]:
+    return shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
 
 
 def _within_road(part: shapely.Geometry, carriageway: shapely.Geometry) -> bool:

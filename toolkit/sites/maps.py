@@ -21,7 +21,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.geometry import pose
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import projection
-from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, whole_road
+from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, turning, whole_road
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
 from toolkit.sites.opendrive import extract as opendrive
 from toolkit.sites.opendrive import placed
@@ -223,7 +223,7 @@ def _finished(
         mounts += [
             replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
         ]
-    stones = kerbs(site.lanes, site.footways)
+    stones = kerbs(site.lanes, site.footways, turning(site.network))
     if seed is None:
         poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], Relief()), mounts=tuple(mounts))
