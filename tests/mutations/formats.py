@@ -267,7 +267,7 @@ def _read_opendrive(path: Path) -> None:
 
     opendrive_header(path, (0.0, 0.0))
     window = shapely.box(-80, -80, 80, 80)
-    roads = extract.roads(path, window, 0.0, 3.5)
+    roads = extract.roads_near(path, window, 0.0, 3.5)
     extract.surfaces(path, roads)
     extract.steepest(roads, window)
     understood(path, roads)

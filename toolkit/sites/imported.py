@@ -23,11 +23,11 @@ from toolkit.sites.surroundings import Road, furnish
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
 SLIVER = 0.2  # m, half the width of the thinnest footway that is kept
-THINNEST = 0.5  # m, half the width of the thinnest carriageway that is kept
+THINNEST_ROAD = 0.5  # m, half the width of the thinnest carriageway that is kept
 ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
 KERB = (0.15, 0.12)  # m, width and height of kerbstones
 WIDEST = 3.5  # m, of the track a vehicle follows over a junction
-CUT = 1.2  # m beside the track of a vehicle that turns, where kerbs are lowered
+CORNER_CUT = 1.2  # m beside the track of a vehicle that turns, where kerbs are lowered
 BODY = (5.5, 2.6)  # m, length and width of a vehicle that turns, with room beside it
 HIGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
 
@@ -44,7 +44,7 @@ def driven(network: str) -> shapely.Geometry:
     return shapely.union_all(tracks)
 
 
-def turning(network: str, margin: float = CUT) -> shapely.Geometry:
+def turning(network: str, margin: float = CORNER_CUT) -> shapely.Geometry:
     """The ground within `margin` m of the bent tracks that motor vehicles follow over junctions."""
     bent = []
     for edge in ElementTree.fromstring(network).iter("edge"):
@@ -56,7 +56,7 @@ def turning(network: str, margin: float = CUT) -> shapely.Geometry:
     return shapely.union_all(bent).buffer(margin)
 
 
-def corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
+def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Where a net.xml text has carriageway and footway at the corners of its junctions."""
     root = ElementTree.fromstring(network)
     walking = [
@@ -81,7 +81,7 @@ def whole_road(
     paved = shapely.union_all([*lanes, tracks]).intersection(window_of_work)
     walk = shapely.union_all(list(footways)).intersection(window_of_work)
     paved = paved.union(fillings[0].intersection(window_of_work).difference(walk))
-    closed = _opened(_closed(paved, CRACK), THINNEST)
+    closed = _opened(_closed(paved, CRACK), THINNEST_ROAD)
     walk = _closed(walk.union(fillings[1].intersection(window_of_work)), CRACK)
     stubs = _closed(closed, STUB).difference(closed).intersection(walk)
     walk = _opened(walk.difference(closed.union(stubs)), SLIVER)
@@ -94,7 +94,7 @@ def whole_road(
     return pieces, within_window([walk], window)
 
 
-def kerbs(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
+def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
     """Kerbstones on the footway's side of every edge between lanes and footways, in pieces of at most 4 m; none on
     ground where they are `lowered`, as at corners that vehicles cut."""
     carriageway = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)

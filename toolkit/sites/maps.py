@@ -21,7 +21,16 @@ from toolkit.arrays import Float, Float64
 from toolkit.geometry import pose
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import projection
-from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, turning, whole_road
+from toolkit.sites.imported import (
+    bay_outline,
+    bays_along,
+    driven,
+    furnished,
+    junction_corners,
+    kerbstones,
+    turning,
+    whole_road,
+)
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
 from toolkit.sites.opendrive import extract as opendrive
 from toolkit.sites.opendrive import placed
@@ -109,7 +118,7 @@ def import_opendrive(
         map_SE3_site=map_SE3_site,
         geo_reference=geo_reference,
     )
-    roads = opendrive.roads(path, window, level, SAME_LEVEL)
+    roads = opendrive.roads_near(path, window, level, SAME_LEVEL)
     there = placed.in_frame(placed.understood(path, roads), map_SE3_site)
     found = opendrive.surfaces(path, roads)
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
@@ -118,7 +127,7 @@ def import_opendrive(
     if not paved:
         raise ValueError(_no_road(path, (x, y)))
     reach = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
-    tracks, fillings = driven(site.network), corners(site.network)
+    tracks, fillings = driven(site.network), junction_corners(site.network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
     parked = [lane for lane in found if lane.kind == "parking" and lane.width >= 1.8]
     there.bays += [
@@ -223,7 +232,7 @@ def _finished(
         mounts += [
             replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
         ]
-    stones = kerbs(site.lanes, site.footways, turning(site.network))
+    stones = kerbstones(site.lanes, site.footways, turning(site.network))
     if seed is None:
         poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], Relief()), mounts=tuple(mounts))

@@ -13,7 +13,17 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE
 from toolkit.sites.furniture import building, rectangle
-from toolkit.sites.imported import bay_outline, bays_along, corners, driven, furnished, kerbs, legs, turning, whole_road
+from toolkit.sites.imported import (
+    bay_outline,
+    bays_along,
+    driven,
+    furnished,
+    junction_corners,
+    kerbstones,
+    legs,
+    turning,
+    whole_road,
+)
 from toolkit.sites.maps import import_opendrive, import_osm
 from toolkit.sites.site import Mount
 from toolkit.traffic.snapshots import simulate
@@ -41,7 +51,7 @@ def test_driven_and_corners_of_a_network():
     tracks = driven(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
-    carriageway, footway = corners(NET)
+    carriageway, footway = junction_corners(NET)
     assert footway.bounds == (0, -6, 8, -2)
     assert carriageway.area == pytest.approx(72 - 32)
 
@@ -96,11 +106,11 @@ def test_fillings_yield_to_what_the_map_says():
 
 def test_kerbs_stand_on_the_footway():
     lanes, footways = (rectangle(-10, -4, 10, 4),), (rectangle(-10, 4, 10, 6),)
-    stones = kerbs(lanes, footways, shapely.Polygon())
+    stones = kerbstones(lanes, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
-    assert kerbs(lanes, (), shapely.Polygon()) == []
-    lowered = shape([s.footprint for s in kerbs(lanes, footways, shapely.box(-3, 0, 3, 9))])
+    assert kerbstones(lanes, (), shapely.Polygon()) == []
+    lowered = shape([s.footprint for s in kerbstones(lanes, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
 

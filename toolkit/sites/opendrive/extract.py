@@ -15,8 +15,8 @@ from toolkit.sites.opendrive.reference_line import ReferenceLine, cubics, number
 
 FOOTWAY = ("sidewalk", "walking")
 UNPAVED = ("none", "border", "curb", "median", "rail", "tram", *FOOTWAY)  # all other types are carriageway
-STEP = 1.0  # m between the corners of a lane
-THINNEST = 0.05  # m, of a lane that is kept
+STATIONS_EVERY = 1.0  # m between the corners of a lane
+THINNEST_LANE = 0.05  # m, of a lane that is kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class MapLane:
     width: float
 
 
-def roads(path: Path, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
+def roads_near(path: Path, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
     """The roads that reach into `window` within `storey` m of the height `level`.
 
     Raises ValueError in one line where a number in the map is none.
@@ -74,13 +74,13 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
     for section, start, end in zip(sections, starts, [*starts[1:], road.line.length], strict=True):
         if not 0 <= start < end - 1e-3:
             continue
-        s = np.linspace(start, end, int((end - start) / STEP) + 2)
+        s = np.linspace(start, end, int((end - start) / STATIONS_EVERY) + 2)
         for side, sign in (("left", 1.0), ("right", -1.0)):
             inner = offset.at(s)
             for lane in sorted(section.findall(f"{side}/lane"), key=lambda each: abs(number(each, "id"))):
                 width = np.clip(cubics(lane.findall("width"), "sOffset").at(s - start), 0.0, 50.0)
                 outer = inner + sign * width
-                if width.max() > THINNEST:
+                if width.max() > THINNEST_LANE:
                     corners = np.concatenate([road.line.beside(s, inner), road.line.beside(s, outer)[::-1]])
                     outline = shapely.make_valid(shapely.Polygon(corners))
                     middle = road.line.beside(s, (inner + outer) / 2)
@@ -92,7 +92,7 @@ def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
     """The steepest slope (rise over run) of the roads within `window`."""
     slopes = [0.0]
     for road in roads_there:
-        s = np.linspace(0.0, road.line.length, int(road.line.length / STEP) + 2)
+        s = np.linspace(0.0, road.line.length, int(road.line.length / STATIONS_EVERY) + 2)
         inside = shapely.intersects_xy(window, road.line.at(s)[:, :2])
         slopes += list(abs(road.line.elevation.slope(s[inside])))
     return float(max(slopes))

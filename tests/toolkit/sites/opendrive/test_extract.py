@@ -5,13 +5,13 @@ import pytest
 import shapely
 
 from toolkit.geometry import pose
-from toolkit.sites.opendrive.extract import in_map, in_site, lanes, roads, steepest, surfaces
+from toolkit.sites.opendrive.extract import in_map, in_site, lanes, roads_near, steepest, surfaces
 
 WINDOW = shapely.box(-40, -40, 40, 40)
 
 
 def test_lanes_lie_side_by_side(street, tmp_path):
-    (road,) = roads(street(tmp_path), WINDOW, 0.0, 3.5)
+    (road,) = roads_near(street(tmp_path), WINDOW, 0.0, 3.5)
     found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
     assert found == [
         ("driving", (-50, 0.5, 50, 4.0), 3.5),
@@ -25,14 +25,14 @@ def test_lanes_lie_side_by_side(street, tmp_path):
 
 def test_other_storeys_and_places_are_left_out(street, tmp_path):
     high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
-    assert roads(high, WINDOW, 0.0, 3.5) == []
-    assert len(roads(high, WINDOW, 4.0, 3.5)) == 1
-    assert roads(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
+    assert roads_near(high, WINDOW, 0.0, 3.5) == []
+    assert len(roads_near(high, WINDOW, 4.0, 3.5)) == 1
+    assert roads_near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
 
 
 def test_steepest_slope_within_the_window(street, tmp_path):
     path = street(tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>')
-    there = roads(path, WINDOW, 0.0, 5.0)
+    there = roads_near(path, WINDOW, 0.0, 5.0)
     assert steepest(there, WINDOW) == pytest.approx(0.04)
     assert steepest(there, WINDOW.buffer(20.0)) == pytest.approx(0.3)
     assert steepest([], WINDOW) == 0.0
@@ -41,10 +41,10 @@ def test_steepest_slope_within_the_window(street, tmp_path):
 def test_damaged_numbers_name_the_file(street, tmp_path):
     path = street(tmp_path, lanes='<lanes><laneSection s="zero"/></lanes>')
     with pytest.raises(ValueError, match=r"street\.xodr: <laneSection> needs a finite number as s, got 'zero'"):
-        surfaces(path, roads(path, WINDOW, 0.0, 3.5))
+        surfaces(path, roads_near(path, WINDOW, 0.0, 3.5))
     path = street(tmp_path, elevation='<elevation s="0" a="up"/>')
     with pytest.raises(ValueError, match=r"street\.xodr: <elevation> needs a finite number as a, got 'up'"):
-        roads(path, WINDOW, 0.0, 3.5)
+        roads_near(path, WINDOW, 0.0, 3.5)
 
 
 def test_frames_are_inverse():

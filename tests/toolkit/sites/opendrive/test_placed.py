@@ -6,7 +6,7 @@ import shapely
 
 from toolkit.geometry import pose
 from toolkit.sites.furniture import post, rectangle
-from toolkit.sites.opendrive.extract import roads
+from toolkit.sites.opendrive.extract import roads_near
 from toolkit.sites.opendrive.placed import free_bays, in_frame, off_the_road, understood
 from toolkit.sites.opendrive.standing import Standing
 
@@ -42,4 +42,4 @@ def test_bays_in_which_something_stands_or_drives_are_none():
 def test_damage_names_the_file(street, tmp_path):
     path = street(tmp_path, objects='<object type="tree" s="5" t="x"/>')
     with pytest.raises(ValueError, match=r"street\.xodr: <object> needs a finite number as t, got 'x'"):
-        understood(path, roads(path, WINDOW, 0.0, 3.5))
+        understood(path, roads_near(path, WINDOW, 0.0, 3.5))

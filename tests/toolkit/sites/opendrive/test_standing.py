@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.opendrive.extract import roads
+from toolkit.sites.opendrive.extract import roads_near
 from toolkit.sites.opendrive.standing import Standing, standing
 
 
@@ -12,7 +12,7 @@ from toolkit.sites.opendrive.standing import Standing, standing
 def found(street, tmp_path):
     def read(objects="", signals="") -> Standing:
         path = street(tmp_path, objects, signals)
-        return standing(roads(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
+        return standing(roads_near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
 
     return read
 
