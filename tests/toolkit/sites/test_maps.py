@@ -170,10 +170,10 @@ def straight(folder, inside=""):
 
 def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, check_site):
     objects = (
-        '<object type="building" s="150" t="20" hdg="0" length="8" width="6" height="5"/>'
+        '<object id="2" type="building" s="150" t="20" hdg="0" length="8" width="6" height="5"/>'
         '<object type="pole" s="160" t="0" radius="0.1" height="5"/><object type="dragon" s="5" t="9"/>'
     )
-    sign = '<signal s="170" t="-8.5" zOffset="2.5" height="0.6" width="0.6" dynamic="no" orientation="+"/>'
+    sign = '<signal id="9" type="274" s="170" t="-8.5" zOffset="2.5" dynamic="no" orientation="+"/>'
     path = straight(tmp_path, f"<objects>{objects}</objects><signals>{sign}</signals>")
     with pytest.warns(UserWarning, match=r"street\.xodr: ") as caught:
         site = import_opendrive(path, centre=(0, 0), size=(80, 40))
@@ -187,8 +187,8 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
     np.testing.assert_allclose(plate.footprint.mean(axis=0), [20, -8.5], atol=1e-3)
     assert union(site.lanes).bounds == pytest.approx((-70, -6, 70, 3.5), abs=0.02)
     assert union(site.footways).bounds == pytest.approx((-70, -8, 70, 5.5), abs=0.02)
-    assert len(site.parking) == 20
-    np.testing.assert_allclose(site.parking[:, 1:], np.tile([-4.75, 0.0], (20, 1)), atol=0.01)
+    assert len(site.parking) == 21  # every 6.4 m from -63.6 to 64.4
+    np.testing.assert_allclose(site.parking[:, 1:], np.tile([-4.75, 0.0], (21, 1)), atol=0.01)
     check_site(site, tmp_path)
 
 

@@ -12,14 +12,14 @@ import shapely
 from toolkit.arrays import Float64
 from toolkit.sites.imported import bay_outline
 from toolkit.sites.opendrive.extract import MapRoad
-from toolkit.sites.opendrive.standing import Standing, standing
+from toolkit.sites.opendrive.standing import Standing, standing_beside
 from toolkit.sites.site import Solid
 
 
 def understood(path: Path, roads: Sequence[MapRoad]) -> Standing:
     """What the map says stands there; ValueError that names the file where it is damaged."""
     try:
-        return standing(roads)
+        return standing_beside(roads)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -59,7 +59,7 @@ class Standing:
     unknown: Counter[str] = field(default_factory=Counter)
 
 
-def standing(roads: Sequence[MapRoad]) -> Standing:
+def standing_beside(roads: Sequence[MapRoad]) -> Standing:
     """All objects and signals of `roads`. Raises ValueError where a number among them is none."""
     found = Standing()
     for road in roads:

@@ -5,14 +5,14 @@ import pytest
 import shapely
 
 from toolkit.sites.opendrive.extract import roads_near
-from toolkit.sites.opendrive.standing import Standing, standing
+from toolkit.sites.opendrive.standing import Standing, standing_beside
 
 
 @pytest.fixture
 def found(street, tmp_path):
     def read(objects="", signals="") -> Standing:
         path = street(tmp_path, objects, signals)
-        return standing(roads_near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
+        return standing_beside(roads_near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
 
     return read
 
