@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImportMap:
-    """Make a site from a real map: roads and footways through SUMO's netconvert, buildings from OpenStreetMap.
+    """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and parking that it holds.
 
-    The site has no sensors, unless --sensors says how many: coview plan and coview search say which to build.
+    What stands beside the road and is in no map is drawn at random and said, unless --no-furnish. The site has no
+    sensors, unless --sensors says how many: coview plan and coview search say which to build.
 
     Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
 
@@ -33,6 +34,8 @@ class ImportMap:
         osm: OpenStreetMap file (.osm, .osm.gz).
         heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
         lefthand: Traffic keeps left (OpenStreetMap only).
+        furnish: Draw houses, trees, furniture, parked cars and uneven ground where the map is silent, and say what.
+        seed: Which surroundings are drawn.
         sensors: Place so many cameras by greedy coverage, to try the site with.
         overwrite: Replace a file that is there.
     """
@@ -44,6 +47,8 @@ class ImportMap:
     osm: Path | None = None
     heading_deg: float = 0.0
     lefthand: bool = False
+    furnish: bool = True
+    seed: int = 0
     sensors: int | None = None
     overwrite: bool = False
 
@@ -52,6 +57,8 @@ class ImportMap:
         from toolkit.sites.maps import import_opendrive, import_osm
 
         place: dict[str, Any] = {"centre": self.centre, "size": self.size, "heading": radians(self.heading_deg)}
+        place["seed"] = self.seed if self.furnish else None
+        check_least("--seed", self.seed, 0)
         if (self.opendrive is None) == (self.osm is None):
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
         if self.opendrive is not None and self.lefthand:

@@ -243,7 +243,10 @@ def _opendrive(path: Path) -> None:
         'length="{length}"><line/></geometry></planView><elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/>'
         '</elevationProfile><lanes><laneSection s="0"><center><lane id="0" type="none" level="false"/></center><right>'
         '<lane id="-1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>'
-        "</laneSection></lanes></road>"
+        '</laneSection></lanes><objects><object type="building" id="7" s="5" t="12" zOffset="0" hdg="0.1" length="8" '
+        'width="6" height="5"/><object type="tree" id="8" s="3" t="9" radius="1.5" height="6"><repeat s="3" '
+        'length="30" distance="10" tStart="9" tEnd="9"/></object></objects><signals><signal id="9" s="4" t="-4" '
+        'zOffset="2.5" height="0.6" width="0.6" dynamic="no" orientation="+"/></signals></road>'
     )
     roads = [
         road.format(i=1, x=-60, y=0, hdg=0, length=120),
@@ -255,10 +258,19 @@ def _opendrive(path: Path) -> None:
 
 
 def _read_opendrive(path: Path) -> None:
-    """All of `import_opendrive` before SUMO's netconvert."""
-    from toolkit.sites.maps import opendrive_header
+    """All of `import_opendrive` but for SUMO's netconvert."""
+    import shapely
+
+    from toolkit.sites.opendrive import extract
+    from toolkit.sites.opendrive.header import opendrive_header
+    from toolkit.sites.opendrive.placed import understood
 
     opendrive_header(path, (0.0, 0.0))
+    window = shapely.box(-80, -80, 80, 80)
+    roads = extract.roads_near(path, window, 0.0, 3.5)
+    extract.surfaces(path, roads)
+    extract.steepest(roads, window)
+    understood(path, roads)
 
 
 def _table(path: Path) -> None:

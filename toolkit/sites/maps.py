@@ -7,7 +7,6 @@ sensor hangs there yet; mounts on lamp posts are real, mounts along the kerbs ar
 
 from __future__ import annotations
 
-import re
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -22,7 +21,20 @@ from toolkit.arrays import Float, Float64
 from toolkit.geometry import pose
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import projection
+from toolkit.sites.imported import (
+    bay_outline,
+    bays_along,
+    driven,
+    furnished,
+    junction_corners,
+    kerbstones,
+    turning,
+    whole_road,
+)
 from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
+from toolkit.sites.opendrive import extract as opendrive
+from toolkit.sites.opendrive import placed
+from toolkit.sites.opendrive.header import opendrive_header, usable
 from toolkit.sites.osm import extract as osm
 from toolkit.sites.osm import roads as osm_roads
 from toolkit.sites.osm import solids as osm_solids
@@ -32,7 +44,6 @@ from toolkit.sites.surroundings import POLE, Road, place_mounts
 REACH = 80.0  # m of road kept around the area, for traffic to enter
 SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
-NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in degrees there is no map in metres
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
 _LANE_TYPES = f"""<types>
@@ -75,16 +86,18 @@ def import_opendrive(
     size: Sequence[float | int],
     name: str | None = None,
     heading: float = 0.0,
+    seed: int | None = None,
 ) -> Site:
     """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
 
-    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Mounts are made along the
-    kerbs. A georeference that names no projection is left out with a warning.
+    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Objects and signals become
+    solids and bays, mounts are made along the kerbs. `seed`: what the map is silent of is drawn from it; None leaves it
+    bare. A georeference that names no projection, what is left out and what is drawn is said in warnings.
     Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
-    geo_reference = _usable(opendrive_header(path, (x, y)), path)
+    geo_reference = usable(opendrive_header(path, (x, y)), path)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
     with tempfile.TemporaryDirectory() as folder:
@@ -105,7 +118,29 @@ def import_opendrive(
         map_SE3_site=map_SE3_site,
         geo_reference=geo_reference,
     )
-    return _finished(site, path, (x, y), [], lamps=np.zeros((0, 2)))
+    roads = opendrive.roads_near(path, window, level, SAME_LEVEL)
+    there = placed.in_frame(placed.understood(path, roads), map_SE3_site)
+    found = opendrive.surfaces(path, roads)
+    shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
+    paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
+    walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
+    if not paved:
+        raise ValueError(_no_road(path, (x, y)))
+    reach = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    tracks, fillings = driven(site.network), junction_corners(site.network)
+    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
+    parked = [lane for lane in found if lane.kind == "parking" and lane.width >= 1.8]
+    there.bays += [
+        bay
+        for lane in parked
+        for bay in bays_along(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site).coords)
+    ]
+    solids, notes = placed.off_the_road(there, reach, lanes, tracks)
+    steepest = opendrive.steepest(roads, opendrive.in_map(shapely.box(*area), map_SE3_site))
+    if steepest > 0.005:
+        notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
+    site = replace(site, lanes=lanes, footways=footways, parking=placed.free_bays(there, reach, solids, tracks))
+    return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
 
 
 def import_osm(
@@ -116,12 +151,14 @@ def import_osm(
     name: str | None = None,
     heading: float = 0.0,
     lefthand: bool = False,
+    seed: int | None = None,
 ) -> Site:
     """The site `size` (m along x and y) at `centre` (longitude, latitude) of an OpenStreetMap file (.osm, .osm.gz), x
     along `heading` (rad counter-clockwise from east).
 
     Roads, footways, buildings with heights, walls, fences, hedges, trees and lamp posts come from the map; mounts are
-    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. What the map holds and the site cannot
+    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. `seed`: what the map is silent of is
+    drawn from it, and said in a warning; None leaves it bare. What the map holds and the site cannot
     (tunnels, bridges over a road, buildings over a road) is left out with a warning.
     Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
     """
@@ -149,6 +186,7 @@ def import_osm(
     )
     window = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
     lanes, footways = road_polygons(site.network, area)
+    street_lanes = _union(lanes)
     street = _union([*lanes, *footways])
     solids, cut = osm_solids.buildings(extract, window, street.buffer(0.1))
     houses = _union([solid.footprint for solid in solids])
@@ -158,9 +196,16 @@ def import_osm(
     beside = street.union(houses)
     solids += osm_solids.barriers(extract, window, beside) + osm_solids.trees(extract, window, beside)
     posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
-    for note in (*notes, *cut):
-        warnings.warn(f"{path.name}: {note}", stacklevel=2)
-    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, squares=squares)
+    walked = [shapely.Polygon(p).difference(street_lanes) for p in (*footways, *squares)]
+    paved = [shapely.Polygon(p) for p in lanes]
+    lanes, footways = whole_road(
+        paved, walked, driven(site.network), shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
+    )
+    taken = _union([solid.footprint for solid in (*solids, *posts)]).union(_union(lanes)).buffer(0.2)
+    bays = np.array(osm_solids.bays(extract, window, taken), np.float64).reshape(-1, 3)
+    site = replace(site, lanes=lanes, footways=footways, parking=bays)
+    said = [*notes, *cut]
+    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
 
 
 def _finished(
@@ -170,17 +215,16 @@ def _finished(
     solids: Sequence[Solid],
     *,
     lamps: np.ndarray,
-    squares: Sequence[np.ndarray] = (),
+    seed: int | None,
+    notes: Sequence[str],
 ) -> Site:
-    """`site` with its roads' surface, kerbs and mounts."""
-    lanes, footways = road_polygons(site.network, site.area)
-    carriageway = _union(lanes)
+    """`site`, which has lanes, footways and bays, with kerbs and mounts, and furnished where a seed is given."""
+    carriageway = _union(site.lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
-    beside = [shapely.Polygon(p).difference(carriageway) for p in (*footways, *squares)]
-    footways = within_window(beside, shapely.box(*site.area).buffer(REACH))
-    road = Road((), (), lanes, footways)
+    road = Road((), (), site.lanes, site.footways)
     walls = _union([s.footprint for s in solids if s.top > 2.0]).buffer(0.3)
+    walls = walls.union(_union([bay_outline(*bay) for bay in site.parking]).buffer(0.3))
     mounts = _lamp_mounts(lamps, road, site, walls)
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
@@ -188,15 +232,16 @@ def _finished(
         mounts += [
             replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
         ]
-    poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
-    stones = f.kerbs(lanes, footways)
-    return replace(
-        site,
-        lanes=lanes,
-        footways=footways,
-        solids=f.settle([*solids, *poles, *stones], Relief()),
-        mounts=tuple(mounts),
-    )
+    stones = kerbstones(site.lanes, site.footways, turning(site.network))
+    if seed is None:
+        poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
+        made = replace(site, solids=f.settle([*solids, *poles, *stones], Relief()), mounts=tuple(mounts))
+    else:
+        made, note = furnished(site, mounts, [*solids, *stones], seed)
+        notes = [*notes, note]
+    for note in notes:
+        warnings.warn(f"{path.name}: {note}", stacklevel=3)
+    return made
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
@@ -227,45 +272,6 @@ def _check_place(centre: Sequence[float | int], size: Sequence[float | int], hea
     if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
         raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size LENGTH WIDTH")
     return float(centre[0]), float(centre[1])
-
-
-def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
-    """The projection an OpenDRIVE file names; ValueError where it is none or `centre` is not in it."""
-    starts, lengths, reference = [], [], None
-    try:
-        parser = ElementTree.iterparse(path, events=("start", "end"))
-        for i, (event, element) in enumerate(parser):
-            if i == 0 and element.tag.rpartition("}")[2] != "OpenDRIVE":
-                raise ValueError(f"{path}: not an OpenDRIVE map (it begins with <{element.tag}>): give an .xodr file")
-            tag = element.tag.rpartition("}")[2]
-            if event == "end" and tag == "geoReference":
-                reference = (element.text or "").strip() or None
-            elif event == "end" and tag == "geometry":
-                starts.append([float(element.get(key, "nan")) for key in "xy"])
-                lengths.append(float(element.get("length", "nan")))
-            elif event == "end" and tag == "road":
-                element.clear()
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: not an OpenDRIVE map or a damaged one ({error}): give an .xodr file") from None
-    if not starts or not np.isfinite(starts).all() or not np.isfinite(lengths).all():
-        raise ValueError(f"{path}: the map has no road, or one without x, y and length: export it again")
-    low, high = np.min(starts, axis=0) - max(lengths), np.max(starts, axis=0) + max(lengths)
-    if not ((low <= centre) & (centre <= high)).all():
-        low, high = np.min(starts, axis=0), np.max(starts, axis=0)
-        raise ValueError(
-            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at x {low[0]:.6g} to "
-            f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
-        )
-    return reference
-
-
-def _usable(geo_reference: str | None, path: Path) -> str | None:
-    """The projection, None for a text that names none, of which a warning is given."""
-    if geo_reference is None or re.search(NAMES_PROJECTION, geo_reference, re.IGNORECASE):
-        return geo_reference
-    said = f"its geoReference names no projection ({geo_reference[:90]!r})"
-    warnings.warn(f"{path.name}: {said}, so the site does not say where on earth it is", stacklevel=3)
-    return None
 
 
 def _no_road(path: Path, centre: tuple[float, float]) -> str:

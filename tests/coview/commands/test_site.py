@@ -60,6 +60,20 @@ def test_an_import_has_no_sensors_and_says_so(run, refused, tmp_path):
     assert "has no sensors of its own" in refused("search", site, "--candidates", "paper", "--frames", 1)
 
 
+def test_what_is_drawn_is_said_and_can_be_left_out(run, tmp_path):
+    place = [*OWN, "--out", tmp_path / "own.json", "--overwrite"]
+    code, _, err = run("site", "import", *place)
+    assert code == 0
+    assert "own-junction.osm: drawn from seed 0, in no map: " in err
+    drawn = load_site(tmp_path / "own.json")
+    assert "drawn from seed 7" in run("site", "import", *place, "--seed", 7)[2]
+    assert load_site(tmp_path / "own.json") != drawn
+    assert "drawn" not in run("site", "import", *place, "--no-furnish")[2]
+    bare = load_site(tmp_path / "own.json")
+    assert len(bare.solids) < len(drawn.solids)
+    assert bare.relief.amplitude == 0 < drawn.relief.amplitude
+
+
 def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_path, monkeypatch):
     monkeypatch.setattr("placement_env.report.first_sensors.FIRST_FRAMES", 2)
     monkeypatch.setattr("placement_env.report.first_sensors.HEADINGS", 4)

@@ -150,3 +150,69 @@ def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, b
     draft.way((-30, -30), (30, 30), highway="footway")
     with pytest.raises(ValueError, match="no road within the area"):
         import_osm(put(draft, tmp_path), centre=CENTRE, size=(20, 20))
+
+
+def straight(folder, inside=""):
+    """An OpenDRIVE street 300 m long, two lanes and footways, written by hand."""
+    lane = '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="0" c="0" d="0"/></lane>'
+    left = lane.format(2, "sidewalk", 2) + lane.format(1, "driving", 3.5)
+    right = lane.format(-1, "driving", 3.5) + lane.format(-2, "parking", 2.5) + lane.format(-3, "sidewalk", 2)
+    path = folder / "street.xodr"
+    path.write_text(
+        '<OpenDRIVE><header revMajor="1" revMinor="4"/><road name="" length="300" id="1" junction="-1"><planView>'
+        '<geometry s="0" x="-150" y="0" hdg="0" length="300"><line/></geometry></planView><elevationProfile>'
+        f'<elevation s="0" a="0" b="0.01" c="0" d="0"/></elevationProfile><lanes><laneSection s="0"><left>{left}</left>'
+        f'<center><lane id="0" type="none"/></center><right>{right}</right></laneSection></lanes>{inside}</road>'
+        "</OpenDRIVE>"
+    )
+    return path
+
+
+def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, check_site):
+    objects = (
+        '<object id="2" type="building" s="150" t="20" hdg="0" length="8" width="6" height="5"/>'
+        '<object type="pole" s="160" t="0" radius="0.1" height="5"/><object type="dragon" s="5" t="9"/>'
+    )
+    sign = '<signal id="9" type="274" s="170" t="-8.5" zOffset="2.5" dynamic="no" orientation="+"/>'
+    path = straight(tmp_path, f"<objects>{objects}</objects><signals>{sign}</signals>")
+    with pytest.warns(UserWarning, match=r"street\.xodr: ") as caught:
+        site = import_opendrive(path, centre=(0, 0), size=(80, 40))
+    assert [str(each.message).partition(": ")[2] for each in caught] == [
+        "1 objects or signals stand on the carriageway and were left out",
+        "objects of types that are not known were left out: 1 'dragon'",
+        "the steepest road in the area rises by 1.0 %; the site is level",
+    ]
+    (house,), (plate,) = of_kind(site, "building"), of_kind(site, "sign")
+    np.testing.assert_allclose(house.footprint.mean(axis=0), [0, 20])
+    np.testing.assert_allclose(plate.footprint.mean(axis=0), [20, -8.5], atol=1e-3)
+    assert union(site.lanes).bounds == pytest.approx((-70, -6, 70, 3.5), abs=0.02)
+    assert union(site.footways).bounds == pytest.approx((-70, -8, 70, 5.5), abs=0.02)
+    assert len(site.parking) == 21  # every 6.4 m from -63.6 to 64.4
+    np.testing.assert_allclose(site.parking[:, 1:], np.tile([-4.75, 0.0], (21, 1)), atol=0.01)
+    check_site(site, tmp_path)
+
+
+def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
+    path = straight(tmp_path)
+    with pytest.warns(UserWarning, match=r"street\.xodr: drawn from seed 2, in no map: .* building.* tree"):
+        site = import_opendrive(path, centre=(0, 0), size=(80, 40), seed=2)
+    assert of_kind(site, "building")
+    assert site.relief.amplitude > 0
+
+
+def test_damaged_objects_name_the_file(tmp_path):
+    path = straight(tmp_path, '<objects><object type="tree" s="x" t="9"/></objects>')
+    with pytest.raises(ValueError, match=r"street\.xodr: ") as raised:
+        import_opendrive(path, centre=(0, 0), size=(80, 40))
+    assert "\n" not in str(raised.value)
+
+
+def test_parking_spaces_of_openstreetmap(tmp_path, imported, crossroads):
+    draft = crossroads()
+    draft.way((20, 15), (25, 15), (25, 17.5), (20, 17.5), (20, 15), amenity="parking_space")
+    draft.way((20, 25), (40, 25), (40, 28), (20, 28), (20, 25), amenity="parking_space")
+    draft.way((20, -1), (25, -1), (25, 1), (20, 1), (20, -1), amenity="parking_space")
+    site = imported(draft, tmp_path)
+    assert len(site.parking) == 1
+    np.testing.assert_allclose(site.parking[0, :2], [22.5, 16.25], atol=0.05)
+    assert abs(np.sin(site.parking[0, 2])) < 0.01

@@ -107,6 +107,22 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
     return solids, np.array(lamps).reshape(-1, 2)
 
 
+def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
+    """Parking bays x, y, yaw: the map's spaces (amenity=parking_space) of a car's size within `window`, off `road`."""
+    found = []
+    for shape, tags in extract.areas:
+        if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):
+            continue
+        corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shape))
+        sides = np.diff(corners[:3], axis=0)
+        lengths = np.hypot(*sides.T)
+        if lengths.max() < 8.0 and lengths.min() > 1.7:
+            ahead = sides[lengths.argmax()]
+            x, y = (float(c) for c in corners[:4].mean(axis=0))
+            found.append((round(x, 3), round(y, 3), round(float(np.arctan2(ahead[1], ahead[0])), 4)))
+    return found
+
+
 def _levels(tags: Tags) -> tuple[float, float]:
     """Base and top of a building (m)."""
     storeys = metres(tags.get("building:levels", ""))

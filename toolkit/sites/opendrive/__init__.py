@@ -1,0 +1,1 @@
+"""OpenDRIVE maps: reference lines, surfaces of lanes, objects and signals."""
