@@ -50,9 +50,9 @@ def plant(
     footway: bool = True,
 ) -> bool:
     """A tree at `foot` with a crown of `radius` from the lower to the upper of `levels` (m), narrower where a wall or a
-    mount is near; False where there is no room for it."""
+    mount is near, and off the road where it hangs too low; False where there is no room for it."""
     x, y = (round(float(c), 3) for c in foot)
-    radius = min(radius, _room(plot, shapely.Point(x, y)))
+    radius = min(radius, _room(plot, shapely.Point(x, y), over_road=levels[0] >= UNDERSIDE[0]))
     trunk = f.disc(x, y, round(float(rng.uniform(0.1, 0.16 + 0.04 * radius)), 2))
     if radius < _SLIMMEST or not plot.claim(shapely.Polygon(trunk), footway=footway):
         return False
@@ -78,8 +78,10 @@ def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: 
     return made
 
 
-def _room(plot: Plot, foot: shapely.Point) -> float:
-    """How wide a crown may be at `foot` (m, radius): up to houses' walls, and short of mounts."""
+def _room(plot: Plot, foot: shapely.Point, *, over_road: bool) -> float:
+    """How wide a crown may be at `foot` (m, radius): up to houses' walls, short of mounts, and off lanes unless it may
+    hang `over_road`."""
     gaps = np.hypot(*(plot.mounts - shapely.get_coordinates(foot)).T) - _MOUNT_AIR
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
-    return float(min([*gaps, *shapely.distance(foot, np.array(houses, object)), np.inf]))
+    road = np.inf if over_road else shapely.distance(foot, plot.lanes)
+    return float(min([*gaps, *shapely.distance(foot, np.array(houses, object)), road]))

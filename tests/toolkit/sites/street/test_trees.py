@@ -79,3 +79,11 @@ def test_crowns_are_narrower_beside_houses_and_not_planted_in_them():
 def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
     assert plant(plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway) == footway
+
+
+@pytest.mark.parametrize(("underside", "reaches"), [(2.4, False), (2.5, True)])
+def test_crowns_too_low_to_drive_below_keep_off_the_road(underside, reaches):
+    plot = Plot(ROAD, WINDOW, [])
+    assert plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
+    crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
+    assert any(crown.intersects(ROAD.carriageway) for crown in crowns) == reaches
