@@ -15,7 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.checks import check_iou, check_whole
-from placement_env.classes import VEHICLES, Classes, classes_of
+from placement_env.classes import VEHICLES, classes_of
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
@@ -50,7 +50,7 @@ class Question:
     min_ap: float | None = None
     max_kbit: float | None = None
     capacity_kbit: float | None = None
-    classes: Classes = VEHICLES
+    classes: Any = VEHICLES
     scheme: str = "early"
     iou: float = 0.7
     candidates: str | Path = "pool"
