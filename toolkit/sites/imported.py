@@ -18,7 +18,8 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.network import Polygons, within_window
 from toolkit.sites.site import Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import Road, furnish
+from toolkit.sites.street.furnishing import furnish
+from toolkit.sites.surroundings import Road
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners

@@ -133,7 +133,7 @@ def import_opendrive(
     there.bays += [
         bay
         for lane in parked
-        for bay in bays_along(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site).coords)
+        for bay in bays_along(shapely.get_coordinates(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)))
     ]
     solids, notes = placed.off_the_road(there, reach, lanes, tracks)
     steepest = opendrive.steepest(roads, opendrive.in_map(shapely.box(*area), map_SE3_site))

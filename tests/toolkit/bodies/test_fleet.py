@@ -39,7 +39,7 @@ def test_box_is_tight_and_mesh_is_sound(body):
     assert np.allclose(lowest[exact], -highest[exact], atol=1e-5)
     assert np.allclose((highest - lowest)[exact], np.array(body.size)[exact], atol=1e-5)
     assert (highest - lowest >= np.array(body.size) - 1e-5).all()
-    assert (highest - lowest < np.array(body.size) + [0.25, 0.5, 1e-4]).all()
+    assert (highest - lowest - np.array(body.size) < [0.25, 0.5, 1e-4]).all()
     assert np.isfinite(body.vertices).all()
     assert set(np.unique(body.triangles)) == set(range(len(body.vertices)))  # no vertex that no triangle uses
     assert 300 <= len(body.triangles) <= 2500

@@ -122,7 +122,7 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch)
     assert not out.exists()
     with pytest.raises(FileExistsError, match="seed 7 instead of 8"):
         random_recordings_file(5, 4, 8, out, **settings)
-    with pytest.raises(FileExistsError, match="fleet 0 .* instead of 47 "):
+    with pytest.raises(FileExistsError, match=r"fleet 0 .* instead of 47 "):
         random_recordings_file(5, 4, 7, out, **settings, fleet=fleet_named("catalogue"))
     monkeypatch.setattr(module, "random_recording", second)
     done = []

@@ -105,7 +105,7 @@ def test_fillings_yield_to_what_the_map_says():
 
 
 def test_kerbs_stand_on_the_footway():
-    lanes, footways = (rectangle(-10, -4, 10, 4),), (rectangle(-10, 4, 10, 6),)
+    lanes, footways = (rectangle(-10.0, -4.0, 10.0, 4.0),), (rectangle(-10.0, 4.0, 10.0, 6.0),)
     stones = kerbstones(lanes, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
@@ -136,7 +136,7 @@ def bare():
 
 
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
-    house = building(10, 10, 30, 30, 7.0)
+    house = building(10.0, 10.0, 30.0, 30.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
     made, said = furnished(bare, [*bare.mounts, lamp], [house], 3)
     again, _ = furnished(bare, [*bare.mounts, lamp], [house], 3)

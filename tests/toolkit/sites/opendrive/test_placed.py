@@ -22,20 +22,22 @@ def test_frame_of_the_site():
 
 
 def test_what_would_stop_traffic_is_left_out_and_said():
-    there = Standing(groups=[[post(0, 9, 3.0)], [post(0, 0, 3.0), post(0, 8, 3.0)], [post(90, 0, 3.0)], []])
+    there = Standing(
+        groups=[[post(0.0, 9.0, 3.0)], [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)], [post(90.0, 0.0, 3.0)], []]
+    )
     there.unknown.update({"dragon": 2, "elf": 1})
-    kept, notes = off_the_road(there, WINDOW, [rectangle(-40, -4, 40, 4)], shapely.Polygon())
+    kept, notes = off_the_road(there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
     assert kept == there.groups[0]
     assert notes == [
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
     ]
-    assert off_the_road(Standing(), WINDOW, [rectangle(-40, -4, 40, 4)], shapely.Polygon()) == ([], [])
+    assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
 
 
 def test_bays_in_which_something_stands_or_drives_are_none():
-    there = Standing(bays=[(0, 9, 0.0), (10, 9, 0.0), (20, 9, 0.0), (38, 9, 0.0)])
-    rows = free_bays(there, WINDOW, [post(10, 9, 3.0)], shapely.box(18, 0, 22, 20))
+    there = Standing(bays=[(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)])
+    rows = free_bays(there, WINDOW, [post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
     np.testing.assert_allclose(rows, [[0, 9, 0]])
 
 
