@@ -104,7 +104,7 @@ class Preparation:
     @cached_property
     def network(self) -> str:
         """Which shipped network, or surrogate of it, scores the candidates."""
-        return network_for(self.site, self.candidates.sensors, self.classes)
+        return network_for(self.site, self.candidates.sensors)
 
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
         """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
@@ -189,7 +189,7 @@ def check_fidelity_for(
     if table is not None and fidelity != "table":
         raise ValueError(f"a table is for fidelity table, got {fidelity!r}: leave one of them out")
     if fidelity == "surrogate":
-        network = network_for(site, candidates.sensors, classes)
+        network = network_for(site, candidates.sensors)
         surrogate_models(scheme, iou, network, classes=classes, path=surrogate)
     if fidelity == "table":
         Preparation(
@@ -200,7 +200,7 @@ def check_fidelity_for(
     if fidelity == "detector" and detector is None and classes.names != VEHICLES.names:
         from models.detector import load_detector
 
-        check_known(load_detector(network_for(site, candidates.sensors, classes), area=site.area), classes.names)
+        check_known(load_detector(network_for(site, candidates.sensors), area=site.area), classes.names)
 
 
 def surrogate_models(
@@ -223,14 +223,9 @@ def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
         raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
 
 
-def network_for(site: Site, sensors: Iterable[Sensor], classes: Classes = VEHICLES) -> str:
-    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"; for
-    other classes than vehicles the one of that name in the folder `classes`, where there is one."""
+def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
+    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"."""
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
-    name = site.name if own else "general"
-    of_classes = f"classes/{name}"
-    if classes.names != VEHICLES.names and (SHIPPED / f"{of_classes}.safetensors").exists():
-        return of_classes
-    return name
+    return site.name if own else "general"

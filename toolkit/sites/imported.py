@@ -30,7 +30,7 @@ KERB = (0.15, 0.12)  # m, width and height of kerbstones
 WIDEST = 3.5  # m, of the track a vehicle follows over a junction
 CORNER_CUT = 1.2  # m beside the track of a vehicle that turns, where kerbs are lowered
 BODY = (5.5, 2.6)  # m, length and width of a vehicle that turns, with room beside it
-HIGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
+ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
 
 
 def driven(network: str) -> shapely.Geometry:
@@ -149,7 +149,7 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
-    relief = Relief(round(float(rng.uniform(0.0, HIGHEST)), 3), int(rng.integers(2**31)))
+    relief = Relief(round(float(rng.uniform(0.0, ROUGHEST)), 3), int(rng.integers(2**31)))
     paths, widths = legs(site.network)
     road = Road(paths, widths, site.lanes, site.footways)
     drawn, bays = furnish(road, site.area, mounts, rng)

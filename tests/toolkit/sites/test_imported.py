@@ -135,6 +135,11 @@ def bare():
         return import_osm(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50))
 
 
+def on_lanes(solids, lanes):
+    """The largest area of a lane on which something stands; crowns of trees may be over it."""
+    return max(shapely.Polygon(s.footprint).intersection(lanes).area for s in solids if s.base < 2.0)
+
+
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     house = building(10.0, 10.0, 30.0, 30.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
@@ -146,7 +151,7 @@ def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     ours = shapely.box(10, 10, 30, 30)
     assert sum(ours.buffer(0.15).intersects(shapely.Polygon(s.footprint)) for s in made.solids) == 1
     lanes = shape(made.lanes)
-    assert max(shapely.Polygon(s.footprint).intersection(lanes).area for s in made.solids) < 1e-3
+    assert on_lanes(made.solids, lanes) < 1e-3
     assert {"building", "tree"} <= {s.kind for s in made.solids}
     assert 0 < made.relief.amplitude <= 0.12
     assert said.startswith("drawn from seed 3, in no map: ")
@@ -181,7 +186,7 @@ def whole(town, centre):
         warnings.simplefilter("ignore")
         site = import_opendrive(SHARED / "carla" / town, centre=centre, size=(80, 70), seed=0)
     lanes = shape(site.lanes)
-    assert max(shapely.Polygon(s.footprint).intersection(lanes).area for s in site.solids) < 1e-3
+    assert on_lanes(site.solids, lanes) < 1e-3
     assert shape(site.footways).intersection(lanes).area < 0.1
     assert driven(site.network).intersection(shapely.box(*site.area)).difference(lanes.buffer(0.05)).area < 0.5
     assert len(site.mounts) >= 6
