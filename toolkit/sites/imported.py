@@ -157,7 +157,8 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
     ours = [*lamps, *(shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island"))]
     ours += [shapely.Polygon(bay_outline(*bay)) for bay in site.parking]
     kept = _apart_from([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
-    free = [b for b in bays if not shapely.union_all(ours).intersects(shapely.Polygon(bay_outline(*b)))]
+    taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
+    free = [b for b in bays if not taken.intersects(shapely.Polygon(bay_outline(*b)))]
     site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
     feet = np.array([m.position for m in mounts])
     feet[:, 2] = site.ground(feet[:, :2]).round(3)

@@ -12,6 +12,7 @@ import shapely
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE
+from toolkit.points import centred_in
 from toolkit.sites.furniture import building, rectangle
 from toolkit.sites.imported import (
     bay_outline,
@@ -163,11 +164,12 @@ def test_what_is_drawn_keeps_off_what_the_map_has(bare):
 
 
 def touched(site, frames, interval) -> int:
-    """How many vehicles of some traffic touch a solid that begins below 1.5 m."""
+    """How many vehicles of some traffic touch a solid that begins below 1.5 m, in the area."""
     tree = shapely.STRtree([shapely.Polygon(s.footprint) for s in site.solids if s.base < 1.5])
     hits = 0
     for snapshot in simulate(site, catalogue(), frames=frames, seed=1, interval=interval):
-        boxes = snapshot.objects.boxes[snapshot.objects.labels == VEHICLE]
+        here = (snapshot.objects.labels == VEHICLE) & centred_in(snapshot.objects.boxes, site.area)
+        boxes = snapshot.objects.boxes[here]
         hits += len(set(tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")[0]))
     return hits
 
