@@ -53,12 +53,14 @@ def run(
     area = tuple(place.area.tolist()) if place else area_for("general" if site else preset, options.data)
     named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
-    config = config_for(area, preset, options.size, options.classes)
+    before = load_weights(weights_file(options.start))[0] if options.start else None
+    classes, faces, calibrate = second_stages(options, before)
+    config = config_for(area, preset, options.size, classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
     _check_folder(options)
-    start = widened(load_weights(weights_file(options.start))[0], config) if options.start else None
+    start = None if before is None else widened(before, config)
     validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
     if options.threads:
         torch.set_num_threads(options.threads)
@@ -72,15 +74,29 @@ def run(
         options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
         every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
     )  # fmt: skip
-    if options.faces:
-        network = with_faces(network, PackedFrames(options.data), options.faces, seed=options.seed)
-    if options.calibrate and options.validate:
+    if faces:
+        network = with_faces(network, PackedFrames(options.data), faces, seed=options.seed)
+    if calibrate and options.validate:
         network = calibrated_on(network, PackedFrames(options.validate), count=options.validate_frames)
-    if validate and (options.faces or options.calibrate):
+    if validate and (faces or calibrate):
         measure(network)
     trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
     save_weights(weights, relocated(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
     return weights, measured
+
+
+def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+    """Classes, classes whose faces are measured, and whether scores are calibrated: what the options say, and where
+    they say nothing as the network is that training starts from. Raises ValueError for faces of other classes."""
+    classes, faces = options.classes, options.faces
+    if classes is None:
+        classes = ("vehicle",) if start is None else start.config.labels
+    if faces is None:
+        faces = () if start is None else tuple(name for name in start.config.faces if name in classes)
+    calibrate = options.calibrate or (start is not None and bool(start.config.calibration))
+    if not set(faces) <= set(classes):
+        raise ValueError(f"--faces must be among --classes {' '.join(classes)}, got {' '.join(faces)}")
+    return classes, faces, calibrate
 
 
 def _check_folder(options: TrainingOptions) -> None:

@@ -29,9 +29,9 @@ class TrainingOptions:
         out: Folder for checkpoint, log, curves and weights.safetensors.
         start: Weights to go on from, a shipped name (general, to fit it to your junction) or a file, instead of random.
         preset: fast, or general for general, when left out; varied: thinner clouds, uneven ground; paper: as published.
-        classes: What it detects, of vehicle, heavy, cyclist and pedestrian.
-        faces: Classes whose boxes' faces a second stage measures.
-        calibrate: Choose scores and their threshold on the frames of --validate.
+        classes: What it detects, of vehicle, heavy, cyclist, pedestrian; when left out, what --start does, or vehicle.
+        faces: Classes whose boxes' faces a second stage measures; when left out, those of --start.
+        calibrate: Choose scores and thresholds on the frames of --validate; done as well where those of --start were.
         size: The light network, or one as wide as the published.
         voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
         epochs: Passes over the data; the preset's when left out.
@@ -51,8 +51,8 @@ class TrainingOptions:
     out: Path
     start: str | None = None
     preset: Literal["fast", "paper", "general", "varied"] | None = None
-    classes: tuple[str, ...] = ("vehicle",)
-    faces: tuple[str, ...] = ()
+    classes: tuple[str, ...] | None = None
+    faces: tuple[str, ...] | None = None
     calibrate: bool = False
     size: Literal["light", "published"] = "light"
     voxel: float | None = None
@@ -75,9 +75,11 @@ class TrainingOptions:
                 raise ValueError(f"{option(name)} must be above 0, got {value}")
         if self.seed < 0 or self.workers < 0:
             raise ValueError(f"--seed and --workers must not be negative, got {self.seed} and {self.workers}")
-        kinds_of(self.classes)
-        if not set(self.faces) <= set(self.classes):
-            raise ValueError(f"--faces must be among --classes {' '.join(self.classes)}, got {' '.join(self.faces)}")
+        known = ("vehicle",) if self.classes is None and self.start is None else self.classes
+        if known is not None:
+            kinds_of(known)
+            if not set(self.faces or ()) <= set(known):
+                raise ValueError(f"--faces must be among --classes {' '.join(known)}, got {' '.join(self.faces or ())}")
         if self.calibrate and self.validate is None:
             raise ValueError("--calibrate needs frames that were not trained on: give --validate")
 

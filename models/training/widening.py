@@ -22,7 +22,8 @@ def widened(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        wider = VoxelNet(replace(network.config, labels=config.labels, kinds=config.kinds, faces=(), calibration=()))
+        bare: dict[str, Any] = {"faces": (), "calibration": (), "thresholds": ()}
+        wider = VoxelNet(replace(network.config, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():
         if name in state:

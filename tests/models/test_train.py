@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 import torch
 
-from models.train import WEIGHTS, commit, run
+from models.config import VoxelNetConfig, road_users
+from models.network.voxelnet import VoxelNet
+from models.train import WEIGHTS, commit, run, second_stages
 from models.training.checkpoint import CHECKPOINT, load_checkpoint
 from models.training.options import TrainingOptions
+from models.training.widening import widened
 from models.weight_files import load_weights
 
 REPOSITORY = Path(__file__).parents[2]
@@ -86,3 +89,20 @@ def test_weights_know_the_commit_of_the_code_that_made_them(monkeypatch):
     assert commit() == "unknown" or len(commit()) == 40
     monkeypatch.setenv("PATH", "")
     assert commit() == "unknown"
+
+
+def test_what_is_left_out_is_as_in_the_network_that_training_starts_from(tmp_path):
+    four = VoxelNetConfig.light(
+        (-8, -8, 8, 8), **road_users(), faces=("vehicle", "heavy"), calibration=((1.0, 0.0),) * 4, thresholds=(0.2,) * 4
+    )
+    start = VoxelNet(four)
+    given = {"data": tmp_path, "out": tmp_path, "start": "general"}
+    assert second_stages(TrainingOptions(**given), start) == (four.labels, ("vehicle", "heavy"), True)
+    fewer = TrainingOptions(**given, classes=("heavy", "cyclist"))
+    assert second_stages(fewer, start) == (("heavy", "cyclist"), ("heavy",), True)
+    assert second_stages(TrainingOptions(**given, faces=()), start)[1] == ()
+    assert second_stages(TrainingOptions(data=tmp_path, out=tmp_path), None) == (("vehicle",), (), False)
+    with pytest.raises(ValueError, match="--faces must be among --classes vehicle heavy cyclist pedestrian, got tram"):
+        second_stages(TrainingOptions(**given, faces=("tram",)), start)
+    one = widened(start, VoxelNetConfig.light((-8, -8, 8, 8)))
+    assert (one.config.labels, one.config.thresholds, one.config.faces) == (("vehicle",), (), ())
