@@ -14,10 +14,11 @@ from toolkit.arrays import Bool, Float
 from toolkit.detection.metrics import TRUE_IOU, match
 from toolkit.objects import LABELS
 
-PRECISION = 0.98  # of the detections above the threshold that is chosen
-MOST_LOST = 0.03  # share of the true detections that a threshold may cost, whatever the precision
+PRECISION = 0.97  # of the detections above the threshold that is chosen
+MOST_LOST = 0.05  # share of the true detections that a threshold may cost, whatever the precision
 FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
 LOWEST = 0.05  # score of detections that are looked at
+LEAST_SURE = 0.2  # calibrated score below which nothing is reported unless it is asked for
 _SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
 _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
 _STEPS = 50
@@ -52,7 +53,7 @@ def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n
     first_out = good[-1] + 1 if len(good) else min(FEWEST, len(order))
     least = float(scores[order][first_out]) if first_out < len(order) else 0.0
     true = np.sort(scores[hits])
-    return min(least, np.nextafter(true[int(MOST_LOST * len(true))], 0.0)) if len(true) else least
+    return min(least, float(np.nextafter(true[int(MOST_LOST * len(true))], 0.0))) if len(true) else least
 
 
 def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
@@ -64,7 +65,7 @@ def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None 
     pairs = [platt(*each) if len(each[0]) >= FEWEST else (1.0, 0.0) for each in zip(scores, hits, strict=True)]
     sure = [sigmoid(slope * logit(score) + shift) for (slope, shift), score in zip(pairs, scores, strict=True)]
     least = [lowest_threshold(score, hit, PRECISION) for score, hit in zip(sure, hits, strict=True)]
-    thresholds = tuple(round(max(LOWEST, each), 3) for each in least)
+    thresholds = tuple(round(max(LEAST_SURE, each), 3) for each in least)
     return rebuilt(bare, calibration=tuple(pairs), thresholds=thresholds, score_threshold=LOWEST)
 
 
