@@ -28,12 +28,14 @@ from toolkit.plots.curves import draw_pr_curves
 from toolkit.sites.files import load_site, save_site
 
 class Figures:
-    scheme, iou, sensors = "early", 0.7, (0,)
+    scheme, iou, sensors, label = "early", 0.7, (0,), "vehicle"
     def as_dict(self):
         return {"scheme": "early"} | {f"figure {k}": k / 7 for k in range(900)}
 
 class Rows(list):
     provenance = {}
+    def as_dict(self):
+        return {"rows": [each.as_dict() for each in self]}
 
 site, rng = load_site("tjunction"), np.random.default_rng(0)
 camera = site.sensors[0]

@@ -15,8 +15,6 @@ from coview.recordings import open_recording
 
 RECORDING = "tjunction.hdf5"
 PLAN, CACHE = "plan", "cache"  # folders
-FILES = {RECORDING, "table.json", "birds_eye.png", "pr_0.7.png", "pr_0.8.png", "pr_0.9.png"}
-MADE = FILES | {f"{RECORDING}.parts", PLAN, CACHE}
 PLAN_SENSORS = 3  # of the site's own six
 
 
@@ -41,12 +39,16 @@ def demo(
         detector: As in coview evaluate.
         overwrite: Replace what is in the folder; another demo's files are replaced anyway.
     """
+    from toolkit.detection.evaluation import curve_files
     from toolkit.detection.example_picture import draw_example
+    from toolkit.objects import LABELS
 
     check_least("--frames", frames, 1)
     check_least("--plan-frames", plan_frames, 0)
-    again = overwrite or (out.is_dir() and {each.name for each in out.iterdir()} <= MADE)
-    for name in sorted(FILES):
+    files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
+    made = files | {f"{RECORDING}.parts", PLAN, CACHE}
+    again = overwrite or (out.is_dir() and {each.name for each in out.iterdir()} <= made)
+    for name in sorted(files):
         check_folder(out, holds=name, overwrite=again)
     simulate("tjunction", out=out / RECORDING, frames=frames, seed=seed, overwrite=again)
     evaluate(out / RECORDING, detector=detector, out=out, overwrite=again)

@@ -155,7 +155,7 @@ def test_classes_restrict_the_rows(recording, tmp_path, run):
 
 
 def test_a_network_of_vehicles_alone_refuses_other_classes(recording, tmp_path, refused):
-    arguments = ("--detector", "voxelnet", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
+    arguments = ("--detector", "vehicles/tjunction", "--classes", "vehicle", "cyclist", "--out", tmp_path / "out")
     assert "the detector knows vehicle only, not cyclist: take one trained" in refused(
         "evaluate", recording, *arguments
     )
