@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from models.detector import load_detector
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
@@ -27,6 +28,7 @@ from toolkit.points import centred_in
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 NAMES = ("vehicle", "cyclist", "pedestrian")
@@ -226,11 +228,14 @@ def test_a_detector_of_vehicles_alone_refuses_other_classes():
     class CarReader(Reader):
         labels = ("vehicle",)  # type: ignore[assignment]
 
-    reader = CarReader()
+    reader, both = CarReader(), ("vehicle", "pedestrian")
+    cars = load_detector("vehicles/general", area=load_site("roundabout").area)
     with pytest.raises(ValueError, match="knows vehicle only, not cyclist, pedestrian"):
         Detected(Street(), reader, "early", classes=MEAN)
     with pytest.raises(ValueError, match="knows vehicle only, not pedestrian"):
-        Objective("roundabout", 2, fidelity="detector", candidates="pool", classes=("vehicle", "pedestrian"))
+        Objective(
+            "roundabout", 2, fidelity="detector", candidates="pool", classes=("vehicle", "pedestrian"), detector=cars
+        )
 
 
 @pytest.fixture(scope="module")

@@ -107,7 +107,7 @@ def test_a_site_without_traffic(tmp_path, run):
         (("--budget", -1), "--budget must be at least 0"),
         (("--frames", 0), "--frames must be at least 1"),
         (("--min-ap", 2), "min_ap must lie above 0 and up to 1"),
-        (("--classes", "cyclist"), "the detector knows vehicle only"),
+        (("--classes", "cyclist", "--detector", "vehicles/general"), "the detector knows vehicle only"),
         (("--scheme", "middle"), "there is no fusion scheme"),
         (("--iou", 2), "--iou must lie above 0"),
         (("--sensors", "none.toml"), "none.toml"),

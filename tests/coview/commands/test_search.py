@@ -238,7 +238,10 @@ def test_classes_are_weighed(run, tmp_path):
         (("--classes", "vehicle", "vehicle"), "classes must be one or several different ones"),
         (("--small-iou", 0), "--small-iou must lie above 0 and at most at 1, got 0"),
         (("--classes", "vehicle", "cyclist"), "coview surrogate fits one"),
-        (("--classes", "vehicle", "cyclist", "--fidelity", "detector"), "knows vehicle only, not cyclist"),
+        (
+            ("--classes", "vehicle", "cyclist", "--fidelity", "detector", "--detector", "vehicles/general"),
+            "knows vehicle only, not cyclist",
+        ),
         (("--surrogate", "none.json"), "no surrogate none.json: fit one with coview surrogate"),
         (("--table", "none.npz"), "a table is for fidelity table, got 'surrogate'"),
         (("--fidelity", "table", "--candidates", "paper", "--table", "none.npz"), "no table 'none.npz'"),

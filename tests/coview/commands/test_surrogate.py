@@ -44,7 +44,7 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
         (("--frames", 0), "--frames must be at least 1"),
         (("--poses", 10**6), "poses must be 0 to the"),
         (("--detector", "cluster"), "detector cluster learns from a recording"),
-        (("--classes", "vehicle", "heavy"), "knows vehicle only, not heavy"),
+        (("--classes", "vehicle", "heavy", "--detector", "vehicles/general"), "knows vehicle only, not heavy"),
         (("--small-iou", 50), "--small-iou must lie above 0"),
         (("--schemes", "middle"), "there is no fusion scheme"),
     ],

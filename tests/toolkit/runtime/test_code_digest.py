@@ -65,7 +65,7 @@ def test_a_job_runs_what_its_figures_depend_on(job, module):
     ("module", "old", "new", "jobs"),
     [
         ("toolkit/sites/site.py", "RADIUS = 20.0", "RADIUS = 10.0", ["rendering", "visibility", "detection"]),
-        ("placement_env/fidelity/traffic.py", "== VEHICLE", ">= VEHICLE", ["rendering", "visibility", "detection"]),
+        ("placement_env/fidelity/traffic.py", "(VEHICLE,)", "(0, 3)", ["rendering", "visibility", "detection"]),
     ],
 )
 def test_changes_that_were_served_stale_figures_count(tree, module, old, new, jobs):
