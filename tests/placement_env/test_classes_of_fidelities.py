@@ -233,9 +233,7 @@ def test_a_detector_of_vehicles_alone_refuses_other_classes():
     with pytest.raises(ValueError, match="knows vehicle only, not cyclist, pedestrian"):
         Detected(Street(), reader, "early", classes=MEAN)
     with pytest.raises(ValueError, match="knows vehicle only, not pedestrian"):
-        Objective(
-            "roundabout", 2, fidelity="detector", candidates="pool", classes=("vehicle", "pedestrian"), detector=cars
-        )
+        Objective("roundabout", 2, fidelity="detector", candidates="pool", classes=both, detector=cars)
 
 
 @pytest.fixture(scope="module")
