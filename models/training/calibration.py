@@ -66,7 +66,7 @@ def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None 
     sure = [sigmoid(slope * logit(score) + shift) for (slope, shift), score in zip(pairs, scores, strict=True)]
     least = [lowest_threshold(score, hit, PRECISION) for score, hit in zip(sure, hits, strict=True)]
     thresholds = tuple(round(max(LEAST_SURE, each), 3) for each in least)
-    return rebuilt(bare, calibration=tuple(pairs), thresholds=thresholds, score_threshold=LOWEST)
+    return rebuilt(bare, calibration=tuple(pairs), thresholds=thresholds)
 
 
 def _judged(

@@ -94,12 +94,11 @@ def fit_detected(
     common: dict[str, Any] = {"scheme": detected.scheme, "radius": radius, "source": source}
     models: dict[tuple[str, float], HitModel] = {}
     for c, (name, label) in enumerate(zip(detected.classes.names, detected.classes.labels, strict=True)):
-        own = visibility.labels == label
+        own, seen = visibility.labels == label, visibility.of_classes([label])
         for i, iou in enumerate(IOUS):
             at = detected.iou_of(label, iou)
             if (name, at) in models:
                 continue
-            seen = visibility.of_classes([label])
             try:
                 models[name, at] = fit(
                     seen, subsets, hits[i][:, own], estimates[iou].ap[:, c], iou=at, label=name, **common

@@ -34,6 +34,15 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
     return np.round(np.array([start - across, end - across, end + across, start + across]), 3)
 
 
+def block(
+    size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
+) -> Float64[np.ndarray, "4 2"]:
+    """A rectangle of length and width (m) about `middle`, its length along `yaw`."""
+    ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
+    start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
+    return bar(start, end, size[1])
+
+
 def building(xmin: float, ymin: float, xmax: float, ymax: float, height: float) -> Solid:
     """A block with a flat roof."""
     return Solid(rectangle(xmin, ymin, xmax, ymax), 0.0, height, "building")

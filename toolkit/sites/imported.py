@@ -16,8 +16,9 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
-from toolkit.sites.network import Polygons, within_window
+from toolkit.sites.network import Polygons, enclosed, points_of, users_of, within_window
 from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit.sites.street.bays import stood_along
 from toolkit.sites.street.furnishing import furnish
 from toolkit.sites.surroundings import Road
 
@@ -28,6 +29,7 @@ THINNEST_ROAD = 0.5  # m, half the width of the thinnest carriageway that is kep
 ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
 KERB = (0.15, 0.12)  # m, width and height of kerbstones
 WIDEST = 3.5  # m, of the track a vehicle follows over a junction
+MAP_BAY = (5.8, 2.3)  # m, length and width of a bay of which a map says no size
 CORNER_CUT = 1.2  # m beside the track of a vehicle that turns, where kerbs are lowered
 BODY = (5.5, 2.6)  # m, length and width of a vehicle that turns, with room beside it
 ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
@@ -39,9 +41,9 @@ def driven(network: str) -> shapely.Geometry:
     for edge in ElementTree.fromstring(network).iter("edge"):
         function = edge.get("function", "normal")
         for lane in edge.iter("lane") if function in ("normal", "internal") else ():
-            if _for_cars(lane):
+            if "passenger" in users_of(lane):
                 tracks.append(_track(lane))
-                tracks += _turning(_points(lane)) if function == "internal" else []
+                tracks += _turning(points_of(lane)) if function == "internal" else []
     return shapely.union_all(tracks)
 
 
@@ -50,9 +52,9 @@ def turning(network: str, margin: float = CORNER_CUT) -> shapely.Geometry:
     bent = []
     for edge in ElementTree.fromstring(network).iter("edge"):
         for lane in edge.iter("lane") if edge.get("function") == "internal" else ():
-            points = _points(lane)
+            points = points_of(lane)
             straight = shapely.LineString(points[[0, -1]])
-            if _for_cars(lane) and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3:
+            if "passenger" in users_of(lane) and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3:
                 bent += [_track(lane), *_turning(points)]
     return shapely.union_all(bent).buffer(margin)
 
@@ -63,8 +65,8 @@ def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
     walking = [
         lane for edge in root.iter("edge") if edge.get("function") == "walkingarea" for lane in edge.iter("lane")
     ]
-    footway = shapely.union_all([_outline(lane) for lane in walking])
-    junctions = [_outline(j) for j in root.iter("junction") if j.get("type") not in ("internal", "dead_end")]
+    footway = shapely.union_all([enclosed(lane) for lane in walking])
+    junctions = [enclosed(j) for j in root.iter("junction") if j.get("type") not in ("internal", "dead_end")]
     return shapely.union_all(junctions).difference(footway), footway
 
 
@@ -126,9 +128,9 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
     paths, widths = [], []
     for edge in ElementTree.fromstring(network).iter("edge"):
         lanes = list(edge.iter("lane"))
-        if edge.get("function", "normal") != "normal" or not any(_for_cars(lane) for lane in lanes):
+        if edge.get("function", "normal") != "normal" or not any("passenger" in users_of(lane) for lane in lanes):
             continue
-        line = shapely.LineString(_points(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
+        line = shapely.LineString(points_of(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
         for part in shapely.get_parts(line):
             if part.geom_type == "LineString" and part.length > 10.0:
                 inner = float(lanes[-1].get("width", "3.2")) / 2
@@ -171,17 +173,13 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
 
 def bay_outline(x: float, y: float, yaw: float) -> Float64[np.ndarray, "4 2"]:
     """The corners of a parking bay."""
-    ahead = 2.9 * np.array([np.cos(yaw), np.sin(yaw)])
-    return f.bar((float(x - ahead[0]), float(y - ahead[1])), (float(x + ahead[0]), float(y + ahead[1])), 2.3)
+    return f.block(MAP_BAY, (x, y), yaw)
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
     """Bays x, y, yaw one behind the other along the middle of a parking lane."""
     line = shapely.LineString(middle)
-    at = np.arange(every / 2, line.length - every / 2, every)
-    here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - 0.5, at + 0.5))
-    yaw = np.arctan2(*(ahead - here).T[::-1])
-    rows = np.column_stack([(here + ahead) / 2, yaw])
+    rows = stood_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
@@ -195,14 +193,9 @@ def _apart_from(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
     return [s for s, p in zip(solids, shapes, strict=True) if s.kind == "island" or not hit.intersects(p)]
 
 
-def _for_cars(lane: ElementTree.Element) -> bool:
-    allow, disallow = lane.get("allow", "").split(), lane.get("disallow", "").split()
-    return "passenger" in allow if allow else not {"all", "passenger"} & set(disallow)
-
-
 def _track(lane: ElementTree.Element) -> shapely.Geometry:
     half = min(float(lane.get("width", "3.2")), WIDEST) / 2
-    points = _points(lane)
+    points = points_of(lane)
     if len(points) < 2:
         return shapely.Polygon()
     return shapely.LineString(points).simplify(0.05).buffer(half, cap_style="flat", quad_segs=4)
@@ -219,16 +212,6 @@ def _turning(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
     at = np.arange(0.0, line.length - length, 0.5)
     ends = zip(_interpolated(line, at), _interpolated(line, at + length), strict=True)
     return [shapely.LineString(both).buffer(width / 2, cap_style="flat") for both in ends]
-
-
-def _outline(element: ElementTree.Element) -> shapely.Geometry:
-    points = _points(element)
-    return shapely.make_valid(shapely.Polygon(points)).buffer(0) if len(points) > 2 else shapely.Polygon()
-
-
-def _points(lane: ElementTree.Element) -> np.ndarray:
-    points = [p.split(",")[:2] for p in lane.get("shape", "").split()]
-    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def _interpolated(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray, "n 2"]:

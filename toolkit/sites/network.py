@@ -140,13 +140,14 @@ def road_polygons(
         if function == "internal":
             continue
         for lane in edge.iter("lane"):
+            users = users_of(lane)
             if function == "walkingarea":
-                footways.append(_outline(lane))
-            elif not _users(lane) <= _RAIL or not _users(lane):
-                only_feet = function != "crossing" and "pedestrian" in _users(lane) and "passenger" not in _users(lane)
+                footways.append(enclosed(lane))
+            elif not users <= _RAIL or not users:
+                only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
                 (footways if only_feet else lanes).append(_strip(lane))
     corners = shapely.union_all(footways)
-    junctions = [_outline(j) for j in root.iter("junction") if j.get("type") != "internal"]
+    junctions = [enclosed(j) for j in root.iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
     return within_window(lanes, window), within_window(footways, window)
 
@@ -159,12 +160,13 @@ def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float
         for edge in root.iter("edge")
         if edge.get("function", "normal") == "normal"
         for lane in edge.iter("lane")
-        if not _users(lane)
+        if not users_of(lane)
     ]
-    return {edge: (_coordinates(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
+    return {edge: (points_of(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
 
 
-def _users(lane: ElementTree.Element) -> set[str]:
+def users_of(lane: ElementTree.Element) -> set[str]:
+    """Who may use a lane of a net.xml text, in SUMO's words."""
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
@@ -174,12 +176,12 @@ def _users(lane: ElementTree.Element) -> set[str]:
 
 def _strip(lane: ElementTree.Element) -> shapely.Geometry:
     half = float(lane.get("width", "3.2")) / 2
-    return shapely.LineString(_coordinates(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
+    return shapely.LineString(points_of(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
 
 
-def _outline(element: ElementTree.Element) -> shapely.Geometry:
+def enclosed(element: ElementTree.Element) -> shapely.Geometry:
     """The area an element's shape encloses; of one that crosses itself, all its parts."""
-    coordinates = _coordinates(element)
+    coordinates = points_of(element)
     if len(coordinates) < 3:
         return shapely.Polygon()
     valid = shapely.make_valid(shapely.Polygon(coordinates))
@@ -188,7 +190,8 @@ def _outline(element: ElementTree.Element) -> shapely.Geometry:
     return shapely.union_all([part for part in shapely.get_parts(valid) if part.area > 0])
 
 
-def _coordinates(element: ElementTree.Element) -> np.ndarray:
+def points_of(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
+    """The shape (k, 2) of a lane or junction of a net.xml text, heights left out."""
     points = [p.split(",")[:2] for p in element.get("shape", "").split()]
     return np.array(points, np.float64).reshape(-1, 2)
 

@@ -1,8 +1,10 @@
 """Outlines and solids beside the road."""
 
+import numpy as np
 import pytest
+import shapely
 
-from toolkit.sites.furniture import building, clear_of_road, kerbs, rectangle
+from toolkit.sites.furniture import block, building, clear_of_road, kerbs, rectangle
 
 
 def test_kerbs_lie_between_road_and_footway(union):
@@ -22,3 +24,8 @@ def test_a_building_over_the_footway_ends_behind_it():
     )
     assert cut.footprint[:, 1].min() == pytest.approx(6.2)
     assert not clear_of_road([building(2.0, 1.0, 8.0, 3.0, 9.0)], [rectangle(0.0, 0.0, 20.0, 4.0)], [])
+
+
+def test_a_block_lies_along_its_yaw():
+    turned = shapely.Polygon(block((4.0, 1.0), (1.0, 2.0), np.pi / 2))
+    assert turned.equals(shapely.box(0.5, 0.0, 1.5, 4.0))

@@ -42,9 +42,13 @@ def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "
     every = BAY[0] + 0.4 if angle == 0 else BAY[1] / np.sin(slant)
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), every)
     at = line.length - at if at_end else at
-    here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - 0.25, at + 0.25))
-    forward = np.arctan2(*(ahead - here).T[::-1])
-    return np.column_stack([(here + ahead) / 2, forward - slant]).round(4)  # the kerb is to the right
+    return (stood_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)  # the kerb is to the right
+
+
+def stood_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:
+    """x, y and heading of what stands `at` so far along a line (m), both its ends, `half` m from its middle, on it."""
+    here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half))
+    return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
 def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
@@ -61,9 +65,7 @@ def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3
 
 def outline(x: float, y: float, yaw: float, size: tuple[float, float] = BAY) -> shapely.Polygon:
     """The ground of a bay."""
-    ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
-    ends = [(float(x + side * ahead[0]), float(y + side * ahead[1])) for side in (-1, 1)]
-    return shapely.Polygon(f.bar(ends[0], ends[1], size[1]))
+    return shapely.Polygon(f.block(size, (x, y), yaw))
 
 
 def _claim(plot: Plot, bay: Float64[np.ndarray, "3"]) -> bool:

@@ -9,20 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from toolkit.arrays import Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.site import Solid
 
 Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthwise along x
-
-
-def block(
-    size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
-) -> Float64[np.ndarray, "4 2"]:
-    """A rectangle of length and width (m) about `middle`, its length along `yaw`."""
-    ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
-    start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
-    return f.bar(start, end, size[1])
 
 
 def put_at(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
@@ -38,7 +28,7 @@ def _size(rng: np.random.Generator, *ranges: tuple[float, float]) -> tuple[float
 def hedge_block(rng: np.random.Generator) -> list[Solid]:
     """A clipped hedge, up to the size of a van."""
     length, width, height = _size(rng, (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
-    return [Solid(block((length, width)), 0.0, height, "hedge")]
+    return [Solid(f.block((length, width)), 0.0, height, "hedge")]
 
 
 def bushes(rng: np.random.Generator) -> list[Solid]:
@@ -55,21 +45,21 @@ def bushes(rng: np.random.Generator) -> list[Solid]:
 def planter(rng: np.random.Generator) -> list[Solid]:
     """A tub of stone with something green in it."""
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
-    grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
-    return [Solid(block((length, width)), 0.0, height, "planter"), grown]
+    grown = Solid(f.block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
+    return [Solid(f.block((length, width)), 0.0, height, "planter"), grown]
 
 
 def cabinet(rng: np.random.Generator) -> list[Solid]:
     """A power or telephone box."""
     length, width, height = _size(rng, (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))
-    return [Solid(block((length, width)), 0.0, height, "cabinet")]
+    return [Solid(f.block((length, width)), 0.0, height, "cabinet")]
 
 
 def container(rng: np.random.Generator) -> list[Solid]:
     """A freight, site or recycling container."""
     length = float(rng.choice([1.8, 2.4, 3.0, 4.5, 6.06]))
     width, height = _size(rng, (1.5, 2.5), (1.4, 2.7))
-    return [Solid(block((length, width)), 0.0, height, "container")]
+    return [Solid(f.block((length, width)), 0.0, height, "container")]
 
 
 def skip(rng: np.random.Generator) -> list[Solid]:
@@ -79,9 +69,9 @@ def skip(rng: np.random.Generator) -> list[Solid]:
     walls = [((0.0, side * (width - 0.12) / 2), (length, 0.12)) for side in (-1, 1)]
     walls += [((side * (length - 0.12) / 2, 0.0), (0.12, width - 0.24)) for side in (-1, 1)]
     return [
-        Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container"),
-        *(Solid(block(size, at), middle, height, "container") for at, size in walls),
-        Solid(block((0.8 * length, 0.7 * width)), middle, round(middle + full * (height - middle), 2), "container"),
+        Solid(f.block((0.65 * length, 0.9 * width)), 0.0, middle, "container"),
+        *(Solid(f.block(size, at), middle, height, "container") for at, size in walls),
+        Solid(f.block((0.8 * length, 0.7 * width)), middle, round(middle + full * (height - middle), 2), "container"),
     ]
 
 
@@ -96,7 +86,7 @@ def bins(rng: np.random.Generator) -> list[Solid]:
     number = int(rng.integers(1, 6))
     length, width, height = _size(rng, (0.6, 1.4), (0.7, 1.1), (1.0, 1.5))
     at = (np.arange(number) - (number - 1) / 2) * (length + 0.12)
-    return [Solid(block((length, width), (float(x), 0.0)), 0.0, height, "bin") for x in at]
+    return [Solid(f.block((length, width), (float(x), 0.0)), 0.0, height, "bin") for x in at]
 
 
 def heap(rng: np.random.Generator) -> list[Solid]:
@@ -115,18 +105,18 @@ def column(rng: np.random.Generator) -> list[Solid]:
     if rng.random() < 0.5:
         return [Solid(f.disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
     feet = [f.post(side * 0.4 * length, 0.0, 0.7, 0.06) for side in (-1, 1)]
-    return [*feet, Solid(block((length, 0.15)), 0.7, height - 0.4, "sign")]
+    return [*feet, Solid(f.block((length, 0.15)), 0.7, height - 0.4, "sign")]
 
 
 def digger(rng: np.random.Generator) -> list[Solid]:
     """A digger: tracks, a house with a cab, and an arm in front."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
-    sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]
-    house = Solid(block((0.8 * length, 0.9 * width), (-0.1 * length, 0.0)), track, deck, "machine")
-    cab = Solid(block((0.4 * length, 0.45 * width), (0.05 * length, 0.2 * width)), deck, height, "machine")
-    boom = Solid(block((0.45 * length, 0.3), (0.5 * length, swing / 2)), round(0.6 * deck, 2), height, "machine")
-    stick = Solid(block((0.3, 0.35), (0.8 * length, swing)), 0.0, round(0.9 * height, 2), "machine")
+    sides = [Solid(f.block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]
+    house = Solid(f.block((0.8 * length, 0.9 * width), (-0.1 * length, 0.0)), track, deck, "machine")
+    cab = Solid(f.block((0.4 * length, 0.45 * width), (0.05 * length, 0.2 * width)), deck, height, "machine")
+    boom = Solid(f.block((0.45 * length, 0.3), (0.5 * length, swing / 2)), round(0.6 * deck, 2), height, "machine")
+    stick = Solid(f.block((0.3, 0.35), (0.8 * length, swing)), 0.0, round(0.9 * height, 2), "machine")
     return [*sides, house, cab, boom, stick]
 
 

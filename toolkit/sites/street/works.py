@@ -10,7 +10,7 @@ import shapely
 from toolkit.sites import furniture as f
 from toolkit.sites.site import Solid
 from toolkit.sites.street.bays import Strip
-from toolkit.sites.street.bulky import Make, block, bushes, container, digger, heap, put_at, skip
+from toolkit.sites.street.bulky import Make, bushes, container, digger, heap, put_at, skip
 from toolkit.sites.surroundings import Plot, along
 
 CLOSED_LANE = (2.6, 3.6)  # m, how wide a lane closed for works is, from .. to
@@ -72,8 +72,8 @@ def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
     """Two boards one over the other on feet, `length` (m) along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
-    feet = [Solid(block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
-    return feet + [Solid(block((length, 0.06)), low, round(low + 0.2, 2), "barrier") for low in levels]
+    feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
+    return feet + [Solid(f.block((length, 0.06)), low, round(low + 0.2, 2), "barrier") for low in levels]
 
 
 def cone(rng: np.random.Generator) -> list[Solid]:
@@ -86,16 +86,16 @@ def cone(rng: np.random.Generator) -> list[Solid]:
 def beacon(rng: np.random.Generator) -> list[Solid]:
     """A guide board on its foot, across the way."""
     return [
-        Solid(block((0.4, 0.3)), 0.0, 0.12, "cone"),
-        Solid(block((0.06, 0.25)), 0.12, round(float(rng.uniform(1.0, 1.3)), 2), "cone"),
+        Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"),
+        Solid(f.block((0.06, 0.25)), 0.12, round(float(rng.uniform(1.0, 1.3)), 2), "cone"),
     ]
 
 
 def concrete(rng: np.random.Generator) -> list[Solid]:
     """A piece of concrete barrier."""
     return [
-        Solid(block((2.0, 0.5)), 0.0, 0.3, "barrier"),
-        Solid(block((2.0, 0.25)), 0.3, round(float(rng.uniform(0.75, 0.95)), 2), "barrier"),
+        Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"),
+        Solid(f.block((2.0, 0.25)), 0.3, round(float(rng.uniform(0.75, 0.95)), 2), "barrier"),
     ]
 
 
@@ -103,8 +103,8 @@ def fence(rng: np.random.Generator) -> list[Solid]:
     """A panel of a site fence one can look through."""
     height = round(float(rng.uniform(1.2, 2.0)), 2)
     bars = [Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)]
-    feet = [Solid(block((0.2, 0.5), (x, 0.0)), 0.0, 0.14, "fence") for x in (-1.15, 1.15)]
-    return [*bars, *feet, *(Solid(block((2.3, 0.05)), z, round(z + 0.05, 2), "fence") for z in (0.2, height - 0.05))]
+    feet = [Solid(f.block((0.2, 0.5), (x, 0.0)), 0.0, 0.14, "fence") for x in (-1.15, 1.15)]
+    return [*bars, *feet, *(Solid(f.block((2.3, 0.05)), z, round(z + 0.05, 2), "fence") for z in (0.2, height - 0.05))]
 
 
 _CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concrete, 2.1), (fence, 2.5))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
+from toolkit.sites.furniture import block
 from toolkit.sites.site import KINDS, Solid
-from toolkit.sites.street.bulky import BUILT, PLANTED, block, digger, hedge_block, put_at
+from toolkit.sites.street.bulky import BUILT, PLANTED, digger, hedge_block, put_at
 
 
 @pytest.mark.parametrize("make", [*dict.fromkeys((*PLANTED, *BUILT, digger))])
@@ -34,8 +35,3 @@ def test_what_is_moved_keeps_its_shape_and_levels():
     (one,) = put_at([Solid(block((4.0, 2.0)), 0.5, 1.5, "bin")], 10.0, -3.0, np.pi / 2)
     assert shapely.Polygon(one.footprint).equals(shapely.box(9.0, -5.0, 11.0, -1.0))
     assert (one.base, one.top, one.kind) == (0.5, 1.5, "bin")
-
-
-def test_a_block_lies_along_its_yaw():
-    turned = shapely.Polygon(block((4.0, 1.0), (1.0, 2.0), np.pi / 2))
-    assert turned.equals(shapely.box(0.5, 0.0, 1.5, 4.0))
