@@ -10,10 +10,22 @@ from importlib import import_module
 from coview import __version__
 from coview.hidden_packages import refuse_hidden_packages
 
-COMMANDS = (
-    "demo", "simulate", "evaluate", "survey", "fuse", "doctor", "site", "pack", "train", "search", "plan", "table",
-    "surrogate", "reproduce",
-)  # fmt: skip
+COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
+    "demo": "placement",
+    "simulate": "recordings",
+    "evaluate": "detection",
+    "survey": "recordings",
+    "fuse": "recordings",
+    "doctor": "recordings",
+    "site": "recordings",
+    "pack": "recordings",
+    "train": "detection",
+    "search": "placement",
+    "plan": "placement",
+    "table": "placement",
+    "surrogate": "placement",
+    "reproduce": "placement",
+}
 DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction, and search which to build.
 
 --version prints the version; --debug, with any command, shows the traceback of every error.
@@ -69,4 +81,9 @@ def _called(arguments: Sequence[str]) -> int:
 def _commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
     """All commands by name, or the one that is asked for, so that the others need not be imported."""
     wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
-    return {name: getattr(import_module(f"coview.commands.{name}"), name) for name in wanted}
+    return {name: command(name) for name in wanted}
+
+
+def command(name: str) -> Callable[..., int]:
+    """The function behind a name of `COMMANDS`."""
+    return getattr(import_module(f"coview.commands.{COMMANDS[name]}.{name}"), name)

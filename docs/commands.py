@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Iterator
-from importlib import import_module
 from typing import Any
 
 import tyro
@@ -14,7 +13,7 @@ from faces import as_rst
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from coview.main import COMMANDS
+from coview.main import COMMANDS, command
 
 CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
 
@@ -30,7 +29,7 @@ class Commands(SphinxDirective):
 
 def parser(name: str) -> ArgumentParser:
     """The parser of one command."""
-    function = getattr(import_module(f"coview.commands.{name}"), name)
+    function = command(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # tyro has no other way to its parsers
         return tyro.extras.get_parser(function, prog=f"coview {name}", config=CONFIG)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from coview.main import COMMANDS
+from coview.main import COMMANDS, command
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -55,8 +55,7 @@ def command_lines(page):
 @functools.cache
 def parsing(name):
     """A command that parses its arguments and does nothing."""
-    function = getattr(import_module(f"coview.commands.{name}"), name)
-    return functools.wraps(function)(lambda *_, **__: 0)
+    return functools.wraps(command(name))(lambda *_, **__: 0)
 
 
 def refused(words):

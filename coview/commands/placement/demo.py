@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from coview.arguments import check_least
-from coview.commands.evaluate import evaluate
-from coview.commands.plan import plan
-from coview.commands.simulate import simulate
+from coview.commands.detection.evaluate import evaluate
+from coview.commands.placement.plan import plan
+from coview.commands.recordings.simulate import simulate
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder

@@ -43,7 +43,7 @@ def test_a_site_is_replaced_only_when_told(run, refused, tmp_path):
     assert mine.read_bytes() != before
 
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[4] / "docs"
 OWN = ("--osm", DOCS / "own-junction.osm", "--centre", 8.0, 49.5, "--size", 70, 50)
 
 

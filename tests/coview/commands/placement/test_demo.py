@@ -13,7 +13,7 @@ def test_twice_and_never_over_other_files(run, refused, tmp_path):
 
 def test_it_ends_with_a_plan_of_the_site_s_own_sensors(run, tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr("coview.commands.demo.plan", lambda *site, **question: asked.append((site, question)))
+    monkeypatch.setattr("coview.commands.placement.demo.plan", lambda *site, **question: asked.append((site, question)))
     out = tmp_path / "demo"
     code, printed, _ = run(
         "demo", "--frames", 1, "--detector", "cluster", "--plan-frames", 5, "--seed", 3, "--out", out

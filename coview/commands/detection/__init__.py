@@ -1,0 +1,1 @@
+"""Commands about detectors: trained, run and measured."""
