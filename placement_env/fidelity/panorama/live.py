@@ -17,7 +17,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.panorama.looking import Views
 from placement_env.fidelity.panorama.ray_table import ray_table
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.panorama.surround import Packed, Scored, Surround
+from placement_env.fidelity.panorama.surround import Packed, ScoredItems, Surround
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from placement_env.fidelity.visibility import Visibility, distances, scored_objects
 from toolkit.arrays import Float64
@@ -32,7 +32,7 @@ from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
 MOST_STRIPS = 20_000_000  # of all places that are kept in memory, with some 60 bytes each
-MOMENTS = 64  # frames whose scenes are kept
+MOST_MOMENTS = 64  # frames whose scenes are kept
 
 Place = tuple[float, float, float]
 
@@ -52,9 +52,9 @@ class LiveView:
         counts = np.concatenate([np.zeros(0, np.bool_), *of_frames])
         frame = np.repeat(np.arange(len(traffic)), [len(each) for each in of_frames])
         place = np.where(counts, np.cumsum(counts) - 1, len(self._boxes))
-        self._scored = Scored(place, frame, len(self._boxes), len(traffic))
+        self._scored = ScoredItems(place, frame, len(self._boxes), len(traffic))
         self._kept: OrderedDict[Place, Surround] = OrderedDict()  # the one asked for the longest ago first
-        self._moment = lru_cache(maxsize=MOMENTS)(self._moment_of)
+        self._moment = lru_cache(maxsize=MOST_MOMENTS)(self._moment_of)
 
     def see(self, candidates: Candidates) -> Visibility:
         """What candidates see; the first time that one of a mount is asked for, panoramas are made there."""

@@ -23,12 +23,12 @@ from toolkit.arrays import Float32, Float64, Int64, Shaped
 from toolkit.rendering.strips import BEYOND, WITHIN, Strips
 from toolkit.sensors.model import SensorModel
 
-PARTS = 16  # of a place of azimuth or elevation, in which sides are kept
+FINENESS = 16  # of a place of azimuth or elevation, in which sides are kept
 ASIDE = 16  # places of azimuth by which a little more tilt may move a strip
 
 
 class Packed(NamedTuple):
-    """Strips of one place in order of their left sides, all in `PARTS` of places: left, width, low, high; the object of
+    """Strips of one place in order of their left sides, all in `FINENESS` of places: left, width, low, high; the object of
     each, numbered through all frames; and what it shows."""
 
     left: Shaped[np.ndarray, " n"]
@@ -41,9 +41,11 @@ class Packed(NamedTuple):
     @staticmethod
     def of(strips: Strips) -> Packed:
         """Strips of one viewpoint."""
-        left, right = (np.rint((each + PI) * PER_TURN * PARTS).astype(np.int64) for each in (strips.left, strips.right))
-        low, high = (np.rint((each + PI / 2) * PER_STEEP * PARTS) for each in (strips.bottom, strips.top))
-        begin = left % (AZIMUTHS * PARTS)
+        left, right = (
+            np.rint((each + PI) * PER_TURN * FINENESS).astype(np.int64) for each in (strips.left, strips.right)
+        )
+        low, high = (np.rint((each + PI / 2) * PER_STEEP * FINENESS) for each in (strips.bottom, strips.top))
+        begin = left % (AZIMUTHS * FINENESS)
         order = np.argsort(begin, kind="stable")
         angles = (begin, right - left, np.maximum(low, 0), high)
         begin, width, low, high = (each[order].astype(np.uint16) for each in angles)
@@ -52,7 +54,7 @@ class Packed(NamedTuple):
         )
 
 
-class Scored(NamedTuple):
+class ScoredItems(NamedTuple):
     """Which objects are scored. place: of each object, numbered through all frames, among the scored ones, or how many
     these are; frame: of each object; items, frames: how many are scored, and how many frames."""
 
@@ -75,9 +77,9 @@ class Surround:
     stills: dict[SensorModel, Still]
 
     @staticmethod
-    def of(packed: Packed, scored: Scored, stills: dict[SensorModel, Still]) -> Surround:
+    def of(packed: Packed, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
         """stills: what stands still there, seen from this place alone, by sensor model."""
-        left, width, low, high = (each.astype(np.float32) / np.float32(PARTS) for each in packed[:4])
+        left, width, low, high = (each.astype(np.float32) / np.float32(FINENESS) for each in packed[:4])
         bottom, top = (each / PER_STEEP - PI / 2 for each in (low, high))
         azimuth = left / PER_TURN - PI
         rectangles = Rectangles.of(azimuth, (left + width) / PER_TURN - PI, bottom, top)
@@ -93,7 +95,7 @@ class Surround:
         return Surround(rectangles, place, scored.frame[item], widest, gains, stills)
 
     def seen(
-        self, model: SensorModel, table: RayTable, heading: float, more: float, scored: Scored
+        self, model: SensorModel, table: RayTable, heading: float, more: float, scored: ScoredItems
     ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
         """Points on each scored object, points sent in each frame, and those of them that are far. heading, more: as of
         `RayTable.counts`."""

@@ -5,7 +5,7 @@ import pytest
 
 from placement_env.fidelity.panorama.ray_table import AZIMUTHS, PER_TURN, RayTable
 from placement_env.fidelity.panorama.still import Still
-from placement_env.fidelity.panorama.surround import PARTS, Packed, Scored, Surround
+from placement_env.fidelity.panorama.surround import FINENESS, Packed, ScoredItems, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -27,7 +27,7 @@ def strips():
 @pytest.fixture(scope="module")
 def scored():
     place = np.concatenate([np.arange(30), np.full(10, 30)])  # the last ten objects do not count
-    return Scored(place, np.arange(ITEMS) % 3, 30, 3)
+    return ScoredItems(place, np.arange(ITEMS) % 3, 30, 3)
 
 
 def still(sent, far):
@@ -39,15 +39,15 @@ def test_packing_keeps_angles_and_sorts_by_azimuth(strips):
     packed = Packed.of(strips)
     assert all(each.dtype == np.uint16 for each in packed[:4])
     assert (np.diff(packed.left.astype(int)) >= 0).all()
-    assert packed.left.max() < AZIMUTHS * PARTS
-    left = (strips.left + np.pi) % (2 * np.pi) * PER_TURN * PARTS
-    order = np.argsort(np.rint(left) % (AZIMUTHS * PARTS), kind="stable")
-    np.testing.assert_allclose(packed.left, left[order] % (AZIMUTHS * PARTS), atol=0.6)
+    assert packed.left.max() < AZIMUTHS * FINENESS
+    left = (strips.left + np.pi) % (2 * np.pi) * PER_TURN * FINENESS
+    order = np.argsort(np.rint(left) % (AZIMUTHS * FINENESS), kind="stable")
+    np.testing.assert_allclose(packed.left, left[order] % (AZIMUTHS * FINENESS), atol=0.6)
     np.testing.assert_array_equal(packed.item, strips.item[order])
     np.testing.assert_array_equal(packed.shows, strips.shows[order])
-    np.testing.assert_allclose(packed.width, ((strips.right - strips.left) * PER_TURN * PARTS)[order], atol=1.1)
-    np.testing.assert_allclose(packed.high / PARTS * np.pi / 3600 - np.pi / 2, strips.top[order], atol=1e-4)
-    np.testing.assert_allclose(packed.low / PARTS * np.pi / 3600 - np.pi / 2, strips.bottom[order], atol=1e-4)
+    np.testing.assert_allclose(packed.width, ((strips.right - strips.left) * PER_TURN * FINENESS)[order], atol=1.1)
+    np.testing.assert_allclose(packed.high / FINENESS * np.pi / 3600 - np.pi / 2, strips.top[order], atol=1e-4)
+    np.testing.assert_allclose(packed.low / FINENESS * np.pi / 3600 - np.pi / 2, strips.bottom[order], atol=1e-4)
 
 
 @pytest.mark.parametrize("model", [CAMERA, LIDAR], ids=["camera", "lidar"])
