@@ -121,14 +121,14 @@ def test_random_sites_have_scenery():
 
 
 def test_what_stands_on_a_slope_follows_it_and_stays_upright():
-    kerb, house = Solid(SQUARE, -0.3, 0.15, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
+    kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
     steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
     ground, solid = drop(scenery(steep), places(np.random.default_rng(0))), drop(scenery(steep), SQUARE * 0.9 + 0.3)
     bare = places(np.random.default_rng(0))
     away = ~((bare > [-1, -1]) & (bare < [9, 27])).all(axis=1)
     np.testing.assert_allclose(ground[away], bare[away] @ [0.06, 0.03], atol=1e-4)
     middle = SQUARE.mean(axis=0)
-    np.testing.assert_allclose(solid, 0.15 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
+    np.testing.assert_allclose(solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
     flat = scenery(site(kerb, house))
     np.testing.assert_array_equal(scenery(steep).vertices[:, :2], flat.vertices[:, :2])
 

@@ -34,7 +34,8 @@ def check(site: Site, tmp_path) -> None:
     for solid in low:
         assert shapely.Polygon(solid.footprint).intersection(driven).area < 1e-3, solid
     crowns = [s for s in site.solids if s.kind == "tree" and shapely.Polygon(s.footprint).intersects(lanes)]
-    assert all(1.0 < s.base < s.top < 12.0 for s in crowns)
+    below = site.plane(np.array([s.footprint.mean(axis=0) for s in crowns]).reshape(-1, 2))
+    assert all(1.0 < s.base - z < s.top - z < 12.0 for s, z in zip(crowns, below, strict=True))
     standing = union(s.footprint for s in low if s.top - s.base > 0.5 and s.kind != "kerb")
     assert standing.intersection(footways).area < 0.06 * footways.area
     assert len(site.mounts) >= 12
