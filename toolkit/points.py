@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert
 from toolkit.sensors.model import returned
@@ -44,13 +44,30 @@ def frame_points(
         sensor, measurement = frame.sensors[index], frame.measurements[index]
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
-        xyz, valid = unproject(sensor, measurement)
-        shift = frame.shifts[index] if frame.shifts else None
-        if shift is not None:
-            xyz += shift.reshape(-1, 3).T
-        keep = np.flatnonzero(valid & inside(xyz.T, bounds, top))
+        xyz, keep = _cropped(sensor, measurement, frame.shifts[index] if frame.shifts else None, bounds, top)
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
+
+
+def cropped_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
+    """The pixels, counted row after row, whose points `frame_points` has of a sensor (index), in the same order."""
+    shift = frame.shifts[sensor] if frame.shifts else None
+    where = area_of(area), height_of(area, height)
+    return _cropped(frame.sensors[sensor], frame.measurements[sensor], shift, *where)[1]
+
+
+def _cropped(
+    sensor: Sensor,
+    measurement: Float32[np.ndarray, "rows columns"],
+    shift: Float32[np.ndarray, "rows columns 3"] | None,
+    bounds: Float64[np.ndarray, "4"],
+    top: float,
+) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
+    """x, y and z of every pixel, and which of them are kept."""
+    xyz, valid = unproject(sensor, measurement)
+    if shift is not None:
+        xyz += shift.reshape(-1, 3).T
+    return xyz, np.flatnonzero(valid & inside(xyz.T, bounds, top))
 
 
 def unproject(

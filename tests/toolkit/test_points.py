@@ -5,7 +5,7 @@ from toolkit.clouds import crop, from_depth, positions
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.points import beyond, centred_in, frame_points, select_sensors
+from toolkit.points import beyond, centred_in, cropped_pixels, frame_points, select_sensors
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -111,3 +111,12 @@ def test_a_height_that_is_no_number_is_refused():
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
     with pytest.raises(ValueError, match="floor must be a number"):
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
+
+
+def test_pixels_of_the_cropped_points():
+    scene = frame()
+    for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
+        pixels = cropped_pixels(scene, k, area=AREA, height=3.0)
+        sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
+        np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
+        assert (np.diff(pixels) > 0).all()
