@@ -61,6 +61,13 @@ class Visibility:
         """How many frames."""
         return self.sent.shape[1]
 
+    @property
+    def on_objects(self) -> Float32[np.ndarray, "C F"]:
+        """Points on all scored objects of each frame together."""
+        sums = np.zeros((self.frames, len(self.points)), np.float32)
+        np.add.at(sums, self.frame, self.points.T)
+        return np.ascontiguousarray(sums.T)
+
     def __len__(self) -> int:
         return len(self.points)
 
