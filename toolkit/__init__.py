@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from toolkit.bodies.body import Body as Body
     from toolkit.bodies.fleet import Fleet as Fleet, catalogue as catalogue, fleet_named as fleet_named
     from toolkit.bodies.meshes import load_meshes as load_meshes
+    from toolkit.calibration.ground import Ground as Ground, level as level, level_warning as level_warning
     from toolkit.clouds import (
         crop as crop,
         down_sample as down_sample,
@@ -76,6 +77,7 @@ else:
             "bodies.body": ("Body",),
             "bodies.fleet": ("Fleet", "catalogue", "fleet_named"),
             "bodies.meshes": ("load_meshes",),
+            "calibration.ground": ("Ground", "level", "level_warning"),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
