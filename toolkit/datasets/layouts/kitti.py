@@ -26,7 +26,7 @@ from toolkit.datasets.records.fields import Listing, as_number, named_damage, nu
 from toolkit.datasets.records.labels import labelled, no_labels
 from toolkit.datasets.sample import ImageWedge, Region, Sample
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
-from toolkit.objects import LABELS
+from toolkit.objects import LABELS, Detections
 from toolkit.runtime.files import write_bytes, write_text
 
 IMAGE = 1242, 375  # pixels, where there is no image to say
@@ -133,18 +133,25 @@ def write_kitti(samples: Iterable[Sample], folder: Path) -> int:
     return written
 
 
-def kitti_text(sample: Sample, camera_SE3_lidar: np.ndarray | None = None, wedge: ImageWedge | None = None) -> str:
-    """The labels of a sample as label_2 has them, in the frame of a camera, one at the origin that looks along x if
-    none is given."""
+def kitti_text(
+    sample: Sample,
+    camera_SE3_lidar: np.ndarray | None = None,
+    wedge: ImageWedge | None = None,
+    *,
+    found: Detections | None = None,
+) -> str:
+    """The labels of a sample as label_2 has them, or what was found in it, with scores, in the frame of a camera: one
+    at the origin that looks along x if none is given."""
     camera = invert(BODY_SE3_CAMERA) if camera_SE3_lidar is None else camera_SE3_lidar
     wedge = _camera(sample.complete, camera)[0] if wedge is None else wedge
-    boxes, categories = sample.objects.boxes, sample.categories or ("",) * len(sample.objects)
-    lines = []
-    rectangles = wedge.rectangles(boxes) if len(boxes) else np.zeros((0, 4))
-    for box, label, category, rectangle in zip(boxes, sample.objects.labels, categories, rectangles, strict=True):
-        lines.append(kitti_line(box, category if category in _OWN else _NAMES[LABELS[label]], camera, rectangle))
-    for region in wedge.ignored:
-        left, top, right, bottom = region
+    shown = sample.objects if found is None else found
+    own = sample.categories if found is None else ()
+    names = [_NAMES[LABELS[label]] for label in shown.labels]
+    names = [category if category in _OWN else name for category, name in zip(own or names, names, strict=True)]
+    ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
+    rows = zip(shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True)
+    lines = [kitti_line(box, name, camera, rectangle) + end for box, name, rectangle, end in rows]
+    for left, top, right, bottom in wedge.ignored if found is None else ():
         lines.append(f"DontCare -1 -1 -10 {left:.2f} {top:.2f} {right:.2f} {bottom:.2f} -1 -1 -1 -1000 -1000 -1000 -10")
     return "".join(line + "\n" for line in lines)
 
