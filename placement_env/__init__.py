@@ -65,12 +65,11 @@ if TYPE_CHECKING:
     from placement_env.search import (
         annealing as annealing,
         cmaes as cmaes,
-        cpsat as cpsat,
-        exhaustive as exhaustive,
         greedy as greedy,
         nsga2 as nsga2,
         swap as swap,
     )
+    from placement_env.search.exact import cpsat as cpsat, exhaustive as exhaustive
     from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
     from placement_env.search.verification import rescored as rescored, verified as verified
 else:
@@ -105,7 +104,8 @@ else:
             "report.planning.question": ("Question",),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
-            "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),
+            "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
+            "search.exact": ("cpsat", "exhaustive"),
             "search.result": ("Certificate", "History", "Result"),
             "search.verification": ("rescored", "verified"),
         },

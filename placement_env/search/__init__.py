@@ -14,7 +14,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
 
 `placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what
 searches share: `result`, `progress` (limits, history, incumbent), `neighbourhood` (sets that differ in one sensor),
-`submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
+`exact.submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
 
 **AP is not submodular**, so greedy's (1 - 1/e) does not hold for it: it holds for coverage only. A set function is
 submodular if what a sensor adds never grows as others join. In the paper's table of sensor sets (early fusion, IoU

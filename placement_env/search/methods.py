@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from placement_env.search.exhaustive import LARGEST
+from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
@@ -26,14 +26,14 @@ class Method:
 
 _SEARCH = "placement_env.search"
 METHODS: dict[str, Method] = {
-    "exhaustive": Method(f"{_SEARCH}.exhaustive"),
+    "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
     "greedy": Method(f"{_SEARCH}.greedy"),
     "lazy": Method(f"{_SEARCH}.greedy", "lazy"),
     "stochastic": Method(f"{_SEARCH}.greedy", "stochastic"),
     "raced": Method(f"{_SEARCH}.greedy", "raced"),
     "swap": Method(f"{_SEARCH}.swap"),
     "annealing": Method(f"{_SEARCH}.annealing"),
-    "cpsat": Method(f"{_SEARCH}.cpsat", needs="ortools"),
+    "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
     "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),

@@ -18,9 +18,10 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
-from placement_env.search import cpsat, exhaustive, greedy, swap
-from placement_env.search.cpsat import worth_of
-from placement_env.search.submodular import is_submodular
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact.cpsat import worth_of
+from placement_env.search.exact.submodular import is_submodular
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects

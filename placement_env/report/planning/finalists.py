@@ -16,7 +16,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from placement_env.objective import Objective, Stages, Weights
-from placement_env.search import cpsat, exhaustive, greedy, swap
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Float64

@@ -20,7 +20,7 @@ from placement_env.racing import race
 from placement_env.report.content import Judgement, PlanOption, overlap
 from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.judging import Judge
-from placement_env.search.exhaustive import undominated
+from placement_env.search.exact.exhaustive import undominated
 from toolkit.arrays import Bool, Float64, Int64
 
 KEPT = 3  # sets of each number of sensors that are judged on all frames

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement_env.search import exhaustive
+from placement_env.search.exact import exhaustive
 from placement_env.search.result import Certificate, History
 
 HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2, 0.6, 0.6]))

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Weights
-from placement_env.search import exhaustive, greedy, submodular
+from placement_env.search import greedy
+from placement_env.search.exact import exhaustive, submodular
 from placement_env.search.progress import Progress
 
 
