@@ -70,7 +70,14 @@ if TYPE_CHECKING:
         swap as swap,
     )
     from placement_env.search.exact import cpsat as cpsat, exhaustive as exhaustive
-    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.portfolio import portfolio as portfolio
+    from placement_env.search.result import (
+        Assessment as Assessment,
+        Certificate as Certificate,
+        Contender as Contender,
+        History as History,
+        Result as Result,
+    )
     from placement_env.search.verification import rescored as rescored, verified as verified
 else:
     __getattr__, __dir__, __all__ = lazily(
@@ -106,7 +113,8 @@ else:
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
             "search.exact": ("cpsat", "exhaustive"),
-            "search.result": ("Certificate", "History", "Result"),
+            "search.portfolio": ("portfolio",),
+            "search.result": ("Assessment", "Certificate", "Contender", "History", "Result"),
             "search.verification": ("rescored", "verified"),
         },
     )

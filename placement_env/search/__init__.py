@@ -4,6 +4,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
 `budget` sensors, one per mount, each within the capacity of its mount's link. Some take further options of their own.
 `Result` holds the best set, its history and a `Certificate` of what is known about it.
 
+    portfolio    several of these; their answers race by the detector on fresh traffic, the winner is judged on other
     exhaustive   every set of up to 16 candidates: the optimum, the best of each size, the exact AP-kbit-price front
     greedy       one sensor after another; also `lazy`, `stochastic` and `raced`, with the same arguments
     swap         change one sensor at a time until nothing improves, from several starts
@@ -31,10 +32,19 @@ from toolkit.runtime.lazy import lazily
 
 # isort: off
 if TYPE_CHECKING:
-    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.result import (
+        Assessment as Assessment,
+        Certificate as Certificate,
+        Contender as Contender,
+        History as History,
+        Result as Result,
+    )
     from placement_env.search.verification import rescored as rescored, verified as verified
 else:
     __getattr__, __dir__, __all__ = lazily(
         __name__,
-        {"result": ("Certificate", "History", "Result"), "verification": ("rescored", "verified")},
+        {
+            "result": ("Assessment", "Certificate", "Contender", "History", "Result"),
+            "verification": ("rescored", "verified"),
+        },
     )

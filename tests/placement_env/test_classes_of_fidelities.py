@@ -265,7 +265,7 @@ def test_a_table_refuses_what_it_has_not(table, tmp_path):
     made, _ = table
     with pytest.raises(ValueError, match="holds vehicle, cyclist, pedestrian, not heavy: make one with coview table"):
         TableFidelity(made, classes=Classes(("heavy",)))
-    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: take fidelity detector"):
+    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: say --fidelity detector"):
         TableFidelity(made, classes=Classes(NAMES, ious=(None, None, 0.25)))
     with pytest.raises(ValueError, match="holds vehicle, not cyclist"):
         TableFidelity(load_table("tjunction"), classes=MEAN)
