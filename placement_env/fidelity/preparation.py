@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
 
 
@@ -62,6 +62,7 @@ class Preparation:
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
+    rendering: Rendering = "auto"
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -97,6 +98,7 @@ class Preparation:
                 ray=self.ray,
                 cache=self.disk_cache,
                 progress=report,
+                rendering=self.rendering,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
