@@ -18,7 +18,7 @@ SURFACE_SPACING = 0.15  # m between the points a surface is sampled with
 OUTSKIRTS = 30.0  # m beyond the detection area, as far as a site's surface is sampled
 GROWS = ("tree", "bush")  # kinds of solids that no drawing of a site holds leaf by leaf
 _NEIGHBOURHOOD, _NEIGHBOURS = 2.0, 24  # m and points at most, that a normal is fitted to
-_FLAT, _LONG = 0.15, 0.15  # least extent by the middle one of what is not flat; middle by largest of what is a line
+_FLAT, _LONG = 0.35, 0.15  # least extent by the middle one of what is not flat; middle by largest of what is a line
 
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
@@ -38,7 +38,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     u, v = np.sqrt(rng.random(len(chosen))), rng.random(len(chosen))
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
     points = np.einsum("nk,nkd->nd", weights, corners[chosen])
-    return Surface(points, across[chosen] / size[chosen, None])
+    return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
 
 
 def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
@@ -56,7 +56,7 @@ def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
     flat = (extents[:, 0] < _FLAT**2 * extents[:, 1]) & (extents[:, 1] > _LONG**2 * extents[:, 2])
     if flat.sum() < 50:
         raise ValueError(f"the reference has {int(flat.sum())} points on flat ground or walls, 50 are needed")
-    return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat])
+    return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat], np.sqrt(extents[flat, 0].clip(0)))
 
 
 def scene_points(

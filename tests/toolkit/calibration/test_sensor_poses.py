@@ -82,7 +82,7 @@ def test_errors_of_a_profile_turn_the_believed_poses_too():
 def test_too_few_frames_and_the_wrong_place_are_refused():
     with pytest.raises(ValueError, match="4 frames are too few"):
         find_poses(recording(TRUE), surface(), frames=4)
-    elsewhere = Surface(surface().points + 500.0, surface().normals)
+    elsewhere = Surface(surface().points + 500.0, surface().normals, surface().roughness)
     refused = find_poses(recording(TRUE[:1] + TRUE[1:]), elsewhere)[0]
     assert refused.registration is None
     assert "points lie within 3 m of the reference" in refused.refusal
@@ -96,7 +96,7 @@ def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
     for _ in range(5):
         learner.add(images()[0])
     near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
-    patch = Surface(surface().points[near], surface().normals[near])
+    patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
     assert "% are needed: is it of the same place" in find_pose(learner.scene(), TRUE[0], patch).refusal
 
 
