@@ -12,9 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.boxes import count_points
 from toolkit.frame import Frame
-from toolkit.geometry import BODY_SE3_CAMERA, invert
+from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
@@ -34,11 +35,11 @@ def frame_points(
     """What each sensor would send: its points inside the detection area, world frame, one (n, 3) array per sensor.
 
     sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with
-    0 < z < height stay, by default the site's own height, else 4 m.
+    0 < z < height stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes.
     rng draws the sensors' noise; without one the measurements are taken as they are.
     Raises ValueError for a sensor the frame does not have and for an area that is none.
     """
-    bounds, top = area_of(area), height_of(area, height)
+    bounds, top, slope = area_of(area), height_of(area, height), slope_of(area)
     clouds = []
     for index in select_sensors(frame.sensors, sensors):
         sensor, measurement = frame.sensors[index], frame.measurements[index]
@@ -48,7 +49,7 @@ def frame_points(
         shift = frame.shifts[index] if frame.shifts else None
         if shift is not None:
             xyz += shift.reshape(-1, 3).T
-        keep = np.flatnonzero(valid & inside(xyz.T, bounds, top))
+        keep = np.flatnonzero(valid & inside(levelled(xyz.T, slope), bounds, top))
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
 
@@ -84,6 +85,15 @@ def inside(
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
+
+
+def points_on(
+    points: Float[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "m 7"], place: Area
+) -> Int64[np.ndarray, " m"]:
+    """Number of points inside each box, as `toolkit.boxes.count_points`. Where the site slopes bodies slope with it, so
+    both are taken as on level ground."""
+    slope = slope_of(place)
+    return count_points(levelled(points, slope), levelled(boxes, slope))
 
 
 def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
@@ -145,6 +155,11 @@ def _position(names: list[str], which: int | str) -> int:
 def area_of(place: Area) -> Float64[np.ndarray, "4"]:
     """xmin, ymin, xmax, ymax (m) of a site, or these numbers themselves; ValueError if they enclose nothing."""
     return place.area if isinstance(place, Site) else check_area(place)
+
+
+def slope_of(place: Area) -> Slope:
+    """How the ground of a site rises along x and y (m per m); level where only an area is known."""
+    return place.relief.slope if isinstance(place, Site) else LEVEL
 
 
 def height_of(place: Area, height: float | None = None) -> float:
