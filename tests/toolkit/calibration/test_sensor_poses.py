@@ -124,6 +124,6 @@ def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
     said = found_at(pose, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
     assert said["moved_m"] == pytest.approx(0.5)
     assert said["unobserved"] == ["move along x 1.00"]
-    assert said["standard_deviation"]["move_m"] == [None, 0.01, 0.01]
+    assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
     assert spoken(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
