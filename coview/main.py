@@ -18,6 +18,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "survey": "recordings",
     "fuse": "recordings",
     "doctor": "recordings",
+    "calibrate": "recordings",
     "site": "recordings",
     "pack": "recordings",
     "train": "detection",

@@ -25,9 +25,10 @@ from toolkit.geometry import transform
 
 NAMES = ("turn about x", "turn about y", "turn about z", "move along x", "move along y", "move along z")
 LEVER = 10.0  # m; a turn by an angle is compared with a move as that of a point so far off
-# Radius (m) within which counterparts are looked for, and the voxel (m) that leaves one point, level by level.
-_COARSE = ((3.0, 1.0), (1.5, 0.7), (0.7, 0.5))
-_FINE = ((0.35, 0.3), (0.2, 0.25), (0.15, 0.25))
+# Level by level the radius (m) within which counterparts are looked for, the voxel (m) that leaves one point, and the
+# least limit (m) of Tukey's weights: walls may be farther off than the ground, of which there is so much more.
+_COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
+_FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
 _STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z from which the coarse levels begin
 _STEPS = 20  # at most, of one level
 _CONVERGED = 1e-4  # of the radius, that the last step is smaller than
@@ -35,16 +36,18 @@ _AGREES = 0.3  # m, within which a point agrees with a start
 _TUKEY = 4.685
 _LEAST_SCALE = 0.01  # m, of the residuals that Tukey's weights are scaled by
 _RESISTS = 0.15  # of a unit motion, across the plane: less is the noise of normals
-_LEAST_SHARE, _LEAST_POINTS = 0.001, 6.0  # of the points, that must resist a motion for it to be observed
+_LEAST_SHARE, _LEAST_POINTS = 0.0004, 2.0  # of the points, that must resist a motion for it to be observed
 _CORRELATED = 9.0  # points that say as much as one alone: errors of neighbours are alike
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What stands still: points (m) and the unit normals there, either way round, in one frame."""
+    """What stands still: points (m) and the unit normals there, either way round, in one frame; roughness: standard
+    deviation (m) of the surface about the plane of each point."""
 
     points: Float64[np.ndarray, "n 3"]
     normals: Float64[np.ndarray, "n 3"]
+    roughness: Float64[np.ndarray, " n"]
 
     @cached_property
     def tree(self) -> Any:
@@ -57,7 +60,7 @@ class Surface:
     def thin(self) -> Surface:
         """One of its points in each cube of 0.4 m, for what need not be exact yet."""
         some = one_each(self.points, 0.4)
-        return Surface(self.points[some], self.normals[some])
+        return Surface(self.points[some], self.normals[some], self.roughness[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +114,13 @@ def _aligned(
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
     pose: Float64[np.ndarray, "4 4"],
-    levels: Sequence[tuple[float, float]],
+    levels: Sequence[tuple[float, float, float]],
 ) -> tuple[Float64[np.ndarray, "4 4"], _System]:
     """The pose after some levels, and the last system that was solved."""
-    for radius, voxel in levels:
+    for radius, voxel, least in levels:
         some = one_each(points, voxel)
         for _ in range(_STEPS):
-            system = _system(points[some], noise[some], surface, pose, radius)
+            system = _system(points[some], noise[some], surface, pose, (radius, least))
             step = system.step()
             pose = after_motion(pose, step)
             if np.abs(step).max() < _CONVERGED * radius:
@@ -211,8 +214,9 @@ def _system(
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
     pose: Float64[np.ndarray, "4 4"],
-    radius: float,
+    limits: tuple[float, float],
 ) -> _System:
+    radius, least = limits
     world = transform(pose, points)
     apart, other = surface.tree.query(world, distance_upper_bound=radius)
     near = np.flatnonzero(np.isfinite(apart))
@@ -224,6 +228,6 @@ def _system(
     normals = surface.normals[other[near]]
     residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
     scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
-    spread = np.sqrt(noise[near] ** 2 + scatter**2)
-    weight = tukey(residual / spread, max(_TUKEY, radius / 2 / scatter if radius > 0.5 else 0.0)) / spread**2
+    spread = np.sqrt(noise[near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
+    weight = tukey(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
     return _System(resistance(world[near], pose[:3, 3], normals), residual, weight, len(near) / len(points), scatter)

@@ -15,7 +15,8 @@ def plane(rng, origin, one, two, count):
 
 
 def surface_of(*planes):
-    return Surface(*(np.concatenate(parts) for parts in zip(*planes, strict=True)))
+    points, normals = (np.concatenate(parts) for parts in zip(*planes, strict=True))
+    return Surface(points, normals, np.zeros(len(points)))
 
 
 def corner(rng, count=4000):
@@ -114,7 +115,9 @@ def test_the_motion_of_the_world_moves_what_is_found():
     reference, seen = corner(rng), corner(rng, 1000)
     points, believed = transform(invert(TRUE), seen.points), TRUE @ off(1.0, 0.1, rng)
     motion = pose(30.0, -12.0, 4.0, yaw=0.5)
-    moved_surface = Surface(transform(motion, reference.points), reference.normals @ motion[:3, :3].T)
+    moved_surface = Surface(
+        transform(motion, reference.points), reference.normals @ motion[:3, :3].T, reference.roughness
+    )
     one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
     np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
 
