@@ -33,6 +33,12 @@ def refuse_given(options: dict[str, bool], why: str) -> None:
             raise ValueError(f"{option} {why}: leave it out")
 
 
+def check_share(option: str, value: float) -> None:
+    """Raise ValueError where a number does not lie between 0 and 1."""
+    if not 0 < value < 1:
+        raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
+
+
 def check_ious(values: Iterable[float]) -> None:
     """Raise ValueError where an IoU threshold is none."""
     for value in values:

@@ -16,8 +16,10 @@ from coview.progress_bar import progress_bar
 if TYPE_CHECKING:
     from toolkit.datasets.records.fields import Samples
     from toolkit.datasets.sample import Sample
+    from toolkit.detection.codec import Codec
     from toolkit.detection.samples.detected import Detected
     from toolkit.detection.samples.evaluated import SampleEvaluation
+    from toolkit.detection.scheme import Scheme
 
 
 def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
@@ -53,7 +55,8 @@ def score_clouds(
     layout: str,
     detector: str,
     *,
-    schemes: Sequence[str],
+    schemes: Sequence[Scheme],
+    codec: Codec,
     sensors: Sequence[str],
     classes: Sequence[str] | None,
     iou: Sequence[float] | None,
@@ -65,7 +68,6 @@ def score_clouds(
 ) -> SampleEvaluation:
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
     from toolkit.detection.samples.evaluated import evaluate_samples
-    from toolkit.detection.schemes import SCHEMES
     from toolkit.objects import known_labels
 
     check_least("--frames", frames, 1, "leave it out for all")
@@ -78,7 +80,7 @@ def score_clouds(
     steps = count(1)
     with progress_bar("cloud", total, hidden=hidden) as bar:
         return evaluate_samples(
-            partial(first_of, samples, frames), network, schemes=[SCHEMES[name] for name in schemes],
+            partial(first_of, samples, frames), network, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
             middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
             seen=partial(watched, progress=lambda _: bar.to(next(steps))),

@@ -366,7 +366,7 @@ class Objective:
             estimate, of_classes = self._estimated(subsets[list(fresh.values())])
             if not np.isfinite(estimate.ap).all():
                 there = " or ".join(self.classes.names)
-                raise ValueError(f"there is no {there} to find in these frames: take more of them, or another seed")
+                raise ValueError(f"there is no {there} to find in these frames: say more --frames, or another --seed")
             if not np.isfinite(estimate.kbit).all():
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)

@@ -12,6 +12,7 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
+from toolkit.geometry import levelled
 from toolkit.objects import VEHICLE
 from toolkit.points import inside
 from toolkit.rendering.renderer import Renderer
@@ -91,7 +92,7 @@ class _Scene:
         """One object seen by itself."""
         pixels, sensors, depth, points = self._views.silhouette(body, box)
         sent, far = self._worth(points, self._views.rays.take(pixels, axis=0), depth, sensors)
-        counted = inside(points, self._site.area, self._site.height)
+        counted = inside(levelled(points, self._site.relief.slope), self._site.area, self._site.height)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
@@ -117,7 +118,8 @@ class _Scene:
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
-        within, z = inside(points, self._site.area, self._site.height, -np.inf), points[:, 2]
+        above = levelled(points, self._site.relief.slope)
+        within, z = inside(above, self._site.area, self._site.height, -np.inf), above[:, 2]
         spread = np.maximum(np.abs(rays[:, 2]) * self._deviation(depth, sensors), 1e-6)
         sent = within * _normal(np.clip(z / spread, -8, 8))
         offset = points[:, :2] - self._positions[:, :2].take(sensors, axis=0)

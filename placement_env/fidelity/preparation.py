@@ -163,7 +163,7 @@ class Preparation:
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
-                "not of these candidates or this version of the site: take another fidelity, or make_table"
+                "not of these candidates or this version of the site: say another --fidelity, or run coview table"
             )
         return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
 
@@ -220,7 +220,9 @@ def surrogate_models(
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
     """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
     if fidelity != "detector" and not only_own_noise(errors):
-        raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
+        raise ValueError(
+            f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
+        )
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -1,1 +1,1 @@
-"""Calibration: where the ground lies below a cloud, and where a sensor really hangs."""
+"""Calibration: what a sensor knows of the place it stands at: its empty scene, the ground, and where it really is."""

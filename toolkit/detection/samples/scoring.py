@@ -34,7 +34,7 @@ from toolkit.objects import LABELS, Detections, Objects, label_index
 
 LEAST_POINTS = 1
 RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
-POINTS = (1, 5, 20, 100, 1 << 60)
+POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
 _LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)
 IOUS = {"vehicle": _LARGE, "heavy": _LARGE, "cyclist": _SMALL, "pedestrian": _SMALL}
 METRICS: tuple[Overlap, ...] = ("bev", "3d")
@@ -182,7 +182,7 @@ def _named(metric: Overlap, iou: float) -> str:
 
 
 def _span(low: float, high: float, unit: str) -> str:
-    return f"{low:g}-{high:g}{unit}" if high < 1 << 50 else f"{low:g} and more{unit}"
+    return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
 
 def format_rows(rows: Sequence[SampleRow]) -> str:

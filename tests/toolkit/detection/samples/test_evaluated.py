@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.detection.samples.evaluated import evaluate_samples
-from toolkit.detection.schemes import SCHEMES
+from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
 
@@ -31,7 +31,7 @@ class Everything:
 
 
 def test_schemes_on_samples(tmp_path):
-    made = evaluate_samples(samples, Everything(), schemes=list(SCHEMES.values()), levelling="none")
+    made = evaluate_samples(samples, Everything(), schemes=[SCHEMES[name] for name in PAPER_SCHEMES], levelling="none")
     assert list(made.schemes) == ["early", "late", "hybrid"]
     np.testing.assert_allclose([row.ap for row in made.rows if row.truths], 1.0)
     assert made.schemes["early"]["kbit_per_sensor"] == pytest.approx(8 * 96 / 1000)

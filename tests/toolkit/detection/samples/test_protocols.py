@@ -29,7 +29,8 @@ def test_nuscenes_leaves_the_lowest_tenth_out():
 
 def frame(places, scores=None, labels=None):
     boxes = np.array([[x, 0, 0, 4, 2, 1.5, 0] for x in places], np.float64).reshape(-1, 7)
-    return Objects(boxes, labels) if scores is None else Detections(boxes, np.array(scores), labels)
+    kinds = np.zeros(len(places), np.int64) if labels is None else labels
+    return Objects(boxes, kinds) if scores is None else Detections(boxes, np.array(scores), kinds)
 
 
 def test_centres_are_matched_best_first():
