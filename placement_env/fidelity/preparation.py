@@ -22,7 +22,7 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
@@ -210,7 +210,7 @@ def surrogate_models(
 ) -> tuple[HitModel, ...]:
     """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
     missing, FileNotFoundError where the file is."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
+    from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:

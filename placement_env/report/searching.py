@@ -15,6 +15,7 @@ from placement_env.report.planning.refusals import check_present, exclusions
 from placement_env.report.search_answer import ANSWER_FILES, write_answer
 from placement_env.search.description import (
     described_assessment,
+    described_doubts,
     described_empty,
     described_score,
     described_sensors,
@@ -155,6 +156,7 @@ def _summary(objective: Objective, result: Result) -> dict[str, Any]:
         "evaluations": result.evaluations,
         "seconds": result.seconds,
         "provenance": objective.provenance,
+        "doubts": described_doubts(objective, result.best.subset),
     }
     if result.assessment is not None:
         said = asdict(result.assessment) | {"curse": result.assessment.curse}
@@ -168,7 +170,8 @@ def _lines(objective: Objective, result: Result) -> list[str]:
     sensors = described_sensors([objective.names[c] for c in result.best.subset], result.sensors)
     judged = [] if result.assessment is None else described_assessment(result.assessment)
     score = f"{'searched by: ' if judged else ''}{described_score(result.best)}"
-    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score]
+    doubts = described_doubts(objective, result.best.subset)
+    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score, *doubts]
     return lines + [f"front: {described_score(score)} {score.subset}" for score in result.front]
 
 
