@@ -245,8 +245,8 @@ class SensorPoseEnv(PlacementEnv):
     detector; rendering: "full" casts every ray of a sensor that has moved, "panorama" looks up what it sees in
     panoramas from its mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these
     where at least four candidates share a place, as in a pool; frames, weights, candidates, detector, codec, iou, seed,
-    classes, surrogate: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget (up to the
-    environment's) and failed.
+    classes, surrogate: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget (up to
+    the environment's) and failed.
 
     ## Version History
     v0: first version.

@@ -12,6 +12,7 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
+from toolkit.geometry import levelled
 from toolkit.objects import VEHICLE
 from toolkit.points import inside
 from toolkit.rendering.renderer import Renderer
@@ -91,7 +92,7 @@ class _Scene:
         """One object seen by itself."""
         pixels, sensors, depth, points = self._views.silhouette(body, box)
         sent, far = self._worth(points, self._views.rays.take(pixels, axis=0), depth, sensors)
-        counted = inside(points, self._site.area, self._site.height)
+        counted = inside(levelled(points, self._site.relief.slope), self._site.area, self._site.height)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
@@ -138,7 +139,8 @@ def worth(
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
     """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0. spread: standard
     deviation of its height; positions: of the sensor that measures it."""
-    within, z = inside(points, site.area, site.height, -np.inf), points[:, 2]
+    above = levelled(points, site.relief.slope)
+    within, z = inside(above, site.area, site.height, -np.inf), above[:, 2]
     sent = within * _normal(np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8))
     offset = points[:, :2] - positions
     return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)

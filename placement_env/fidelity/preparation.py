@@ -12,7 +12,7 @@ from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.objects import Detector, check_known
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -22,7 +22,7 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Rendering, Visibility
@@ -193,7 +193,7 @@ class Preparation:
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
-                "not of these candidates or this version of the site: take another fidelity, or make_table"
+                "not of these candidates or this version of the site: say another --fidelity, or run coview table"
             )
         return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
 
@@ -238,19 +238,21 @@ def surrogate_models(
 ) -> tuple[HitModel, ...]:
     """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
     missing, FileNotFoundError where the file is."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
+    from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
-        return tuple(shipped_model(scheme.name, at, network, label=name) for name, at in wanted)
+        return tuple(shipped_model(predicted_as(scheme), at, network, label=name) for name, at in wanted)
     models = load_models(path, schemes={*SCHEMES, scheme.name})
-    return tuple(chosen_model(models, scheme.name, at, name, source=str(path)) for name, at in wanted)
+    return tuple(chosen_model(models, predicted_as(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
     """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
     if fidelity != "detector" and not only_own_noise(errors):
-        raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
+        raise ValueError(
+            f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
+        )
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -21,10 +21,9 @@ from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
-from toolkit.points import beyond, frame_points
+from toolkit.points import beyond, frame_points, points_on
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
@@ -65,6 +64,13 @@ class Visibility:
     def frames(self) -> int:
         """How many frames."""
         return self.sent.shape[1]
+
+    @property
+    def on_objects(self) -> Float32[np.ndarray, "C F"]:
+        """Points on all scored objects of each frame together."""
+        sums = np.zeros((self.frames, len(self.points)), np.float32)
+        np.add.at(sums, self.frame, self.points.T)
+        return np.ascontiguousarray(sums.T)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -117,7 +123,7 @@ class Visibility:
             counted = frame.objects[scored(frame.objects, site, labels)]
             boxes.append(counted.boxes)
             kinds.append(counted.labels)
-            points.append([count_points(cloud, boxes[-1]) for cloud in frame_points(frame, area=site)])
+            points.append([points_on(cloud, boxes[-1], site) for cloud in frame_points(frame, area=site)])
             clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
             far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])

@@ -16,11 +16,12 @@ import shapely
 
 from toolkit.arrays import Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
+from toolkit.geometry import LEVEL, Slope
 
 NO_TRIANGLE = np.iinfo(np.uint32).max  # what Open3D says of a line that meets no triangle
 
 
-class Ground(NamedTuple):
+class Footprints(NamedTuple):
     """What bodies cover of the ground and how high they reach. points: corners of the convex footprints, world frame,
     one object after the other; first: (n + 1,) where those of each begin; low, high: z (m); rectangles: around each
     footprint: x y of the middle, half the length and width, cosine and sine of the yaw."""
@@ -33,10 +34,13 @@ class Ground(NamedTuple):
 
 
 class Moment:
-    """Objects of a frame: a body and a box each; threads: of Open3D, 0 for all cores."""
+    """Objects of a frame: a body and a box each; threads: of Open3D, 0 for all cores; slope: of the ground, with which
+    bodies are sheared (see `toolkit.geometry.levelling`)."""
 
-    def __init__(self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0) -> None:
-        self.boxes, self._threads = boxes, threads
+    def __init__(
+        self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0, *, slope: Slope = LEVEL
+    ) -> None:
+        self.boxes, self._threads, self._slope = boxes, threads, np.array(slope)
         self._place(bodies)
         vertices = [self._into_world(body.vertices, row) for row, body in enumerate(bodies)]
         first = np.cumsum([0, *map(len, vertices)])
@@ -66,15 +70,19 @@ class Moment:
         points = [o @ turn + box[:2] for o, turn, box in zip(outlines, self._turns, self.boxes, strict=True)]
         first = np.cumsum([0, *map(len, points)])
         reach = np.array([(b.vertices[:, 2].min(), b.vertices[:, 2].max()) for b in bodies], np.float64).reshape(-1, 2)
+        if self._slope.any():  # by no more than the ground rises below the footprint
+            rises = [(p - box[:2]) @ self._slope for p, box in zip(points, self.boxes, strict=True)]
+            reach += np.array([(rise.min(), rise.max()) for rise in rises]).reshape(-1, 2)
         low, high = (reach + self.boxes[:, 2:3]).T
         ends = np.array([(o.min(axis=0), o.max(axis=0)) for o in outlines]).reshape(-1, 2, 2)
         middle = np.einsum("ni,nij->nj", ends.mean(axis=1), self._turns) + self.boxes[:, :2]
         around = np.column_stack([middle, np.ptp(ends, axis=1) / 2, self._turns[:, 0]])
-        self.ground = Ground(np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around)
+        self.ground = Footprints(np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around)
 
     def _into_world(self, vertices: np.ndarray, row: int) -> np.ndarray:
         placed = vertices.astype(np.float64)
         placed[:, :2] = placed[:, :2] @ self._turns[row]
+        placed[:, 2] += placed[:, :2] @ self._slope
         return placed + self.boxes[row, :3]
 
 

@@ -13,8 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.boxes import corners
-from toolkit.geometry import pose
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.strips import counting
 from toolkit.sensors.model import NEAR, nearest
@@ -55,12 +53,10 @@ class SensorRays:
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"]) -> Silhouette:
         """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves."""
-        reached = self._renderer.reach(np.array([body]), box[None])
-        pixels, sensors = self._in_windows(corners(reached)[0])
-        x, y, z, *_, yaw = box.tolist()
-        world_SE3_body = pose(x, y, z, yaw=yaw)
-        turn = world_SE3_body[:3, :3].astype(np.float32)
-        starts = ((self._poses[:, :3, 3] - world_SE3_body[:3, 3]) @ world_SE3_body[:3, :3]).astype(np.float32)
+        pixels, sensors = self._in_windows(self._renderer.reached_corners(np.array([body]), box[None])[0])
+        body_from_world = self._renderer.body_from_world(box)
+        turn = body_from_world[:3, :3].T.astype(np.float32)
+        starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
         lines = np.empty((len(pixels), 6), np.float32)
         np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
         np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])

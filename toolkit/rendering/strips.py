@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
+from toolkit.geometry import LEVEL, Slope, levelled
 from toolkit.points import inside
-from toolkit.rendering.moment import Ground, Moment
+from toolkit.rendering.moment import Footprints, Moment
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.model import NEAR
 
@@ -45,12 +46,13 @@ class Strips(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Crop:
-    """What counts: points in the area (xmin ymin xmax ymax) and below the height (m); those farther from the viewpoint
-    than the radius (m), seen from above, are far."""
+    """What counts: points in the area (xmin ymin xmax ymax) and below the height (m) over the plane that the ground
+    slopes with; those farther from the viewpoint than the radius (m), seen from above, are far."""
 
     area: Float64[np.ndarray, "4"]
     height: float
     radius: float
+    slope: Slope = LEVEL
 
 
 class _Windows(NamedTuple):
@@ -98,7 +100,7 @@ def joined(parts: list[Strips]) -> Strips:
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def _windows(ground: Ground, viewpoints: np.ndarray, fine: np.ndarray) -> _Windows:
+def _windows(ground: Footprints, viewpoints: np.ndarray, fine: np.ndarray) -> _Windows:
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
         return _Windows(whole, whole, real, real, whole, real)
@@ -123,7 +125,7 @@ def _windows(ground: Ground, viewpoints: np.ndarray, fine: np.ndarray) -> _Windo
     return _Windows(viewpoint, item, start.ravel(), width.ravel(), columns.ravel(), 2 * grid.ravel())
 
 
-def _columns(ground: Ground, viewpoints: np.ndarray, windows: _Windows) -> _Columns:
+def _columns(ground: Footprints, viewpoints: np.ndarray, windows: _Windows) -> _Columns:
     """Columns of the upright prisms that stand on the rectangles round the footprints."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
@@ -139,7 +141,7 @@ def _columns(ground: Ground, viewpoints: np.ndarray, windows: _Windows) -> _Colu
 
 
 def _crossed(
-    ground: Ground, viewpoints: np.ndarray, windows: _Windows, window: np.ndarray, azimuth: np.ndarray
+    ground: Footprints, viewpoints: np.ndarray, windows: _Windows, window: np.ndarray, azimuth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far off a ray of each column, seen from above, enters its rectangle and leaves it."""
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
@@ -195,7 +197,7 @@ class _Rays:
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         seen = self._renderer.cast_still(lines) + np.float32(NEAR) > length
-        within = inside(points, self._crop.area, self._crop.height)
+        within = inside(levelled(points, self._crop.slope), self._crop.area, self._crop.height)
         kinds = np.where(within, np.where(across > self._crop.radius, BEYOND, WITHIN), OUTSIDE)
         shows[own] = kinds * seen
         return shows

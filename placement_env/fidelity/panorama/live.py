@@ -108,7 +108,7 @@ class LiveView:
         if not places:
             return []
         site, first, parts = self.traffic.site, 0, []
-        crop = Crop(site.area, site.height, site.hybrid_radius)
+        crop = Crop(site.area, site.height, site.hybrid_radius, site.relief.slope)
         for k, snapshot in enumerate(self.traffic.snapshots):
             fine = centred_in(snapshot.objects.boxes, site.area)
             strips = strips_of(self._renderer, self._moment(k), np.array(places), crop, fine)

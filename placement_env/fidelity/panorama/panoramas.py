@@ -96,7 +96,7 @@ class _Job:
 
     def _frame(self, k: int) -> Seen:
         site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
-        crop = Crop(site.area, site.height, site.hybrid_radius)
+        crop = Crop(site.area, site.height, site.hybrid_radius, site.relief.slope)
         boxes = snapshot.objects.boxes
         strips = strips_of(
             renderer, renderer.moment(snapshot), self._views.viewpoints, crop, centred_in(boxes, site.area)

@@ -49,6 +49,8 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
     assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
     far = [[beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds]
     assert found.far.tolist() == np.array(far).T.tolist()
+    per_frame = [found.points[:, found.frame == k].sum(axis=1) for k in range(found.frames)]
+    assert found.on_objects.tolist() == np.array(per_frame).T.tolist()
     clean = Visibility.of(recording, noise_seed=None)
     assert np.array_equal(found.points, clean.points)
     assert (found.sent != clean.sent).any() == (seed is not None)

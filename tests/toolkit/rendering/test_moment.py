@@ -12,7 +12,7 @@ from toolkit.rendering.moment import Moment
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
+from toolkit.sites.site import Relief, Site
 from toolkit.traffic.snapshots import Snapshot
 
 CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
@@ -78,3 +78,21 @@ def test_the_ground_it_covers():
         assert ground.first.tolist() == [0, len(x)]
         middle = 5 - sum(across) / 2
         np.testing.assert_allclose(ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6)
+
+
+def test_on_a_slope_it_is_what_the_renderer_shows():
+    steep = Site("steep", np.array([-30.0, -30, 30, 30]), relief=Relief(0.0, 0, (0.06, -0.04)))
+    eye = Sensor("eye", DepthCamera(width=160, height=120, stride=1), look((-14.0, 2.0, 5.0), 0.0, 0.2))
+    boxes = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0.3], [6.0, 3, 1.0, 4, 2, 1.5, 2.0]])
+    renderer = Renderer(steep, (CAR,), (eye,), threads=1)
+    frame = Snapshot(Objects(boxes, np.full(2, VEHICLE)), np.zeros(2, np.int64))
+    depth, hits = (images[0].ravel() for images in renderer.render(frame))
+    moment, rays = renderer.moment(frame), eye.world_rays.T
+    met, length = moment.met(lines(np.broadcast_to(eye.position, rays.shape), rays))
+    shown = hits >= 0
+    assert shown.sum() > 300
+    assert (met[shown] == hits[shown]).mean() > 0.995
+    np.testing.assert_allclose(np.median(np.abs(length[shown] - depth[shown])), 0.0, atol=1e-4)
+    points = rays[shown] * length[shown, None] + eye.position
+    low, high = moment.ground.low[met[shown]], moment.ground.high[met[shown]]
+    assert ((points[:, 2] > low - 1e-3) & (points[:, 2] < high + 1e-3)).all()
