@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.objects import Detector
     from toolkit.sites.site import Site
+
+REACH = 50.0  # m
 
 
 def recording_detector(name: str, recording: CoopDataset) -> Detector:
@@ -30,6 +34,21 @@ def site_detector(name: str, site: Site) -> Detector:
     from models.detector import load_detector, load_site_detector
 
     return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+
+
+def sample_detector(
+    name: str, area: tuple[float, float, float, float] | None
+) -> tuple[Detector, tuple[float, float] | None]:
+    """A detector for clouds of any recording, and the middle of its area; without an area it reaches `REACH` around
+    wherever the sensors are, and there is no middle."""
+    from toolkit.sites.site import Site, check_area
+
+    xmin, ymin, xmax, ymax = (-REACH, -REACH, REACH, REACH) if area is None else check_area(area).tolist()
+    x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
+    around = Site("recording", np.array([xmin - x, ymin - y, xmax - x, ymax - y]))
+    if name in ("voxelnet", "cluster"):
+        raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
+    return site_detector(name, around), None if area is None else (x, y)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

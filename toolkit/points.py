@@ -8,7 +8,7 @@ one comparison per coordinate (paper equations 1 and 2 and the crop of section I
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -45,13 +45,36 @@ def frame_points(
         sensor, measurement = frame.sensors[index], frame.measurements[index]
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
-        xyz, valid = unproject(sensor, measurement)
         shift = frame.shifts[index] if frame.shifts else None
-        if shift is not None:
-            xyz += shift.reshape(-1, 3).T
-        keep = np.flatnonzero(valid & inside(levelled(xyz.T, slope), bounds, top))
+        xyz, keep = _cropped(sensor, measurement, shift, _Crop(bounds, top, slope))
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
+
+
+def cropped_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
+    """The pixels, counted row after row, whose points `frame_points` has of a sensor (index), in the same order."""
+    shift = frame.shifts[sensor] if frame.shifts else None
+    crop = _Crop(area_of(area), height_of(area, height), slope_of(area))
+    return _cropped(frame.sensors[sensor], frame.measurements[sensor], shift, crop)[1]
+
+
+class _Crop(NamedTuple):
+    area: Float64[np.ndarray, "4"]
+    height: float
+    slope: Slope
+
+
+def _cropped(
+    sensor: Sensor,
+    measurement: Float32[np.ndarray, "rows columns"],
+    shift: Float32[np.ndarray, "rows columns 3"] | None,
+    crop: _Crop,
+) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
+    """x, y and z of every pixel, and which of them are kept."""
+    xyz, valid = unproject(sensor, measurement)
+    if shift is not None:
+        xyz += shift.reshape(-1, 3).T
+    return xyz, np.flatnonzero(valid & inside(levelled(xyz.T, crop.slope), crop.area, crop.height))
 
 
 def unproject(

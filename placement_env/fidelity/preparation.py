@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
 
 
@@ -62,6 +62,7 @@ class Preparation:
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
+    rendering: Rendering = "auto"
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -97,6 +98,7 @@ class Preparation:
                 ray=self.ray,
                 cache=self.disk_cache,
                 progress=report,
+                rendering=self.rendering,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
@@ -163,7 +165,7 @@ class Preparation:
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
-                "not of these candidates or this version of the site: take another fidelity, or make_table"
+                "not of these candidates or this version of the site: say another --fidelity, or run coview table"
             )
         return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
 
@@ -220,7 +222,9 @@ def surrogate_models(
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
     """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
     if fidelity != "detector" and not only_own_noise(errors):
-        raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
+        raise ValueError(
+            f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
+        )
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -18,9 +18,10 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
-from placement_env.search import cpsat, exhaustive, greedy, swap
-from placement_env.search.cpsat import worth_of
-from placement_env.search.submodular import is_submodular
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact.cpsat import worth_of
+from placement_env.search.exact.submodular import is_submodular
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
@@ -264,7 +265,7 @@ def test_a_table_refuses_what_it_has_not(table, tmp_path):
     made, _ = table
     with pytest.raises(ValueError, match="holds vehicle, cyclist, pedestrian, not heavy: make one with coview table"):
         TableFidelity(made, classes=Classes(("heavy",)))
-    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: take fidelity detector"):
+    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: say --fidelity detector"):
         TableFidelity(made, classes=Classes(NAMES, ious=(None, None, 0.25)))
     with pytest.raises(ValueError, match="holds vehicle, not cyclist"):
         TableFidelity(load_table("tjunction"), classes=MEAN)

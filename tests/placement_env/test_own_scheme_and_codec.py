@@ -253,9 +253,9 @@ def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
 def test_where_nothing_fits_them_the_remedy_is_named(seen):
     with pytest.raises(ValueError, match=r"no surrogate of general for thinned .* fidelity detector or coverage"):
         Surrogate(seen, Thinned())
-    with pytest.raises(ValueError, match="take fidelity detector"):
+    with pytest.raises(ValueError, match="say --fidelity detector"):
         TableFidelity(load_table("tjunction"), Thinned())
-    with pytest.raises(ValueError, match="take fidelity detector"):
+    with pytest.raises(ValueError, match="say --fidelity detector"):
         TableFidelity(load_table("tjunction"), Hybrid(radius=5.0))
     with pytest.raises(ValueError, match="paper's codec"):
         TableFidelity(load_table("tjunction"), codec=Centimetres())

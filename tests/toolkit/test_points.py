@@ -6,7 +6,16 @@ from toolkit.clouds import crop, from_depth, from_points, positions
 from toolkit.frame import Frame
 from toolkit.geometry import levelled, look, on_slope, pose
 from toolkit.objects import Objects
-from toolkit.points import beyond, centred_in, frame_points, inside, points_on, select_sensors, slope_of
+from toolkit.points import (
+    beyond,
+    centred_in,
+    cropped_pixels,
+    frame_points,
+    inside,
+    points_on,
+    select_sensors,
+    slope_of,
+)
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -128,3 +137,12 @@ def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground()
     np.testing.assert_array_equal(inside(levelled(world, slope), steep.area, 3.0), kept)
     np.testing.assert_array_equal(points_on(world, on_slope(boxes, slope), steep), count_points(flat, boxes))
     np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
+
+
+def test_pixels_of_the_cropped_points():
+    scene = frame()
+    for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
+        pixels = cropped_pixels(scene, k, area=AREA, height=3.0)
+        sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
+        np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
+        assert (np.diff(pixels) > 0).all()

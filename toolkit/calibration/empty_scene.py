@@ -10,14 +10,15 @@ explains; nothing returned is a cluster of its own, farther off than any other. 
     where nothing returns in the rest of the time and it is there in half of it: drop-outs.
 
 Each of the two has a median and a spread, the median deviation scaled to a standard deviation and never below the
-sensor model's own. The one that is there more often is the `first`. A parked car that leaves for a tenth of the time
-is not in the scene; one that never leaves is.
+sensor model's own. Who stands close before the scene falls into its cluster: where a spread is more than twice what is
+usual at that distance, the densest stretch of the cluster takes its place. The one that is there more often is the
+`first`. A parked car that leaves for a tenth of the time is not in the scene; one that never leaves is.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -41,12 +42,15 @@ SIGMAS = 4.0  # spreads from a median within which a measurement shows the empty
 LEAST_SHARE = 0.1  # of the measurements that make a cluster the scene's
 HALF = 0.5  # of the measurements, from which on a surface before nothing is the scene's
 GAP_SIGMAS, GAP_SHARE = 4.0, 0.004  # a gap between clusters: standard deviations of the model, share of the measurement
+BROAD = 2.0  # times the usual spread at a distance, from which on a cluster is more than one surface
+DISTANCES = 24  # steps of distance, on a scale of its logarithm, in which the usual spread is found
 NEIGHBOURS = 2  # pixels up to which a surface continues
 OTHER_SURFACE = 0.1  # share by which a depth differs from that of the plane through two others, if it is not on it
 LEAST_FLICKER = 0.25  # how often what belongs to the scene comes, per time that draws by chance would
 _MAD_TO_SIGMA = 1.4826
 _IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
 _BLOCK = 1 << 21  # measurements that are sorted at once
+_AT_ONCE = 256  # pixels whose measurements are compared pair by pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +144,15 @@ class SceneLearner:
         )
         fars, nears, flickering = zip(*blocks, strict=True)
         far, near = (_Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears))
-        flickers = np.concatenate(flickering)
+        usual = _usual_spread(far, model)
+        far, near = (_narrowed(mode, usual(mode.median), self._kept) for mode in (far, near))
+        flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
         continues = _continues(near, far.median)
         kept = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
         first, second = far, near.where(kept, _no_mode(model.shape))
         swap = second.share > first.share
         first, second = second.where(swap, first), first.where(swap, second)
-        images = dict(zip(_IMAGES, (*first, *second), strict=True))
+        images = dict(zip(_IMAGES, (*first[:3], *second[:3]), strict=True))
         return EmptyScene(self.sensor.name, model, frames=self.frames, **images)
 
 
@@ -201,11 +207,14 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
 
 
 class _Mode(NamedTuple):
-    """A cluster of every pixel: median (0 for nothing returned, NaN for no cluster), spread, share."""
+    """A cluster of every pixel: median (0 for nothing returned, NaN for no cluster), spread, share, least and greatest
+    measurement."""
 
     median: Float32[np.ndarray, "rows columns"]
     spread: Float32[np.ndarray, "rows columns"]
     share: Float32[np.ndarray, "rows columns"]
+    least: Float32[np.ndarray, "rows columns"]
+    greatest: Float32[np.ndarray, "rows columns"]
 
     def where(self, mask: Bool[np.ndarray, "rows columns"], other: _Mode) -> _Mode:
         """This one where the mask is set, else the other."""
@@ -214,7 +223,7 @@ class _Mode(NamedTuple):
 
 def _no_mode(shape: tuple[int, ...]) -> _Mode:
     nothing = np.zeros(shape, np.float32)
-    return _Mode(np.full(shape, np.nan, np.float32), nothing, nothing)
+    return _Mode(np.full(shape, np.nan, np.float32), *(nothing,) * 4)
 
 
 def _clusters(
@@ -283,7 +292,61 @@ def _measured(
         np.where(there, median, np.nan).astype(np.float32),
         np.where(there & (median > 0), spread, 0).astype(np.float32),
         np.where(there, size / n, 0).astype(np.float32),
+        np.where(there, values[first], 0),
+        np.where(there, values[last - 1], 0),
     )
+
+
+def _usual_spread(
+    far: _Mode, model: SensorModel
+) -> Callable[[Float32[np.ndarray, "rows columns"]], Float32[np.ndarray, "rows columns"]]:
+    """The spread that most pixels have at a distance, as a function of it, from those that see the scene mostly."""
+    clear = (far.share >= HALF) & (far.median > 0)
+    distance, spread = np.log(far.median[clear]), far.spread[clear]
+    if not len(distance):
+        return lambda median: np.asarray(model.deviation(np.nan_to_num(median))) + np.zeros_like(median)
+    edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCES + 1)
+    step = np.clip(np.digitize(distance, edges) - 1, 0, DISTANCES - 1)
+    there = [k for k in range(DISTANCES) if (step == k).any()]
+    usual = [np.median(spread[step == k]) for k in there]
+    middle = [np.median(distance[step == k]) for k in there]
+
+    def at(median: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
+        known = np.log(np.where(median > 0, median, 1))
+        return np.maximum(np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))).astype(np.float32)
+
+    return at
+
+
+def _narrowed(
+    mode: _Mode, usual: Float32[np.ndarray, "rows columns"], images: Sequence[Float32[np.ndarray, "rows columns"]]
+) -> _Mode:
+    """Where a cluster is broad, its densest stretch of `SIGMAS` usual spreads to either side."""
+    found = _Mode(*(each.copy() for each in mode))
+    every = np.flatnonzero(mode.spread > BROAD * usual)
+    for first in range(0, len(every), _AT_ONCE):
+        _narrow(found, every[first : first + _AT_ONCE], usual, images)
+    return found
+
+
+def _narrow(
+    mode: _Mode, broad: np.ndarray, usual: np.ndarray, images: Sequence[Float32[np.ndarray, "rows columns"]]
+) -> None:
+    """The same of some pixels, written into the mode."""
+    least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
+    values = np.stack([image.ravel()[broad] for image in images], axis=1)
+    values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf), axis=1)
+    within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
+    count = np.where(np.isfinite(values), within.sum(axis=2) - np.arange(values.shape[1]), 0)
+    begin = values.shape[1] - 1 - count[:, ::-1].argmax(axis=1)  # the farthest of the densest
+    size, row = count[np.arange(len(broad)), begin], np.arange(len(broad))
+    median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
+    place = np.arange(values.shape[1])
+    inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
+    deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf), axis=1)[row, (size - 1) // 2]
+    mode.median.ravel()[broad] = median
+    mode.spread.ravel()[broad] = np.clip(_MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0])
+    mode.share.ravel()[broad] = size / len(images)
 
 
 def _continues(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:

@@ -49,6 +49,11 @@ class Counts(Protocol):
         ...
 
     @property
+    def on_objects(self) -> Float32[np.ndarray, "C F"]:
+        """Those of them on objects that count, noise-free."""
+        ...
+
+    @property
     def far(self) -> Float32[np.ndarray, "C F"]:
         """Those of them beyond the site's hybrid radius."""
         ...
@@ -96,7 +101,8 @@ def bits_sent(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
     """Expected bits that each candidate sends in all frames together, a whole number; boxes: how many it detects in
-    them all."""
+    them all. A scheme that has a codec of its own sends by that."""
+    codec = getattr(scheme, "codec", codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
     return np.rint(codec.bits(points=points, boxes=boxes, messages=counts.sent.shape[1]))

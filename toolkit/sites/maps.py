@@ -180,7 +180,7 @@ def import_osm(
     """
     path = _file(path, ".osm")
     longitude, latitude = _check_place(centre, size, heading)
-    extract = osm.read(path, (longitude, latitude), heading)
+    extract = osm.read_map(path, (longitude, latitude), heading)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     pieces, notes = osm_roads.roads(extract, shapely.Polygon(_corners(area, REACH)), lefthand=lefthand)
     if not pieces:

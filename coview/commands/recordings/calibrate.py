@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, site_file
+from coview.arguments import check_errors, sensor_set, site_file
 from coview.exits import OK, SUSPECTED
 from coview.outputs import check_file
 from coview.printing import print_result

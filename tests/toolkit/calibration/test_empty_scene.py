@@ -120,6 +120,30 @@ def test_a_queue_at_a_stop_line_comes_and_goes_and_is_no_mode():
     assert np.isnan(scene.second).all()
 
 
+def test_who_stands_close_before_a_wall_makes_it_neither_nearer_nor_broader():
+    """Cars at every distance from the wall to two metres before it chain with it."""
+
+    def close(k, image, rng):
+        if rng.random() < 0.5:
+            image[4:8, 2:9] = rng.uniform(18, 20)
+
+    scene = learnt(close)
+    np.testing.assert_allclose(scene.first[2:], 20, atol=0.05)
+    assert scene.spread[2:].max() <= 2 * 0.017
+    assert np.isnan(scene.second).all()
+    assert 0.4 < scene.share[4:8, 2:9].mean() < 0.65
+
+
+def test_noise_that_grows_with_distance_is_the_usual_spread_there():
+    far = np.linspace(10, 60, 10, dtype=np.float32)[:, None] + np.zeros(SHAPE, np.float32)
+    rng, learner = np.random.default_rng(1), SceneLearner(CAMERA)
+    for _ in range(TIMES):
+        learner.add((far + rng.normal(0, 1, SHAPE) * far**2 * 1e-4).astype(np.float32))
+    scene = learner.scene()
+    np.testing.assert_allclose(np.median(scene.spread, axis=1), np.maximum(far[:, 0] ** 2 * 1e-4, 0.016), rtol=0.35)
+    assert scene.shows((far + 3 * far**2 * 1e-4).astype(np.float32)).mean() > 0.9
+
+
 def test_the_foot_of_a_car_is_no_second_mode():
     """The ground of the pixel below lies where the car stands."""
     ground = (5 / (0.1 + 0.1 * np.arange(10, dtype=np.float32)))[:, None] + np.zeros(SHAPE, np.float32)

@@ -64,10 +64,16 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--fidelity", "table", "--candidates", "paper", "--method", "cmaes"), "a table does not know"),
         (("--fidelity", "table", "--candidates", "paper", "--iou", 0.33), "got 'early' and 0.33"),
         (("--candidates", "nowhere.geojson"), "nowhere.geojson"),
-        (("--detector", "general"), "--detector is for --fidelity detector"),
+        (("--method", "greedy", "--detector", "general"), "--detector is for --fidelity, --verify or --judge detector"),
         (("--verify", "detector", "--detector", "cluster"), "learns from a recording"),
         (("--errors", "bad"), "no error profile 'bad'"),
-        (("--errors", "typical"), "--errors is for --fidelity detector"),
+        (("--method", "greedy", "--errors", "typical"), "--errors is for --fidelity, --verify or --judge detector"),
+        (("--judge", "surrogate", "--errors", "typical"), "--errors is for --fidelity, --verify or --judge detector"),
+        (("--method", "portfolio", "--verify", "detector"), "--verify is for one method: portfolio is judged"),
+        (("--method", "swap", "--judge", "detector"), "--judge is for --method portfolio, got swap"),
+        (("--verify", "detector", "--judge", "detector"), "--judge is for --method portfolio, got greedy"),
+        (("--confidence", 1), "--confidence must lie between 0 and 1, got 1"),
+        (("--method", "portfolio", "--fidelity", "table", "--candidates", "paper"), "a table does not know"),
     ],
 )
 def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp_path):
@@ -173,7 +179,7 @@ def test_an_answer_without_sensors_is_one_line_and_no_folder(run, tmp_path):
     arguments = (*FEW, "--cache", tmp_path / "c", "--out", out)
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9)
     assert (code, printed) == (
-        1, "no sensors: no sensor is worth what it costs: lower the weights of kbit and price\n"
+        1, "no sensors: no sensor is worth what it costs: lower --comm and --price\n"
     )  # fmt: skip
     assert not out.exists()
     code, printed, _ = run("search", "tjunction", *arguments, "--comm", 9, "--json")
@@ -254,4 +260,4 @@ def test_classes_that_do_not_fit_are_refused(arguments, message, refused, tmp_pa
 def test_a_class_that_never_comes_is_named(refused, tmp_path):
     asked = ("search", "tjunction", "--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "coverage")
     said = refused(*asked, "--classes", "vehicle", "heavy", "--seed", 1, "--cache", tmp_path)
-    assert "there is no heavy to find in these frames: take more of them" in said
+    assert "there is no heavy to find in these frames: say more --frames" in said

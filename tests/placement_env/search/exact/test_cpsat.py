@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.search import cpsat, greedy
+from placement_env.search import greedy
+from placement_env.search.exact import cpsat
 
 pytest.importorskip("ortools")
 

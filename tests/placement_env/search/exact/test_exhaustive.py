@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Weights
-from placement_env.search import exhaustive
+from placement_env.search.exact import exhaustive
 
 
 def brute(objective, budget):

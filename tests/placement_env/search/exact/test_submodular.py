@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Weights
-from placement_env.search import exhaustive, greedy, submodular
+from placement_env.search import greedy
+from placement_env.search.exact import exhaustive, submodular
 from placement_env.search.progress import Progress
 
 
@@ -30,3 +31,14 @@ def test_costs_void_the_guarantee_but_not_the_bound(make):
     found = greedy.search(objective, 3, submodular=True)
     assert found.certificate.ratio == 0
     assert exhaustive.search(objective, 3).best.reward <= found.certificate.bound
+
+
+def test_rounding_is_no_growth(make):
+    objective = make(6, 1)
+    progress = Progress(objective, 2, None, None)
+    assert submodular.certificate(progress, [0], 0.5, 4.2e-08).kind == "bound"
+    grown = submodular.certificate(progress, [0], 0.5, 4.2e-03)
+    assert (grown.kind, grown.note) == (
+        "none",
+        "said to be submodular, but a gain grew by 0.0042 as other sensors joined",
+    )

@@ -15,7 +15,7 @@ from placement_env.objective import Objective
 from placement_env.search.progress import Progress, rows_of, with_each
 from placement_env.search.result import Certificate
 
-TOLERANCE = 1e-9  # a gain that rises by no more does not count against submodularity
+TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
 
 
 def is_submodular(objective: Objective) -> bool:
@@ -53,7 +53,7 @@ def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float
     ratio: the share of the optimum it is sure of, which cost weights void; rise: how much a gain was seen to grow.
     """
     if rise > TOLERANCE and not _costs(progress.objective):
-        return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors with_each")
+        return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
     ratio = 0.0 if _costs(progress.objective) else ratio
     bound = online_bound(progress, chosen)
     promise = f", and at least {ratio:.3f} of the optimum" if ratio else ""
