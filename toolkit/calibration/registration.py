@@ -33,6 +33,7 @@ _STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z from w
 _STEPS = 20  # at most, of one level
 _CONVERGED = 1e-4  # of the radius, that the last step is smaller than
 _AGREES = 0.3  # m, within which a point agrees with a start
+_SAME, _AS_GOOD = 0.05, 0.002  # m between starts that came to the same; agreement that is as good as another
 _TUKEY = 4.685
 _LEAST_SCALE = 0.01  # m, of the residuals that Tukey's weights are scaled by
 _RESISTS = 0.15  # of a unit motion, across the plane: less is the noise of normals
@@ -100,12 +101,18 @@ def register(
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
     believed = np.array(believed, np.float64)
-    coarse = []
+    coarse: list[np.ndarray] = []
     for turn in _STARTS:
         start = after_motion(believed, np.array([0, 0, turn * LEVER, 0, 0, 0]))
-        coarse.append(_aligned(points, noise, surface.thin, start, _COARSE))
-    pose, _ = max(coarse, key=lambda reached: reached[1].agreement)
-    pose, system = _aligned(points, noise, surface, pose, _FINE)
+        pose, _ = _aligned(points, noise, surface.thin, start, _COARSE)
+        if all(np.abs(motion_between(pose, other)).max() > _SAME for other in coarse):
+            coarse.append(pose)
+    fine = [_aligned(points, noise, surface, pose, _FINE) for pose in coarse]
+    best = max(system.agreement for _, system in fine)
+    pose, system = min(
+        (each for each in fine if each[1].agreement >= best - _AS_GOOD),
+        key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
+    )
     return Registration(pose, system.covariance(), system.unobserved, system.overlap, system.scatter)
 
 
@@ -136,6 +143,15 @@ def after_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
     after[:3, :3] = rotation_about(motion[:3] / LEVER) @ pose[:3, :3]
     after[:3, 3] += motion[3:]
     return after
+
+
+def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
+    """The motion, turns times `LEVER`, that `after_motion` needs from one pose to another."""
+    turn = after[:3, :3] @ before[:3, :3].T
+    sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    length = float(np.linalg.norm(sine))
+    angle = float(np.arctan2(length, (np.trace(turn) - 1) / 2))
+    return np.concatenate([sine * (LEVER * angle / length if length else 0.0), after[:3, 3] - before[:3, 3]])
 
 
 def resistance(

@@ -132,11 +132,7 @@ def find_poses(
     sample, errors, noise_seed: see `toolkit.calibration.empty_scene.learn_empty_scenes`; errors turn the believed poses
     too. progress: called with how many sensors are done. Raises ValueError for fewer than `LEAST_FRAMES` frames.
     """
-    count = min(len(recording), len(recording) if frames is None else frames)
-    if count < LEAST_FRAMES:
-        raise ValueError(
-            f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
-        )
+    count = check_frames_suffice(recording, frames)
     scenes = learn_empty_scenes(recording, frames=count, sample=sample, errors=errors, noise_seed=noise_seed)
     sensors = read_frame(recording, 0, errors=errors, noise_seed=noise_seed).sensors
     found = []
@@ -145,6 +141,16 @@ def find_poses(
         if progress is not None:
             progress(len(found))
     return tuple(found)
+
+
+def check_frames_suffice(recording: Readable, frames: int | None) -> int:
+    """How many frames empty scenes are learnt from. Raises ValueError where they are fewer than `LEAST_FRAMES`."""
+    count = min(len(recording), len(recording) if frames is None else frames)
+    if count < LEAST_FRAMES:
+        raise ValueError(
+            f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
+        )
+    return count
 
 
 def find_pose(scene: EmptyScene, sensor: Sensor, surface: Surface) -> FoundPose:

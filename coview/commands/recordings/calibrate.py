@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, site_file
+from coview.arguments import check_errors, sensor_set, site_file
 from coview.exits import OK, SUSPECTED
 from coview.outputs import check_file
 from coview.printing import print_result
@@ -18,7 +18,8 @@ def calibrate(
     dataset: Positional[Path],
     /,
     *,
-    reference: str,
+    reference: str | None = None,
+    held: tuple[str, ...] = (),
     out: Path | None = None,
     poses: Path | None = None,
     frames: int | None = None,
@@ -39,7 +40,9 @@ def calibrate(
     Args:
         dataset: Recording, as in coview evaluate.
         reference: What stands there: a site (name or file), a cloud file of a survey in the site's frame, or a
-            recording of the day the sensors were mounted.
+            recording of the day the sensors were mounted. Left out: the sensors are fitted to each other, and
+            keep their common pose.
+        held: Without a reference: numbers or names of sensors that stay where they are.
         out: Copy of the recording with corrected poses to write.
         poses: JSON to write: pose, uncertainty and what is not observed of each sensor; coview fuse reads it.
         frames: Only the first so many frames.
@@ -51,18 +54,27 @@ def calibrate(
         json: Print as JSON.
     """
     from toolkit.calibration.corrected_recording import write_corrected
+    from toolkit.calibration.poses_together import find_poses_together
     from toolkit.calibration.reference import read_surface
     from toolkit.calibration.sensor_poses import find_poses, save_poses
 
     check_errors(errors)
+    if held and reference is not None:
+        raise ValueError("--held is for sensors fitted to each other: leave it or --reference out")
     inputs = [dataset, *site_file(reference), *site_file(site)]
     check_file(out, inputs=inputs, overwrite=overwrite)
     check_file(poses, inputs=[*inputs, *([out] if out else [])], overwrite=overwrite)
     with open_recording(dataset, site) as recording:
         total = frame_count(recording, frames)
-        surface = read_surface(reference, frames=reference_frames)
         with progress_bar("sensor", len(recording.sensors), hidden=json) as bar:
-            found = find_poses(recording, surface, frames=total, errors=errors, noise_seed=seed, progress=bar.to)
+            if reference is None:
+                stay = sensor_set(",".join(held)) if held else []
+                found = find_poses_together(recording, held=stay or [], frames=total, errors=errors, noise_seed=seed)
+            else:
+                surface = read_surface(reference, frames=reference_frames)
+                found = find_poses(
+                    recording, surface, frames=total, errors=errors, noise_seed=seed, progress=bar.to
+                )  # fmt: skip
         described = {each.sensor.name: each.described() for each in found}
         if out is not None:
             write_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=described)

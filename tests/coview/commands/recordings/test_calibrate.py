@@ -77,7 +77,9 @@ def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, 
     from toolkit.calibration.reference import site_surface
 
     survey = tmp_path / "survey.ply"
-    save(from_points(site_surface(PLACE).points.astype(np.float32)), survey)
+    points = site_surface(PLACE).points
+    near = points[np.abs(points[:, :2]).max(axis=1) < 16][::2]
+    save(from_points(near.astype(np.float32)), survey)
     for reference in (folder / "true.hdf5", survey):
         code, text, _ = run("calibrate", folder / "crooked.hdf5", "--reference", reference, "--json")
         assert code == 0
@@ -102,3 +104,14 @@ def test_refusals(folder, recording, tmp_path, refused):
     assert "there.json" in line
     same = folder / "true.hdf5"
     assert "true.hdf5" in refused("calibrate", same, "--reference", "tjunction", "--out", same, "--overwrite")
+
+
+def test_without_a_reference_sensors_are_fitted_to_a_held_one(folder, refused, run):
+    code, text, _ = run("calibrate", folder / "crooked.hdf5", "--held", "a", "--json")
+    assert code == 0
+    said = json.loads(text)
+    assert said["a"]["moved_m"] == 0.0
+    assert said["b"]["moved_m"] > 0.0
+    assert said["b"]["unobserved"], "they look at opposite faces, which says nothing of where these are"
+    line = refused("calibrate", folder / "crooked.hdf5", "--held", "a", "--reference", folder / "place.geojson")
+    assert "leave it or --reference out" in line
