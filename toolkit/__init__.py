@@ -9,6 +9,15 @@ if TYPE_CHECKING:
     from toolkit.bodies.body import Body as Body
     from toolkit.bodies.fleet import Fleet as Fleet, catalogue as catalogue, fleet_named as fleet_named
     from toolkit.bodies.meshes import load_meshes as load_meshes
+    from toolkit.calibration.ground import Ground as Ground, level as level, level_warning as level_warning
+    from toolkit.calibration.adaptation import SceneAdaptation as SceneAdaptation
+    from toolkit.calibration.empty_scene import (
+        EmptyScene as EmptyScene,
+        SceneLearner as SceneLearner,
+        learn_empty_scenes as learn_empty_scenes,
+        load_empty_scenes as load_empty_scenes,
+        save_empty_scenes as save_empty_scenes,
+    )
     from toolkit.clouds import (
         crop as crop,
         down_sample as down_sample,
@@ -23,7 +32,7 @@ if TYPE_CHECKING:
     from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
-    from toolkit.detection.codec import Codec as Codec, PaperCodec as PaperCodec
+    from toolkit.detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
     from toolkit.detection.evaluation import (
         evaluate_dataset as evaluate_dataset,
         format_table as format_table,
@@ -31,6 +40,15 @@ if TYPE_CHECKING:
     )
     from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
     from toolkit.detection.hybrid import Hybrid as Hybrid
+    from toolkit.detection.link.codecs import codec_named as codec_named
+    from toolkit.detection.link.foreground import (
+        Foreground as Foreground,
+        decode_foreground as decode_foreground,
+        encode_foreground as encode_foreground,
+    )
+    from toolkit.detection.link.inbox import Inbox as Inbox
+    from toolkit.detection.link.load import link_load as link_load
+    from toolkit.detection.link.range_images import RangeImages as RangeImages
     from toolkit.detection.metrics import (
         average_precision as average_precision,
         evaluate as evaluate,
@@ -76,6 +94,15 @@ else:
             "bodies.body": ("Body",),
             "bodies.fleet": ("Fleet", "catalogue", "fleet_named"),
             "bodies.meshes": ("load_meshes",),
+            "calibration.ground": ("Ground", "level", "level_warning"),
+            "calibration.adaptation": ("SceneAdaptation",),
+            "calibration.empty_scene": (
+                "EmptyScene",
+                "SceneLearner",
+                "learn_empty_scenes",
+                "load_empty_scenes",
+                "save_empty_scenes",
+            ),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
@@ -83,10 +110,15 @@ else:
             "datasets.doctor.diagnosis": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
             "detection.cluster": ("ClusterDetector",),
-            "detection.codec": ("Codec", "PaperCodec"),
+            "detection.codec": ("Codec", "PaperCodec", "RangeImage"),
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
             "detection.fusion": ("early", "hybrid", "late"),
             "detection.hybrid": ("Hybrid",),
+            "detection.link.codecs": ("codec_named",),
+            "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
+            "detection.link.inbox": ("Inbox",),
+            "detection.link.load": ("link_load",),
+            "detection.link.range_images": ("RangeImages",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),

@@ -12,7 +12,7 @@ from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.objects import Detector, check_known
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
 
 
@@ -62,6 +62,7 @@ class Preparation:
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
+    rendering: Rendering = "auto"
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -97,6 +98,7 @@ class Preparation:
                 ray=self.ray,
                 cache=self.disk_cache,
                 progress=report,
+                rendering=self.rendering,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
@@ -212,9 +214,9 @@ def surrogate_models(
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
-        return tuple(shipped_model(scheme.name, at, network, label=name) for name, at in wanted)
+        return tuple(shipped_model(predicted_as(scheme), at, network, label=name) for name, at in wanted)
     models = load_models(path, schemes={*SCHEMES, scheme.name})
-    return tuple(chosen_model(models, scheme.name, at, name, source=str(path)) for name, at in wanted)
+    return tuple(chosen_model(models, predicted_as(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:

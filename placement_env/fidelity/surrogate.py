@@ -21,7 +21,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, bits_sent
+from toolkit.detection.scheme import Scheme, bits_sent, predicted_as
 from toolkit.detection.schemes import scheme_of
 from toolkit.sites.site import HYBRID_RADIUS
 
@@ -52,10 +52,12 @@ class Surrogate:
         scheme, self.classes = scheme_of(scheme), classes
         visibility = visibility.of_classes(classes.labels)
         if model is None:
-            model = [shipped_model(scheme.name, classes.iou_of(name, iou), label=name) for name in classes.names]
+            model = [
+                shipped_model(predicted_as(scheme), classes.iou_of(name, iou), label=name) for name in classes.names
+            ]
         models = [model] if isinstance(model, HitModel) else model
         for each in models:
-            if each.scheme != scheme.name:
+            if each.scheme not in (scheme.name, predicted_as(scheme)):
                 raise ValueError(f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one fitted to it")
         by_label = {each.label: each for each in models}
         if missing := [name for name in classes.names if name not in by_label]:

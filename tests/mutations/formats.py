@@ -226,7 +226,7 @@ def _read_osm(path: Path) -> None:
 
     from toolkit.sites.osm import extract, roads, solids
 
-    town, window = extract.read(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    town, window = extract.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
     pieces, _ = roads.roads(town, window)
     roads.written(pieces, town)
     roads.paths(town, window)

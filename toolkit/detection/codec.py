@@ -3,6 +3,9 @@
 A codec of your own is a class with the members of `Codec`; it is passed as an object, `codec=MyCodec()`, and nothing
 else needs to know of it. `PAPER` is the paper's counting (section IV-A): a point costs 3 float32, a box 8, its 7
 numbers and a score, and nothing is lost on the way.
+
+A codec may code images in place of points: one that is an `ImageCodec` too gets the image that the points were measured
+in, wherever that is known, and the centre makes points of the image that arrives.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64
 from toolkit.objects import Detections
+from toolkit.sensors.sensor import Sensor
 
 
 class Message(NamedTuple):
@@ -53,6 +57,29 @@ class Codec(Protocol):
     def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Any:
         """Expected bits of so many messages that hold so many points and boxes together: numbers, or arrays of one
         shape. For fidelities that count points and do not see them; an estimate where the size depends on content."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class RangeImage:
+    """What one sensor sends of an image: measurements (m), 0 where it sends none; time (s) and number of the frame."""
+
+    sensor: Sensor
+    measurement: Float32[np.ndarray, "rows columns"]
+    time: float = 0.0
+    number: int = 0
+
+
+@runtime_checkable
+class ImageCodec(Protocol):
+    """Turns range images into messages and back."""
+
+    def encode_image(self, image: RangeImage, /) -> Message:
+        """Some pixels of one sensor in one frame."""
+        ...
+
+    def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
+        """What of them the fusion centre gets: an image of the sensor, 0 where nothing arrived."""
         ...
 
 

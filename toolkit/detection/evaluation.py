@@ -25,20 +25,24 @@ from typing import Any, Protocol, overload, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool
+from toolkit.arrays import Bool, Int64
 from toolkit.boxes import Overlap
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.recording_scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.link.load import SetLoad, link_load
 from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, DetectionScore, Reliability, evaluate, reliability
 from toolkit.detection.metrics import Protocol as Scoring
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Fused, Scheme
-from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
 from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects, check_known, label_index
 from toolkit.points import centred_in, select_sensors
 from toolkit.runtime.files import write_text, writing_together
+from toolkit.runtime.text_tables import aligned
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, profile_of
 from toolkit.sensors.sensor import Sensor
@@ -116,12 +120,13 @@ class ClassFigures:
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
-    """The rows of an evaluation; what the detector's threshold is worth class by class; and where all that comes from:
-    dataset, detector, settings and version."""
+    """The rows of an evaluation; what the detector's threshold is worth class by class; what each scheme and sensor set
+    puts on a link, if a rate was given; and where all that comes from: dataset, detector, settings and version."""
 
     rows: tuple[Row, ...]
     provenance: dict[str, Any]
     classes: tuple[ClassFigures, ...] = ()
+    loads: tuple[SetLoad, ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Row: ...
@@ -141,14 +146,14 @@ class Evaluation(Sequence[Row]):
         return {
             "rows": [row.as_dict() for row in self.rows],
             "classes": [figures.as_dict() for figures in self.classes],
-        }
+        } | ({"loads": [load.as_dict() for load in self.loads]} if self.loads else {})
 
 
 def evaluate_dataset(
     dataset: Recording,
     detector: Detector,
     *,
-    schemes: Sequence[Scheme | str] = tuple(SCHEMES),
+    schemes: Sequence[Scheme | str] = PAPER_SCHEMES,
     sensor_sets: Sequence[Sequence[int | str] | None] = (None,),
     classes: Sequence[str | int] = ("vehicle",),
     iou_thresholds: Sequence[float] | None = None,
@@ -160,6 +165,8 @@ def evaluate_dataset(
     nms_iou: float = NMS_IOU,
     protocol: Scoring = "exact",
     metric: Overlap = "3d",
+    scenes: Sequence[EmptyScene] | None = None,
+    rate: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Evaluation:
     """Score every scheme with every sensor set, every class of it at every IoU threshold, in this order.
@@ -168,8 +175,10 @@ def evaluate_dataset(
     `toolkit.objects.LABELS`; iou_thresholds: of all classes, None for those usual for each (vehicle and heavy 0.7, 0.8,
     0.9; cyclist and pedestrian 0.25, 0.5, 0.7); frames: only the first so many; noise_seed:
     None for none; errors: of the sensors, a profile or its name, drawn from that seed; radius: in place of the site's
-    hybrid radius (m); codec: of what is sent; protocol and metric: see `toolkit.detection.metrics.evaluate`; progress
-    is told the number of frames done. Raises ValueError for a scheme, sensor, class or error profile that does not
+    hybrid radius (m); codec: of what is sent; scenes: empty ones of all sensors, for schemes that need them, None to
+    learn them from this recording; rate: of frames (Hz), to say what they put on a link; protocol and metric: see
+    `toolkit.detection.metrics.evaluate`; progress is told the number of frames done. Raises ValueError for a scheme,
+    sensor, class or error profile that does not
     exist, a class that the detector does not know, two schemes of one name, and a recording without frames.
     """
     count = min(len(dataset), len(dataset) if frames is None else frames)
@@ -186,7 +195,8 @@ def evaluate_dataset(
     named = _named(schemes)
     sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
     runs = {(name, chosen): _Run() for name in named for chosen in sets}
-    settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou}
+    known = RecordingScenes(dataset, scenes, errors=errors, noise_seed=noise_seed)
+    settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou, "scene": known}
     truths, counted = [], []
     for k in range(count):
         frame = read_frame(dataset, k, errors=errors, noise_seed=noise_seed)
@@ -210,9 +220,11 @@ def evaluate_dataset(
             )
             rows += [_row(name, chosen, label, iou, at[iou], run) for iou in thresholds]
             summaries.append(_class_figures(name, chosen, label, true_iou, at[true_iou], count))
+    loads = [SetLoad(*which, link_load(np.array(run.bits), rate)) for which, run in runs.items() if rate is not None]
     digests = {name: scheme.digest for name, scheme in named.items()}
     place = {"site": site.name, "hybrid_radius": site.hybrid_radius, "frames": count, "noise_seed": noise_seed}
     drawn = {"errors": errors.origin, "nms_iou": nms_iou, **scoring}
+    drawn |= {"empty_scenes": known.digests} if known.used else {}
     scored_by = {"label": labels[0], "iou": list(ious[labels[0]])} if len(labels) == 1 else {"classes": ious}
     return Evaluation(
         tuple(rows),
@@ -220,6 +232,7 @@ def evaluate_dataset(
         | detector_origin(detector)
         | settings_origin(codec, **place, **drawn, schemes=digests, **scored_by),
         tuple(summaries),
+        tuple(loads),
     )
 
 
@@ -244,7 +257,7 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
         shares = (each.recall, each.precision, each.false_alarms_per_frame, each.reliability.error)
         named = [each.label, each.scheme, _sensor_text(each.sensors), str(each.truths)]
         table.append([*named, *(f"{figure:.3f}" for figure in shares), f"{each.iou:g}"])
-    return _columns(table, texts=3)
+    return aligned(table, texts=3)
 
 
 def _ap_table(rows: Sequence[Row]) -> str:
@@ -259,16 +272,7 @@ def _ap_table(rows: Sequence[Row]) -> str:
         ap = [f"{line[iou].ap:.4f}" for iou in ious]
         costs = [f"{first.recall:.4f}", f"{first.kbit_per_sensor:.2f}", f"{first.ms_per_frame:.1f}"]
         table.append([scheme, sensors, *ap, *costs])
-    return _columns(table, texts=2)
-
-
-def _columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Lines of aligned columns, the first so many to the left."""
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)) for line in table
-    )
+    return aligned(table, texts=2)
 
 
 def _sensor_text(sensors: Sequence[int]) -> str:
@@ -313,11 +317,13 @@ class _Run:
 
     def __init__(self) -> None:
         self.detections: list[Detections] = []
+        self.bits: list[Int64[np.ndarray, " sensors"]] = []
         self._kbit: list[float] = []
         self._ms: list[float] = []
 
     def add(self, fused: Fused) -> None:
         self.detections.append(fused.detections)
+        self.bits.append(fused.bits)
         self._kbit.append(fused.kbit_per_sensor)
         self._ms.append(fused.ms)
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 from toolkit.detection.early import Early
 from toolkit.detection.hybrid import Hybrid
 from toolkit.detection.late import Late
+from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
 
 PAPER_SCHEMES = ("early", "late", "hybrid")  # what tables of sensor sets and observations hold, in this order
-SCHEMES: dict[str, Scheme] = {"early": Early(), "late": Late(), "hybrid": Hybrid()}
+SCHEMES: dict[str, Scheme] = {"early": Early(), "late": Late(), "hybrid": Hybrid(), "foreground": Foreground()}
+
+
+def schemes_in_steps(step: float) -> dict[str, Scheme]:
+    """The same, those that send numbers in steps doing so in these (m)."""
+    return SCHEMES | {"foreground": Foreground(step)}
 
 
 def scheme_of(scheme: Scheme | str) -> Scheme:

@@ -7,19 +7,21 @@ after the measurement, the sensors working side by side, so that a step begins w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from time import perf_counter
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32
+from toolkit.arrays import Bool, Float32, Int64
 from toolkit.boxes import nms
-from toolkit.detection.codec import PAPER, Codec
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.frame import Frame
+from toolkit.geometry import LEVEL, Slope, levelled, on_slope
 from toolkit.objects import Detections, Detector
-from toolkit.points import Area, frame_points
+from toolkit.points import Area, cropped_pixels, frame_points, slope_of, unproject
 from toolkit.sensors.sensor import Sensor
 
 NMS_IOU = 0.1
@@ -29,12 +31,56 @@ _Value = TypeVar("_Value")
 @dataclass(frozen=True, eq=False)
 class Cloud:
     """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
-    frame with equal histories are equal."""
+    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them."""
 
     sensor: int
     history: tuple[str, ...]
     points: Float32[np.ndarray, "n 3"]
     ms: float
+    rows: Int64[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """The image that the points of one sensor were measured in. frame: of which it is number `index`; area, height: of
+    the crop; kept: the pixels of the points in the crop in the order of these, None to find them."""
+
+    frame: Frame
+    index: int
+    area: Area
+    height: float | None = None
+    kept: Int64[np.ndarray, " n"] | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """Which one, where it is believed to be."""
+        return self.frame.sensors[self.index]
+
+    @property
+    def measurement(self) -> Float32[np.ndarray, "rows columns"]:
+        """The whole image."""
+        return self.frame.measurements[self.index]
+
+    @cached_property
+    def pixels(self) -> Int64[np.ndarray, " n"]:
+        """Those of the points in the crop, in the order of these, counted row after row."""
+        if self.kept is not None:
+            return self.kept
+        return cropped_pixels(self.frame, self.index, area=self.area, height=self.height)
+
+    def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
+        """The image of some pixels alone."""
+        sent = np.zeros(self.measurement.size, np.float32)
+        sent[pixels] = self.measurement.ravel()[pixels]
+        return RangeImage(self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index)
+
+    def points(self, image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "n 3"]:
+        """Where the pixels of an image of this sensor measure, world frame, those that return anything."""
+        xyz, valid = unproject(self.sensor, image)
+        shift = self.frame.shifts[self.index] if self.frame.shifts else None
+        if shift is not None:
+            xyz += shift.reshape(-1, 3).T
+        return np.ascontiguousarray(xyz[:, valid].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +109,9 @@ class View:
     """One frame.
 
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
-    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less
-    sure of two boxes of one label is dropped.
+    clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
+    dropped; capture: gives the image behind the points of a sensor, None where there is none; scene: gives the empty
+    scene of a sensor, None where none is known.
     """
 
     def __init__(
@@ -76,9 +123,13 @@ class View:
         run: Callable[[Sequence[Cloud]], Detections],
         codec: Codec = PAPER,
         nms_iou: float = NMS_IOU,
+        capture: Callable[[int], Captured] | None = None,
+        scene: Callable[[int], EmptyScene] | None = None,
     ) -> None:
         self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
-        self._measure, self._run = measure, run
+        self._measure, self._run, self._capture, self._scene = measure, run, capture, scene
+        self._captured: dict[int, Captured] = {}
+        self._transmitted: dict[tuple[int, str], SentCloud] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
         self._sent_clouds: dict[Cloud, SentCloud] = {}
@@ -97,9 +148,35 @@ class View:
         """The points of a cloud that `keep` keeps; name: says all that this depends on."""
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
-            points, ms = _timed(lambda: cloud.points[keep(cloud.points, self.sensors[cloud.sensor])])
-            self._clouds[key] = Cloud(*key, points, cloud.ms + ms)
+            kept, ms = _timed(lambda: np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor])))
+            rows = kept if cloud.rows is None else cloud.rows[kept]
+            self._clouds[key] = Cloud(*key, cloud.points[kept], cloud.ms + ms, rows)
         return self._clouds[key]
+
+    def captured(self, sensor: int) -> Captured:
+        """The image behind the points of a sensor. Raises ValueError where only points are known."""
+        if self._capture is None:
+            raise ValueError("this view has points alone, no images: choose a scheme and codec that work with points")
+        if sensor not in self._captured:
+            self._captured[sensor] = self._capture(sensor)
+        return self._captured[sensor]
+
+    def scene(self, sensor: int) -> EmptyScene:
+        """The empty scene of a sensor. Raises ValueError where none is known."""
+        if self._scene is None:
+            raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
+        return self._scene(sensor)
+
+    def transmit(
+        self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
+    ) -> SentCloud:
+        """What the centre makes of an image of a sensor, and the bits that took; name: says all that this depends on
+        beside the measurement."""
+        if (sensor, name) not in self._transmitted:
+            measured = self.cloud(sensor)
+            (points, bits), ms = _timed(through)
+            self._transmitted[sensor, name] = SentCloud(Cloud(sensor, (name,), points, measured.ms + ms), bits)
+        return self._transmitted[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
         """What the detector says of the points of some clouds together."""
@@ -134,6 +211,11 @@ class View:
         return Boxes(merged, _last(parts) + ms)
 
     def _transmitted_points(self, cloud: Cloud) -> tuple[Float32[np.ndarray, "m 3"], int]:
+        if isinstance(self.codec, ImageCodec) and self._capture is not None:
+            captured = self.captured(cloud.sensor)
+            pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
+            message = self.codec.encode_image(captured.sending(pixels))
+            return captured.points(self.codec.decode_image(message, captured.sensor)), message.bits
         message = self.codec.encode_points(cloud.points)
         return self.codec.decode_points(message), message.bits
 
@@ -150,16 +232,29 @@ def frame_view(
     height: float | None = None,
     codec: Codec = PAPER,
     nms_iou: float = NMS_IOU,
+    scene: Callable[[int], EmptyScene] | None = None,
 ) -> View:
-    """The view of a frame, cropped to a site or area and below a height (m), else the site's own."""
+    """The view of a frame, cropped to a site or area and below a height (m), else the site's own; scene: see `View`."""
 
     def measure(sensor: int) -> Float32[np.ndarray, "n 3"]:
         return frame_points(frame, [sensor], area=site, height=height)[0]
 
     def run(clouds: Sequence[Cloud]) -> Detections:
-        return detector(together(clouds))
+        return detect_on_slope(detector, together(clouds), slope_of(site))
 
-    return View(site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou)
+    def capture(sensor: int) -> Captured:
+        return Captured(frame, sensor, site, height)
+
+    return View(
+        site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou, capture=capture, scene=scene
+    )
+
+
+def detect_on_slope(detector: Detector, points: Float32[np.ndarray, "n 3"], slope: Slope) -> Detections:
+    """What a detector, which knows level ground at z = 0 only, says of points on ground of that slope; its boxes come
+    back upright on the slope."""
+    detections = detector(levelled(points, slope))
+    return detections if slope == LEVEL else replace(detections, boxes=on_slope(detections.boxes, slope))
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:

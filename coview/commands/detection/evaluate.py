@@ -7,7 +7,18 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_errors, check_ious, check_least, check_schemes, sensor_set, site_file
+from coview.arguments import (
+    Label,
+    check_errors,
+    check_ious,
+    check_least,
+    check_positive,
+    check_schemes,
+    refuse_given,
+    sensor_set,
+    site_file,
+)
+from coview.clouds import score_clouds
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
@@ -20,14 +31,21 @@ def evaluate(
     dataset: Positional[Path],
     /,
     *,
-    detector: str = "cluster",
-    schemes: tuple[str, ...] = ("early", "late", "hybrid"),
+    detector: str | None = None,
+    layout: str | None = None,
+    level: Literal["map", "plane", "none"] = "map",
+    still: bool = False,
+    area: tuple[float, float, float, float] | None = None,
+    schemes: tuple[str, ...] | None = None,
     sensors: tuple[str, ...] = ("all",),
     classes: tuple[Label, ...] | None = None,
     iou: tuple[float, ...] | None = None,
     metric: Literal["3d", "bev"] = "3d",
     protocol: Literal["exact", "published"] = "exact",
     radius: float | None = None,
+    codec: str = "paper",
+    step: float = 0.02,
+    rate: float | None = None,
     frames: int | None = None,
     errors: str = "paper",
     seed: int = 0,
@@ -42,17 +60,30 @@ def evaluate(
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
+    Example: coview evaluate my-log --layout argoverse --detector general
+
     Args:
-        dataset: Recording made by coview simulate, or one of the authors' files.
-        detector: cluster; a trained network: voxelnet for the site's own, a name, or a weights file; or your own,
-            package.module:callable, either the detector or what makes it for a site (see toolkit.detection.imported).
-        schemes: Which of early, late and hybrid fusion.
+        dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
+        detector: cluster, or general with --layout; a trained network: voxelnet for the site's own, a name, or a
+            weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
+            toolkit.detection.imported).
+        layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in
+            our protocol, KITTI's and nuScenes', is printed.
+        level: With --layout, as in coview detect.
+        still: With --layout, as in coview detect.
+        area: With --layout, as in coview detect.
+        schemes: Which of early, late, hybrid and foreground fusion, the first three when left out; with --layout, all
+            clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
         iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
         metric: IoU of volumes or of footprints.
         protocol: exact, or the published code's own way of counting.
         radius: Hybrid fusion shares points farther than this from their sensor (m); the paper's value when left out.
+        codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes. The foreground
+            scheme always sends bytes.
+        step: In which bytes say distances (m): 0.02, 0.04, 0.08.
+        rate: Frames per second (Hz): print what each scheme puts on a link.
         frames: Only the first so many frames.
         errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
         seed: Of the sensors' noise and errors.
@@ -69,13 +100,32 @@ def evaluate(
         format_table,
         save_evaluation,
     )
+    from toolkit.detection.link.codecs import codec_named
+    from toolkit.detection.link.load import format_loads
+    from toolkit.detection.schemes import schemes_in_steps
     from toolkit.objects import check_known, known_labels
     from toolkit.points import select_sensors
 
     check_ious(iou or ())
-    check_schemes(schemes)
+    check_schemes(schemes or ())
     check_errors(errors)
     check_least("--radius", radius, 0.0)
+    check_positive("--rate", rate)
+    sent_by, named = codec_named(codec, step=step), schemes_in_steps(step)
+    if layout is not None:
+        others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
+                  "--errors": errors != "paper", "--site": site is not None, "--rate": rate is not None}  # fmt: skip
+        refuse_given(others, "is not for --layout")
+        check_folder(out, holds="table.json", inputs=[dataset], overwrite=overwrite)
+        figures = score_clouds(
+            dataset, layout, detector or "general", schemes=[named[name] for name in schemes or ()], codec=sent_by,
+            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, hidden=json,
+        )  # fmt: skip
+        figures.save(out / "table.json")
+        print_result(figures.as_dict(), f"{figures.text()}\nwritten to {out}/table.json", as_json=json)
+        return OK
+    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None}, "needs --layout")
+    schemes, detector = schemes or ("early", "late", "hybrid"), detector or "cluster"
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
@@ -90,11 +140,13 @@ def evaluate(
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         with progress_bar("frame", total, hidden=json) as bar:
             rows = evaluate_dataset(
-                recording, detect, schemes=schemes, classes=labels, iou_thresholds=iou, frames=total,
+                recording, detect, schemes=[named[name] for name in schemes], codec=sent_by, rate=rate,
+                classes=labels, iou_thresholds=iou, frames=total,
                 sensor_sets=sets, noise_seed=seed, errors=errors, radius=radius, protocol=protocol, metric=metric,
                 progress=bar.to,
             )  # fmt: skip
     save_evaluation(rows, out)
-    tables = f"{format_table(rows)}\n\nabove the detector's threshold:\n{format_class_table(rows.classes)}"
+    load = f"\n\non a link at {rate:g} Hz:\n{format_loads(rows.loads)}" if rate is not None else ""
+    tables = f"{format_table(rows)}{load}\n\nabove the detector's threshold:\n{format_class_table(rows.classes)}"
     print_result(rows.as_dict(), f"{tables}\nwritten to {out}/table.json, PR curves beside it", as_json=json)
     return OK

@@ -16,7 +16,7 @@ from placement_env.report.content import BuildStep, FailureCase, SchemeFigures, 
 from placement_env.report.planning.judging import Judge
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64
-from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
 
 ALL_SUBSETS = 6  # sensors of which every subset is judged by the detector
 
@@ -52,7 +52,7 @@ def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None
     """The set under every scheme at every IoU; nothing that was detected is detected again."""
     detected, rows = judge.detected, []
     row = chosen.rows(np.ones((1, len(chosen.members)), np.bool_), len(detected.renders.sensors))
-    for name in SCHEMES:
+    for name in PAPER_SCHEMES:
         other = Judge(
             Detected(
                 detected.renders, detected.detector, scheme_of(name), codec=detected.codec, iou=detected.iou,

@@ -1,6 +1,7 @@
 """`evaluate_dataset`: rows, tables and files; with the clustering detector it says what it always said."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from toolkit.bodies.body import tight
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
+from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.evaluation import (
@@ -16,6 +18,7 @@ from toolkit.detection.evaluation import (
     save_evaluation,
 )
 from toolkit.detection.fusion import late
+from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -320,3 +323,45 @@ def test_errors_are_what_readings_have_and_the_results_say_which():
     for wrong, message in (({"errors": "bad"}, "no error profile"), ({"errors": "poor", "noise_seed": None}, "a seed")):
         with pytest.raises(ValueError, match=message):
             run(**wrong)
+
+
+class Still(Recording):
+    """Ground, and a block at its own depth in every frame."""
+
+    def __getitem__(self, k):
+        frame = super().__getitem__(k)
+        down = [sensor.world_rays[2].reshape(sensor.model.shape) for sensor in SENSORS]
+        images = [np.where(rays < -0.2, (0.1 - 5.2) / np.minimum(rays, -0.2), 0).astype(np.float32) for rays in down]
+        for image in images:
+            image[30:34, 20 + 8 * k : 26 + 8 * k] = 6.0
+        return replace(frame, measurements=tuple(images))
+
+
+def test_foreground_sends_bytes_and_learns_its_scenes_here():
+    rows = evaluate_dataset(Still(), Oracle(), schemes=["early", "foreground"], iou_thresholds=[0.7], rate=10.0)
+    early, foreground = rows
+    assert 0 < foreground.kbit_per_sensor < early.kbit_per_sensor / 100
+    assert rows.provenance["empty_scenes"] == [scene.digest for scene in learn_empty_scenes(Still())]
+    assert [(load.scheme, load.load.one_packet) for load in rows.loads] == [("early", 0.0), ("foreground", 1.0)]
+    assert rows.loads[1].load.mbit_per_s == pytest.approx(foreground.kbit_per_sensor * 3 * 10 / 1000)
+    assert len(rows.as_dict()["loads"]) == 2
+
+
+def test_scenes_may_be_given_and_are_not_asked_for_in_vain():
+    other = learn_empty_scenes(Still(), noise_seed=3)
+    rows = evaluate_dataset(Still(), Oracle(), schemes=["foreground"], iou_thresholds=[0.7], scenes=other)
+    assert rows.provenance["empty_scenes"] == [scene.digest for scene in other]
+    rows = evaluate_dataset(Still(), Oracle(), schemes=["early"], iou_thresholds=[0.7])
+    assert "empty_scenes" not in rows.provenance
+    assert rows.loads == ()
+    assert "loads" not in rows.as_dict()
+
+
+def test_range_images_are_a_codec_of_all_schemes():
+    options = {"iou_thresholds": [0.7], "codec": RangeImages()}
+    rows = evaluate_dataset(Still(), Oracle(), schemes=["early", "late", "hybrid"], **options)
+    paper = evaluate_dataset(Still(), Oracle(), schemes=["early", "late", "hybrid"], iou_thresholds=[0.7])
+    assert all(row.kbit_per_sensor > 0 for row in rows)
+    assert rows[0].kbit_per_sensor < paper[0].kbit_per_sensor / 10
+    assert rows[1].kbit_per_sensor <= rows[2].kbit_per_sensor < rows[0].kbit_per_sensor
+    assert rows.provenance["codec"] == "RangeImages(step=0.02)"

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.detection.codec import Message
-from toolkit.detection.view import View, suppress, together
-from toolkit.objects import Detections
+from toolkit.detection.view import View, detect_on_slope, frame_view, suppress, together
+from toolkit.frame import Frame
+from toolkit.geometry import look
+from toolkit.objects import Detections, Objects
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
@@ -111,3 +113,88 @@ def test_the_order_of_equal_boxes_of_different_classes_makes_no_difference(order
     box = np.array([0.0, 0, 1, 4, 2, 1.5, 0])
     found = Detections(np.stack([box] * 3), np.full(3, 0.5), np.array([2, 0, 3]))[order]
     assert suppress(found).labels.tolist() == [0, 2, 3]
+
+
+def test_a_detector_of_level_ground_serves_on_a_slope():
+    given = []
+
+    def detect(points):
+        given.append(points)
+        return Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9]))
+
+    slope = (0.05, -0.02)
+    points = np.array([[10.0, 20, 1.1], [0, 0, 1]], np.float32)
+    found = detect_on_slope(detect, points, slope)
+    np.testing.assert_allclose(given[0], [[10, 20, 1.0], [0, 0, 1]], atol=1e-6)
+    np.testing.assert_allclose(found.boxes, [[10.0, 20, 1.1, 4, 2, 1.5, 0.3]])
+    assert found.scores.tolist() == [0.9]
+    np.testing.assert_allclose(detect_on_slope(detect, points, (0.0, 0.0)).boxes[0, 2], 1.0)
+    assert given[1] is points
+
+
+class Dimmed(Halved):
+    """Images half as far; what is sent is remembered."""
+
+    digest = "dimmed"
+
+    def __init__(self):
+        self.sent = []
+
+    def encode_image(self, image, /):
+        self.sent.append(image)
+        return Message(image.measurement / 2, 5)
+
+    def decode_image(self, message, sensor, /):
+        return message.content
+
+
+def seen(shifts=()):
+    sensor = Sensor("a", DepthCamera(width=8, height=6, stride=2), look((0.0, 0.0, 1.5), 0.0))
+    return Frame((sensor,), (np.full((3, 4), 4.0, np.float32),), Objects.empty(), 2.0, 9, shifts)
+
+
+def far(points, _):
+    return points[:, 2] > 1.5
+
+
+@pytest.mark.parametrize("shifted", [False, True])
+def test_a_codec_of_images_gets_the_pixels_of_the_points(shifted):
+    shift = np.tile(np.array([0.0, 0.5, 0.0], np.float32), (3, 4, 1))
+    frame, codec = seen((shift,) if shifted else ()), Dimmed()
+    view = frame_view(frame, lambda points: None, (0.0, -10.0, 10.0, 10.0), codec=codec)
+    cloud = view.cloud(0)
+    part = view.part(view.part(cloud, "far", far), "second", lambda points, _: np.arange(len(points)) == 1)
+    for each, rows in ((cloud, None), (part, [1])):
+        arrived, bits = view.send_points(each)
+        half = (each.points + frame.sensors[0].position - (shifted and [0, 0.5, 0])) / 2 + (shifted and [0, 0.5, 0])
+        np.testing.assert_allclose(arrived.points, half, atol=1e-5)
+        assert bits == 5
+        assert (each.rows is None) == (rows is None)
+    assert [np.count_nonzero(image.measurement) for image in codec.sent] == [len(cloud.points), 1]
+    assert part.rows.tolist() == [np.flatnonzero(far(cloud.points, None))[1]]
+    assert (codec.sent[0].time, codec.sent[0].number, codec.sent[0].sensor.name) == (2.0, 9, "a")
+
+
+def test_where_there_are_points_alone_it_gets_them(watched):
+    view, _ = watched(codec=Dimmed())
+    assert view.send_points(view.cloud(1)).bits == 60
+    with pytest.raises(ValueError, match="points alone, no images"):
+        view.captured(0)
+    with pytest.raises(ValueError, match="no empty scenes"):
+        view.scene(0)
+
+
+def test_what_is_transmitted_by_a_name_is_so_once(watched):
+    view, calls = watched()
+    made = []
+
+    def through():
+        made.append(1)
+        return np.zeros((2, 3), np.float32), 77
+
+    for _ in range(2):
+        sent = view.transmit(0, "mine", through)
+        view.detect([sent.arrived])
+    assert (sent.bits, made, sent.arrived.history) == (77, [1], ("mine",))
+    assert calls.run == [[(0, ("mine",))]]
+    assert sent.arrived.ms >= view.cloud(0).ms

@@ -102,6 +102,10 @@ def test_a_detector_that_is_none(name, message, ours, recording, refused):
         (("--iou", "1.5"), "--iou must lie above 0 and at most at 1, got 1.5"),
         (("--iou", "70"), "--iou"),
         (("--radius", "-3"), "--radius must be at least 0"),
+        (("--codec", "zip"), "choose among paper, range-images"),
+        (("--step", "0.0005"), "step must be a whole number of millimetres"),
+        (("--rate", "0"), "--rate must be above 0, got 0"),
+        (("--schemes", "middle"), "choose among early, late, hybrid, foreground"),
     ],
 )
 def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
@@ -129,6 +133,21 @@ def test_errors_by_name_are_written_down(recording, tmp_path, run, refused):
         kbit[errors] = written["rows"][0]["kbit_per_sensor"]
     assert abs(kbit["poor"] / kbit["paper"] - 1) > 0.02
     assert "no error profile 'bad'" in refused("evaluate", recording, "--errors", "bad")
+
+
+def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
+    arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--rate", 10, "--classes", "vehicle")
+    schemes = ("--schemes", "early", "foreground", "--codec", "range-images", "--step", 0.08)
+    code, out, _ = run(*arguments, *schemes, "--out", tmp_path / "a")
+    assert code == 0
+    assert "on a link at 10 Hz" in out
+    assert "802.11p" in out
+    written = json.loads((tmp_path / "a" / "table.json").read_text())
+    early, foreground = written["loads"]
+    assert 0 < foreground["mbit_per_s"] < early["mbit_per_s"]
+    assert written["provenance"]["codec"] == "RangeImages(step=0.08)"
+    assert "step=0.08" in written["provenance"]["schemes"]["foreground"]
+    assert "loads" not in json.loads(run(*arguments[:5], "--schemes", "late", "--out", tmp_path / "b", "--json")[1])
 
 
 def test_classes_restrict_the_rows(recording, tmp_path, run):

@@ -1,0 +1,170 @@
+"""Foreground messages, restored images, and the scheme that detects in them."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+from toolkit.calibration.empty_scene import SceneLearner
+from toolkit.detection.codec import RangeImage
+from toolkit.detection.early import Early
+from toolkit.detection.link.foreground import Foreground, decode_foreground, encode_foreground, scene_number
+from toolkit.detection.link.message import read_message
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.view import frame_view
+from toolkit.frame import Frame
+from toolkit.geometry import look, pose
+from toolkit.objects import Detections, Objects
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.solid_state_lidar import SolidStateLidar
+from toolkit.sensors.spinning_lidar import SpinningLidar
+
+MODELS = [
+    DepthCamera(width=40, height=30),
+    SpinningLidar(channels=15, azimuth_step=float(np.deg2rad(9)), fov_up=0.1, fov_down=-0.6),
+    SolidStateLidar(rows=15, columns=20, vertical_fov=0.6),
+]
+AREA = (-20.0, -20.0, 20.0, 20.0)
+
+
+def ground(sensor):
+    """What a sensor measures of flat ground a little above z = 0 and of the sky."""
+    down = sensor.world_rays[2].reshape(sensor.model.shape)
+    with np.errstate(divide="ignore"):
+        measured = (0.1 - sensor.position[2]) / down
+    return np.where((down < 0) & (measured < 60), measured, 0).astype(np.float32)
+
+
+def stand(model, name="s", x=0.0):
+    return Sensor(name, model, look((x, 0.0, 5.0), 0.0, 0.4) if model.kind == "camera" else pose(x, 0.0, 5.0))
+
+
+def learnt(sensor, seed=0, frames=60):
+    rng, learner = np.random.default_rng(seed), SceneLearner(sensor)
+    for _ in range(frames):
+        learner.add(sensor.model.noisy(ground(sensor), rng))
+    return learner.scene()
+
+
+def with_a_car(sensor, seed=5):
+    image = sensor.model.noisy(ground(sensor), np.random.default_rng(seed))
+    image[8:12, 6:11] = 7.0
+    return image
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
+@pytest.mark.parametrize("step", [0.02, 0.08])
+def test_what_was_sent_arrives_and_the_scene_is_drawn_beside_it(model, step):
+    sensor = stand(model)
+    scene, image = learnt(sensor), with_a_car(sensor)
+    kept = np.where(scene.shows(image), 0, image).astype(np.float32)
+    message = encode_foreground(RangeImage(sensor, kept, 1.0, 3), scene, step=step)
+    restored = decode_foreground(message, scene)
+    np.testing.assert_array_equal(restored.sent, kept > 0)
+    assert restored.sent[8:12, 6:11].all()
+    assert np.abs(restored.image - image)[restored.sent].max() <= step / 2 + 1e-5
+    np.testing.assert_array_equal(restored.image[~restored.sent], scene.first[~restored.sent])
+    assert (restored.header.number, restored.header.time, restored.header.step) == (3, 1.0, step)
+    assert restored.header.scene == scene_number(scene) == int(scene.digest[:8], 16)
+    assert len(message) < 100
+
+
+def test_another_scene_or_sensor_is_refused():
+    sensor = stand(MODELS[0])
+    scene, other = learnt(sensor), learnt(sensor, seed=1)
+    image = RangeImage(sensor, with_a_car(sensor))
+    message = encode_foreground(image, scene)
+    with pytest.raises(ValueError, match="whose scene is"):
+        decode_foreground(message, other)
+    with pytest.raises(ValueError, match="whose sensor is"):
+        decode_foreground(message, scene.renamed("t"))
+    with pytest.raises(ValueError, match="the empty scene is of 't'"):
+        encode_foreground(image, scene.renamed("t"))
+
+
+def test_two_thousand_damaged_messages():
+    """Bits, bytes and ends; no reader takes one for sound, and none that has a sound checksum again makes one crash."""
+    sensor = stand(MODELS[0])
+    scene = learnt(sensor, frames=5)
+    message = encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene)
+    sound, rng, read = decode_foreground(message, scene), np.random.default_rng(0), 0
+    for _ in range(2000):
+        mutant = bytearray(message)
+        for at in rng.integers(0, len(message), rng.integers(1, 5)):
+            mutant[at] = rng.integers(256)
+        mutant = mutant[: rng.integers(len(mutant))] if rng.random() < 0.2 else mutant
+        mutant = mutant + rng.bytes(3) if rng.random() < 0.1 else mutant
+        if mutant == message:
+            continue
+        with pytest.raises(ValueError, match=r"checksum|cut off"):
+            decode_foreground(bytes(mutant), scene)
+        resealed = bytes(mutant[:-4]) + struct.pack("<I", zlib.crc32(mutant[:-4]))
+        try:
+            restored = decode_foreground(resealed, scene)
+        except ValueError:
+            continue
+        read += 1
+        assert restored.image.shape == sound.image.shape
+        assert np.isfinite(restored.image).all()
+    assert read < 1000
+    assert read_message(message)[0] == sound.header
+
+
+def frame(seed=5):
+    sensors = (stand(MODELS[0], "a"), stand(MODELS[0], "b", 3.0))
+    return Frame(sensors, tuple(with_a_car(s, seed + k) for k, s in enumerate(sensors)), Objects.empty(), 1.5, 7)
+
+
+def watched():
+    """A detector that remembers its points."""
+    calls = []
+
+    def detector(points):
+        calls.append(points)
+        return Detections(np.array([[len(points), 0, 1, 4, 2, 1.5, 0.0]]), np.array([0.5]))
+
+    return detector, calls
+
+
+def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
+    seen = frame()
+    scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
+    detector, calls = watched()
+    view = frame_view(seen, detector, AREA, scene=lambda k: scenes[k])
+    raw, got = Early().fuse(view, [0, 1]), Foreground().fuse(view, [0, 1])
+    assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
+    a, b = calls[0][np.lexsort(calls[0].T)], calls[1]
+    nearest = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2).min(axis=1))
+    assert nearest.max() < 0.15  # four standard deviations of the depth, along rays up to 1.5 times as long
+    assert raw.bits.sum() == 96 * len(calls[0])
+    assert (got.bits < 100 * 8).all()
+    assert (got.bits % 8 == 0).all()
+    assert got.ms > 0
+    assert Foreground().fuse(view, [0, 1]).bits.tolist() == got.bits.tolist()
+    assert len(calls) == 3
+
+
+def test_nothing_but_the_scene_costs_forty_bytes():
+    sensor = stand(MODELS[0])
+    seen = Frame((sensor,), (ground(sensor),), Objects.empty())
+    scene, (detector, calls) = learnt(sensor), watched()
+    got = Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
+    assert got.bits.tolist() == [8 * 43]
+    assert len(calls[0]) > 100
+
+
+def test_without_a_scene_or_images_it_says_so():
+    seen, (detector, _) = frame(), watched()
+    with pytest.raises(ValueError, match="knows no empty scenes"):
+        Foreground().fuse(frame_view(seen, detector, AREA), [0])
+
+
+def test_it_is_a_scheme_and_checks_its_parameters():
+    assert isinstance(Foreground(), Scheme)
+    assert Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
+    with pytest.raises(ValueError, match="step must be"):
+        Foreground(step=-1.0)
+    with pytest.raises(ValueError, match="sigmas must be above 0"):
+        Foreground(sigmas=0.0)

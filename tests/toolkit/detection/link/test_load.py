@@ -1,0 +1,42 @@
+"""Rate, packets and shares of links."""
+
+import numpy as np
+import pytest
+
+from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, format_loads, link_load, packets_of
+
+
+def test_two_sensors_at_ten_hertz():
+    bits = np.array([[8000, 12000], [4000, 16000]])
+    load = link_load(bits, 10.0)
+    assert load.mbit_per_s == pytest.approx(0.2)
+    assert load.packets == pytest.approx(1.5)
+    assert load.one_packet == 0.5
+    assert load.shares == pytest.approx({"802.11p": 0.2 / 6, "LTE-V2X": 0.2 / 8, "Ethernet": 0.002})
+    assert load.as_dict()["rate"] == 10.0
+    assert PACKET == 1400
+    assert list(CAPACITIES) == list(load.shares)
+
+
+def test_packets_are_begun():
+    assert packets_of(np.array([0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000])).tolist() == [0, 1, 1, 2, 10]
+
+
+def test_nonsense_is_refused():
+    for rate in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="rate must be above 0"):
+            link_load(np.ones((1, 1), np.int64), rate)
+    with pytest.raises(ValueError, match="0 frames of 3 sensors"):
+        link_load(np.zeros((0, 3), np.int64), 10.0)
+
+
+def test_as_text_and_for_json():
+    each = SetLoad("late", (0, 2), link_load(np.array([[8000, 12000], [4000, 16000]]), 10.0))
+    assert format_loads([each]).splitlines() == [
+        "scheme  sensors  Mbit/s  packets/message  in one packet  802.11p  LTE-V2X  Ethernet",
+        "late    0,2       0.200             1.50          0.500   3.33 %   2.50 %    0.20 %",
+    ]
+    assert each.as_dict() | {"shares": None} == {
+        "scheme": "late", "sensors": (0, 2), "rate": 10.0, "mbit_per_s": 0.2, "packets": 1.5, "one_packet": 0.5,
+        "shares": None,
+    }  # fmt: skip

@@ -1,0 +1,84 @@
+"""Header, content and checksum of messages, byte by byte, and what becomes of damaged ones."""
+
+import struct
+import zlib
+
+import pytest
+
+from toolkit.detection.link.message import (
+    OVERHEAD,
+    MessageHeader,
+    MessageKind,
+    check_header,
+    read_message,
+    sensor_number,
+    step_in_mm,
+    time_in_us,
+    write_message,
+)
+
+HEADER = MessageHeader(MessageKind.FOREGROUND, 0x01020304, 5, 6_000_007, 20, 150, 200, 0xA0B0C0D0)
+
+
+def test_the_bytes_are_those_of_the_table():
+    message = write_message(HEADER, b"content")
+    assert message[:12] == b"cv\x01\x02\x04\x03\x02\x01\x05\x00\x00\x00"
+    assert struct.unpack("<Q", message[12:20]) == (6_000_007,)
+    assert struct.unpack("<HHHI", message[20:30]) == (20, 150, 200, 0xA0B0C0D0)
+    assert message[30:-4] == b"content"
+    assert struct.unpack("<I", message[-4:]) == (zlib.crc32(message[:-4]),)
+    assert len(message) == OVERHEAD + 7 == 41
+    assert read_message(message) == (HEADER, b"content")
+    assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
+
+
+def resealed(message, at, byte):
+    body = bytearray(message[:-4])
+    body[at] = byte
+    return bytes(body) + struct.pack("<I", zlib.crc32(body))
+
+
+def test_other_versions_kinds_and_files_are_refused():
+    message = write_message(HEADER, b"")
+    for at, byte, said in ((0, 1, "begins with"), (2, 2, "version 1 are read, got 2"), (3, 9, "kind 1 .*got 9")):
+        with pytest.raises(ValueError, match=said):
+            read_message(resealed(message, at, byte))
+
+
+def test_every_cut_and_every_flipped_bit_is_refused():
+    message = write_message(HEADER, b"some content")
+    for length in range(len(message)):
+        with pytest.raises(ValueError, match=r"cut off|checksum"):
+            read_message(message[:length])
+    for bit in range(8 * len(message)):
+        damaged = bytearray(message)
+        damaged[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(ValueError, match="checksum"):
+            read_message(bytes(damaged))
+
+
+def test_what_is_another_is_refused():
+    check_header(HEADER, MessageKind.FOREGROUND, rows=150, sensor=0x01020304)
+    with pytest.raises(ValueError, match="of kind boxes, got foreground"):
+        check_header(HEADER, MessageKind.BOXES)
+    with pytest.raises(ValueError, match="scene is 1, got 2695938256"):
+        check_header(HEADER, MessageKind.FOREGROUND, scene=1)
+
+
+@pytest.mark.parametrize("field", ["sensor", "number", "time_us", "step_mm", "rows", "columns", "scene"])
+def test_numbers_that_do_not_fit_are_refused(field):
+    for value in (-1, 1 << 64):
+        with pytest.raises(ValueError, match=field):
+            MessageHeader(MessageKind.BOXES, **{field: value})
+
+
+def test_steps_are_whole_millimetres_and_times_microseconds():
+    assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
+    assert time_in_us(1.25) == 1_250_000
+    for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="step must be"):
+            step_in_mm(step)
+    for time in (-0.1, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="time of a message"):
+            time_in_us(time)
+    assert sensor_number("a") != sensor_number("b")

@@ -1,0 +1,132 @@
+"""The frame of every message from a sensor to the fusion centre: a header, a content, a checksum. All little-endian.
+
+    offset  bytes  type    field
+    0       2      bytes   "cv"
+    2       1      uint8   version of this format, 1
+    3       1      uint8   kind: 1 range image, 2 foreground of an empty scene, 3 boxes
+    4       4      uint32  sensor: CRC-32 of its name, 0 where it is not said
+    8       4      uint32  number: counts the messages of a sensor, from 0
+    12      8      uint64  time of measurement (µs)
+    20      2      uint16  step (mm) of the numbers in the content
+    22      4      2 uint16  rows and columns of the image, 0 and 0 for boxes
+    26      4      uint32  the empty scene that is the background: the first 4 bytes of its digest, 0 for none
+    30      n              content, by kind: see `toolkit.detection.link.image_coding` and `box_coding`
+    30 + n  4      uint32  CRC-32 of all before
+
+A reader takes nothing on trust: what is cut off, damaged, of another version, sensor or scene is a ValueError.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+
+MAGIC, MESSAGE_VERSION = b"cv", 1
+_HEADER = struct.Struct("<2sBBIIQHHHI")
+_CHECKSUM = struct.Struct("<I")
+OVERHEAD = _HEADER.size + _CHECKSUM.size  # bytes of a message beside its content
+_LARGEST = {"sensor": 32, "number": 32, "time_us": 64, "step_mm": 16, "rows": 16, "columns": 16, "scene": 32}  # bits
+
+
+class MessageKind(IntEnum):
+    """What a message holds."""
+
+    RANGE_IMAGE = 1
+    FOREGROUND = 2
+    BOXES = 3
+
+
+@dataclass(frozen=True)
+class MessageHeader:
+    """What is said of a message beside its content; fields as in the table above. Raises ValueError for a number that
+    does not fit its field."""
+
+    kind: MessageKind
+    sensor: int = 0
+    number: int = 0
+    time_us: int = 0
+    step_mm: int = 0
+    rows: int = 0
+    columns: int = 0
+    scene: int = 0
+
+    def __post_init__(self) -> None:
+        for name, bits in _LARGEST.items():
+            value = getattr(self, name)
+            if not 0 <= value < 1 << bits:
+                raise ValueError(f"{name} of a message must be 0 to {(1 << bits) - 1}, got {value}")
+
+    @property
+    def time(self) -> float:
+        """When it was measured (s)."""
+        return self.time_us / 1e6
+
+    @property
+    def step(self) -> float:
+        """Of the numbers in it (m)."""
+        return self.step_mm / 1000
+
+
+def sensor_number(name: str) -> int:
+    """By which messages say whose they are.
+
+    >>> sensor_number("d0")
+    1720814832
+    """
+    return zlib.crc32(name.encode())
+
+
+def step_in_mm(step: float) -> int:
+    """A step (m) as messages hold it. Raises ValueError where it is no whole number of millimetres from 1 to 65535."""
+    mm = round(step * 1000) if 0 < step < 66 else 0
+    if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
+        raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
+    return mm
+
+
+def time_in_us(time: float) -> int:
+    """Seconds as messages hold them. Raises ValueError for a negative time or none."""
+    if not 0 <= time < 2**43:
+        raise ValueError(f"time of a message must be seconds from 0 on, got {time}")
+    return round(time * 1e6)
+
+
+def write_message(header: MessageHeader, content: bytes) -> bytes:
+    """A message as bytes."""
+    fields = (header.sensor, header.number, header.time_us, header.step_mm, header.rows, header.columns, header.scene)
+    body = _HEADER.pack(MAGIC, MESSAGE_VERSION, header.kind, *fields) + content
+    return body + _CHECKSUM.pack(zlib.crc32(body))
+
+
+def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
+    """Header and content of a message. Raises ValueError where it is cut off, damaged, none or of another version."""
+    if len(message) < OVERHEAD:
+        raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off or none")
+    body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
+    if _CHECKSUM.unpack(checksum)[0] != zlib.crc32(body):
+        raise ValueError(
+            f"a message of {len(message)} bytes does not fit its checksum: it is damaged, have it sent again"
+        )
+    magic, version, kind, *fields = _HEADER.unpack_from(body)
+    if magic != MAGIC:
+        raise ValueError(f"a message begins with {MAGIC!r}, got {magic!r}: it is none of ours")
+    if version != MESSAGE_VERSION:
+        raise ValueError(f"messages of version {MESSAGE_VERSION} are read, got {version}: sender and reader differ")
+    if kind not in set(MessageKind):
+        raise ValueError(
+            f"a message is of kind {', '.join(f'{k.value} ({k.name.lower()})' for k in MessageKind)}, got {kind}"
+        )
+    return MessageHeader(MessageKind(kind), *fields), body[_HEADER.size :]
+
+
+def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
+    """ValueError where a message is of another kind, sensor, shape, scene or step than is expected."""
+    if header.kind != kind:
+        raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
+    for name, value in expected.items():
+        if getattr(header, name) != value:
+            raise ValueError(
+                f"expected a message whose {name} is {value}, got {getattr(header, name)}: it is another's"
+            )

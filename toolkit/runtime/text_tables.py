@@ -1,0 +1,19 @@
+"""Tables as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def aligned(table: Sequence[Sequence[str]], *, texts: int) -> str:
+    """Lines of aligned columns, the first so many to the left.
+
+    >>> print(aligned([["scheme", "kbit"], ["late", "2.5"]], texts=1))
+    scheme  kbit
+    late     2.5
+    """
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
+    return "\n".join(
+        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)) for line in table
+    )
