@@ -88,6 +88,18 @@ class Surrogate:
         ap, recall = (np.stack(each, axis=1) for each in zip(*figures, strict=True))
         return ClassEstimates(ap, recall, self._kbit(subsets))
 
+    def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], HitModel, float]]:
+        """n ^ norm of each candidate and object of each class, its model, and its weight in the mean. Raises ValueError
+        where what the centre gets makes them no sum over sensors."""
+        weights = np.array(self.classes.weights)
+        there = np.array([part.objects > 0 for part in self._parts])
+        shares = np.where(there, weights, 0.0) / max(float(weights[there].sum()), 1e-300)
+        return [
+            (part.powers(), model, float(share))
+            for part, model, share in zip(self._parts, self.models, shares, strict=True)
+            if part.objects
+        ]
+
     def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """How unsure the AP of each set is: its standard deviation over the resamples of the fit; NaN where a model has
         none. Says nothing of what the models have not got a number for."""
@@ -124,6 +136,12 @@ class _Part:
         self._model, self._evidence = model, Evidence(visibility, scheme, radius)
         self._sums = MemberSums(self._evidence.rows(model))
         self.objects = visibility.points.shape[1]
+
+    def powers(self) -> Float32[np.ndarray, "C O"]:
+        """n ^ norm of each candidate and object."""
+        if self._sums.rows.shape[1] != self.objects * (2 if self._model.floor > 0 else 1):
+            raise ValueError("in hybrid fusion evidence is no sum over sensors: say --scheme early or late")
+        return self._sums.rows[:, : self.objects].copy()
 
     def with_model(self, model: HitModel) -> _Part:
         """The same objects by another model."""
