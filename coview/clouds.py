@@ -50,6 +50,15 @@ def watched(found: Iterable[Detected], progress: Callable[[int], None]) -> Itera
         yield each
 
 
+def passing(samples: Iterable[Sample], problems: dict[str, int], progress: Callable[[int], None]) -> Iterator[Sample]:
+    """Samples as they come by; the bar moves, and what was met in reading them is added up."""
+    for done, sample in enumerate(samples, 1):
+        for kind, number in sample.problems.items():
+            problems[kind] = problems.get(kind, 0) + number
+        progress(done)
+        yield sample
+
+
 def score_clouds(
     path: Path,
     layout: str,
