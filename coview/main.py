@@ -19,6 +19,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "doctor": "recordings",
     "site": "recordings",
     "pack": "recordings",
+    "stress": "detection",
     "train": "detection",
     "search": "placement",
     "plan": "placement",
