@@ -22,6 +22,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "calibrate": "recordings",
     "site": "recordings",
     "pack": "recordings",
+    "stress": "detection",
     "train": "detection",
     "search": "placement",
     "plan": "placement",

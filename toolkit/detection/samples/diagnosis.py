@@ -25,8 +25,8 @@ from toolkit.datasets.sample import Sample
 
 CLEARANCE = 0.3  # m above the ground
 SHELL = 0.5  # m
-POINT_SLACK = 0.1  # m that a point may lie outside its box, as sensors err
-INNER_SHARE = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
+SLACK = 0.1  # m that a point may lie outside its box, as sensors err
+HOLLOW = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
 LEAST_ON_BOX = 15  # points in and around a box, below which its fit is 0
 LEAST_BOXES = 5  # with a fit, below which nothing is said
 SURE = 3.0  # standard errors of the mean change of fits, from which on a mistake is suspected
@@ -155,12 +155,8 @@ def _fit(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
             continue
         dx, dy, dz = (near - [x, y, z]).T
         ahead, aside = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw)), np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
-        in_box = (
-            (ahead <= length / 2 + POINT_SLACK) & (aside <= width / 2 + POINT_SLACK) & (dz <= height / 2 + POINT_SLACK)
-        )
-        inner = (
-            (ahead < INNER_SHARE * length / 2) & (aside < INNER_SHARE * width / 2) & (dz < height / 2 - 2 * POINT_SLACK)
-        )
+        in_box = (ahead <= length / 2 + SLACK) & (aside <= width / 2 + SLACK) & (dz <= height / 2 + SLACK)
+        inner = (ahead < HOLLOW * length / 2) & (aside < HOLLOW * width / 2) & (dz < height / 2 - 2 * SLACK)
         fits[k] = (in_box & ~inner).mean()
     return fits
 
