@@ -28,8 +28,8 @@ ASIDE = 16  # places of azimuth by which a little more tilt may move a strip
 
 
 class Packed(NamedTuple):
-    """Strips of one place in order of their left sides: left, width, low and high, in parts of a place (`FINENESS`); the
-    object of each, numbered through all frames; and what it shows."""
+    """Strips of one place in order of their left sides: left, width, low and high, in parts of a place (`FINENESS`);
+    the object of each, numbered through all frames; and what it shows."""
 
     left: Shaped[np.ndarray, " n"]
     width: Shaped[np.ndarray, " n"]
