@@ -132,9 +132,11 @@ class SelectConfig(SubsetConfig):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseConfig(EnvConfig):
-    """What `coview/SensorPose-v0` is made with. moves: steps of an episode."""
+    """What `coview/SensorPose-v0` is made with. moves: steps of an episode; cache: folder where panoramas are kept,
+    None for nowhere."""
 
     moves: int = 20
+    cache: str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.fidelity == "table":

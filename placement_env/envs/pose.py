@@ -135,7 +135,7 @@ class PoseScenarios:
             self._made[key] = Preparation(
                 site=self.sites[conditions.site], candidates=self.sites.candidates(conditions.site),
                 frames=config.frames, scheme=conditions.scheme, iou=config.iou, seed=config.seed, codec=config.codec,
-                cache=None, workers=1, ray=None, detector=config.detector, classes=config.counted,
+                cache=config.cache, workers=1, ray=None, detector=config.detector, classes=config.counted,
                 surrogate=config.surrogate, rendering=config.rendering,
             )  # fmt: skip
         return self._made[key]
@@ -199,7 +199,7 @@ def see_moved(
 ) -> Visibility:
     """What candidates see of the traffic, of which those that stand `still` saw what `visibility` says."""
     moved = np.flatnonzero(~still)
-    there = candidates.select(moved)
+    there = candidates if len(moved) == len(still) else candidates.select(moved)
     live = preparation.live
     fresh = see(preparation.traffic, there, labels=preparation.classes.labels) if live is None else live.see(there)
     if visibility is None or len(moved) == len(still):
@@ -244,9 +244,9 @@ class SensorPoseEnv(PlacementEnv):
     number from a budget or failures given as (lowest, highest). moves: of an episode; fidelity: surrogate, coverage or
     detector; rendering: "full" casts every ray of a sensor that has moved, "panorama" looks up what it sees in
     panoramas from its mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these
-    where at least four candidates share a place, as in a pool; frames, weights, candidates, detector, codec, iou, seed,
-    classes, surrogate: of `placement_env.objective.Objective`. `reset` takes the options site, scheme, budget (up to
-    the environment's) and failed.
+    where at least four candidates share a place, as in a pool; cache: folder where panoramas are kept; frames, weights,
+    candidates, detector, codec, iou, seed, classes, surrogate: of `placement_env.objective.Objective`. `reset` takes
+    the options site, scheme, budget (up to the environment's) and failed.
 
     ## Version History
     v0: first version.

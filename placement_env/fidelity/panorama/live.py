@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.panorama.looking import Views
+from placement_env.fidelity.panorama.looking import table_keys
 from placement_env.fidelity.panorama.ray_table import ray_table
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.panorama.surround import Packed, ScoredItems, Surround
@@ -59,22 +59,18 @@ class LiveView:
     def see(self, candidates: Candidates) -> Visibility:
         """What candidates see; the first time that one of a mount is asked for, panoramas are made there."""
         sensors = candidates.sensors
-        views = Views.of(sensors)
         models = {sensor.model for sensor in sensors}
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
         self._prepare([(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each], models)
         shape = (len(sensors), self._scored.items), (len(sensors), self._scored.frames)
         points, sent, far = (np.zeros(each) for each in (shape[0], shape[1], shape[1]))
-        for (model, tilt, roll), members in views.groups:
-            table = ray_table(model, tilt, roll)
-            for s in members.tolist():
-                for place, share in shares[s]:
-                    seen = self._kept[place].seen(
-                        model, table, float(views.heading[s]), float(views.more[s]), self._scored
-                    )
-                    for total, figures in zip((points, sent, far), seen, strict=True):
-                        total[s] += share * figures
+        for s, (key, turned, more) in enumerate(zip(*table_keys(sensors), strict=True)):
+            table = ray_table(*key)
+            for place, share in shares[s]:
+                seen = self._kept[place].seen(key[0], table, float(turned), float(more), self._scored)
+                for total, figures in zip((points, sent, far), seen, strict=True):
+                    total[s] += share * figures
         seen_of = [each.astype(np.float32) for each in (points, sent, far)]
         columns = (distances(sensors, self._boxes), self._frame, self._boxes, *seen_of[1:], self._kinds)
         return Visibility(seen_of[0], *columns)

@@ -42,16 +42,29 @@ class Views:
         """Sensors by where they are and how they look."""
         positions = np.array([sensor.position for sensor in sensors]).round(6)
         viewpoints, viewpoint = np.unique(positions, axis=0, return_inverse=True)
-        aims = [aim_of(sensor) for sensor in sensors]
-        base = [round(aim.tilt / TABLE_TILTS) for aim in aims]
-        more = np.array([aim.tilt - steps * TABLE_TILTS for aim, steps in zip(aims, base, strict=True)])
-        more[np.abs(more) < 1e-6] = 0
+        keys, heading, more = table_keys(sensors)
         members: dict[TableKey, list[int]] = {}
-        for s, (sensor, aim, steps) in enumerate(zip(sensors, aims, base, strict=True)):
-            members.setdefault((sensor.model, steps * TABLE_TILTS, round(aim.roll, 4) + 0.0), []).append(s)
+        for s, key in enumerate(keys):
+            members.setdefault(key, []).append(s)
         groups = [(key, part) for key, each in members.items() for part in _one_each(np.array(each), viewpoint.ravel())]
-        heading = np.array([aim.heading for aim in aims], np.float32) * PER_TURN
-        return Views(viewpoints, viewpoint.ravel(), heading, more.astype(np.float32) * PER_STEEP, tuple(groups))
+        return Views(viewpoints, viewpoint.ravel(), heading, more, tuple(groups))
+
+
+def table_keys(
+    sensors: Sequence[Sensor],
+) -> tuple[list[TableKey], Float32[np.ndarray, " S"], Float32[np.ndarray, " S"]]:
+    """Of each sensor the table that knows its rays, its heading (places of azimuth), and by how much it is tilted more
+    than the table (places of elevation)."""
+    aims = [aim_of(sensor) for sensor in sensors]
+    base = [round(aim.tilt / TABLE_TILTS) for aim in aims]
+    more = np.array([aim.tilt - steps * TABLE_TILTS for aim, steps in zip(aims, base, strict=True)])
+    more[np.abs(more) < 1e-6] = 0
+    heading = np.array([aim.heading for aim in aims], np.float32) * PER_TURN
+    keys = [
+        (sensor.model, steps * TABLE_TILTS, round(aim.roll, 4) + 0.0)
+        for sensor, aim, steps in zip(sensors, aims, base, strict=True)
+    ]
+    return keys, heading, more.astype(np.float32) * PER_STEEP
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -17,6 +18,7 @@ from placement_env.envs.pose import TILT_LIMITS, Rig
 from placement_env.envs.registration import register
 from placement_env.fidelity.visibility import see
 from toolkit import load_site
+from toolkit.runtime.cache import Cache
 
 register()
 NAME = "coview/SensorPose-v0"
@@ -120,9 +122,10 @@ def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
         env.reset(options={"failed": ["d0", "d1", "d2", "d3", 4]})
 
 
-def test_in_panoramas_a_step_sees_what_full_rendering_sees() -> None:
-    settings = {**FEW, "fidelity": "surrogate"}
-    both = [gym.make(NAME, moves=4, rendering=way, **settings).unwrapped for way in ("panorama", "full")]
+def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> None:
+    settings = {**FEW, "fidelity": "surrogate", "moves": 4}
+    ways: list[dict[str, Any]] = [{"rendering": "panorama", "cache": tmp_path}, {"rendering": "full"}]
+    both = [gym.make(NAME, **way, **settings).unwrapped for way in ways]
     tasks: list[Any] = [env.task for env in both]  # type: ignore[attr-defined]
     for env in both:
         env.reset(seed=3)
@@ -139,3 +142,4 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees() -> None:
     again = now.preparation.live.see(now.rig.placed())
     assert np.array_equal(again.points, quick.points)
     assert tasks[1]._now[0].preparation.live is None
+    assert len(Cache(tmp_path / "cache.sqlite")) > 2
