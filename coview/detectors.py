@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from toolkit.objects import Detector
     from toolkit.sites.site import Site
 
-REACH = 50.0  # m
-
 
 def recording_detector(name: str, recording: CoopDataset) -> Detector:
     """cluster, which learns the recording's empty site, or one of `site_detector`."""
@@ -38,17 +36,22 @@ def site_detector(name: str, site: Site) -> Detector:
 
 def sample_detector(
     name: str, area: tuple[float, float, float, float] | None
-) -> tuple[Detector, tuple[float, float] | None]:
-    """A detector for clouds of any recording, and the middle of its area; without an area it reaches `REACH` around
-    wherever the sensors are, and there is no middle."""
+) -> tuple[Detector, tuple[float, float] | None, tuple[float, float]]:
+    """A detector for clouds of any recording, the middle of its area, and half its sides; without an area it reaches
+    `DETECTION_REACH` around wherever the sensors are, and there is no middle."""
+    from toolkit.detection.samples.detected import DETECTION_REACH
     from toolkit.sites.site import Site, check_area
 
-    xmin, ymin, xmax, ymax = (-REACH, -REACH, REACH, REACH) if area is None else check_area(area).tolist()
+    xmin, ymin, xmax, ymax = (
+        (-DETECTION_REACH, -DETECTION_REACH, DETECTION_REACH, DETECTION_REACH)
+        if area is None
+        else check_area(area).tolist()
+    )
     x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
     around = Site("recording", np.array([xmin - x, ymin - y, xmax - x, ymax - y]))
     if name in ("voxelnet", "cluster"):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
-    return site_detector(name, around), None if area is None else (x, y)
+    return site_detector(name, around), None if area is None else (x, y), (xmax - x, ymax - y)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

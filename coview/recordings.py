@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +11,6 @@ from coview.arguments import check_least
 
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.records.fields import Samples
-    from toolkit.datasets.sample import Sample
-    from toolkit.detection.samples.detected import Detected
 
 
 @contextmanager
@@ -47,31 +42,3 @@ def frame_count(recording: CoopDataset, frames: int | None) -> int:
 def check_frames(frames: int | None) -> None:
     """Raise ValueError where no frame is wanted."""
     check_least("--frames", frames, 1, "leave it out for all")
-
-
-def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
-    """The samples of a recording of clouds; poses: a file of them, which only plain folders take."""
-    from toolkit.datasets.layouts.folder import folder
-    from toolkit.datasets.samples import open_samples
-
-    if poses is None and not inverted:
-        return open_samples(path, layout)
-    if layout != "folder":
-        raise ValueError(f"--poses and --inverted are for --layout folder: {layout} has its own")
-    return folder(path, poses=poses, inverted=inverted)
-
-
-def first_of(samples: Iterable[Sample], frames: int | None) -> Iterator[Sample]:
-    """The first so many, all for None."""
-    return islice(samples, frames)
-
-
-def watched(found: Iterable[Detected], progress: Callable[[int], None]) -> Iterator[Detected]:
-    """Detections as they come by; the bar moves, and the first thing to be said of the ground is."""
-    said = False
-    for done, each in enumerate(found, 1):
-        if each.warning is not None and not said:
-            warnings.warn(f"{each.sample.name}: {each.warning}", stacklevel=2)
-            said = True
-        progress(done)
-        yield each

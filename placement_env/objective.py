@@ -25,7 +25,7 @@ from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin, settings_origin
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -200,7 +200,7 @@ class Objective:
             raise ValueError(f"most_price must be 0 or more, got {most_price}: leave it out for any price")
         self.most_price = float(most_price)
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
-        self.scheme, self.codec, self._scored = scheme, codec, 0
+        self.scheme, self.codec, self._scored = scheme, codec_for(scheme, codec), 0
         self.classes: Classes = getattr(scored_by, "classes", VEHICLES)
         several = len(self.classes.names) if isinstance(scored_by, ByClass) else 1
         self._width = 3 if several == 1 else 3 + several

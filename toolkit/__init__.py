@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
     from toolkit.detection.hybrid import Hybrid as Hybrid
+    from toolkit.detection.link.channel import Channel as Channel
     from toolkit.detection.link.codecs import codec_named as codec_named
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
@@ -47,8 +48,10 @@ if TYPE_CHECKING:
         encode_foreground as encode_foreground,
     )
     from toolkit.detection.link.inbox import Inbox as Inbox
+    from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
     from toolkit.detection.link.range_images import RangeImages as RangeImages
+    from toolkit.detection.link.tracks import Tracks as Tracks
     from toolkit.detection.metrics import (
         average_precision as average_precision,
         evaluate as evaluate,
@@ -114,11 +117,14 @@ else:
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
             "detection.fusion": ("early", "hybrid", "late"),
             "detection.hybrid": ("Hybrid",),
+            "detection.link.channel": ("Channel",),
             "detection.link.codecs": ("codec_named",),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),
+            "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
             "detection.link.range_images": ("RangeImages",),
+            "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),

@@ -131,8 +131,8 @@ class Visibility:
         every = np.concatenate([np.zeros((0, 7)), *boxes])
         on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
         frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
-        distances = _distances(recording.sensors, every)
-        return Visibility(on_objects, distances, frame_of, every, sent_each, far_each, np.concatenate(kinds))
+        columns = (frame_of, every, sent_each, far_each, np.concatenate(kinds))
+        return Visibility(on_objects, distances(recording.sensors, every), *columns)
 
 
 def see(
@@ -166,14 +166,14 @@ def see(
     quick = np.zeros(len(sensors), np.bool_)
     if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
         quick = far_sighted(sensors, traffic)
-    frame, boxes, kinds = _scored_objects(traffic, labels)
+    frame, boxes, kinds = scored_objects(traffic, labels)
     shapes = ((len(sensors), len(frame)), *[(len(sensors), len(traffic))] * 2)
     points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
     for look, some in ((look_round, quick), (_look_in_full, ~quick)):
         if some.any():
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, **settings)
             points[some], sent[some], far[some] = seen
-    return Visibility(points, _distances(sensors, boxes), frame, boxes, sent, far, kinds)
+    return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
 
 def check_rendering(rendering: str) -> None:
@@ -205,7 +205,7 @@ def _look_in_full(
     return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
-def _scored_objects(
+def scored_objects(
     traffic: Traffic, labels: Sequence[int]
 ) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"], Int64[np.ndarray, " O"]]:
     """Frame, box and class of every scored object."""
@@ -215,7 +215,7 @@ def _scored_objects(
     return frame, np.concatenate([np.zeros((0, 7)), *(each.boxes for each in chosen)]), kinds
 
 
-def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
+def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
     """Horizontal distance (m) from each sensor to the centre of each box."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -213,7 +213,7 @@ def published_cameras(file: h5py.File) -> tuple[str, ...]:
     return tuple(sorted(name for name in hdf5.names_in(file, "cameras") if name.startswith("d")))
 
 
-Channel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
+StoredChannel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
 
 
 def _site(file: h5py.File) -> Site:
@@ -246,7 +246,7 @@ def _recognised(file: h5py.File) -> Site:
     raise UnknownSite(f"it does not say which site it shows and is none of {', '.join(BUILT_IN)}: pass site=")
 
 
-def _channels(file: h5py.File, site: Site) -> tuple[Channel, ...]:
+def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
     own = _own_channels(file)
     has_images = hdf5.holds(file, "dslices")
     if not has_images and not own:
@@ -280,7 +280,7 @@ def _order(file: h5py.File) -> list[str]:
     return order
 
 
-def _published_channels(file: h5py.File, site: Site) -> list[Channel]:
+def _published_channels(file: h5py.File, site: Site) -> list[StoredChannel]:
     depth, names = hdf5.dataset(file, "dslices", kinds="fiub"), published_cameras(file)
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
@@ -314,8 +314,8 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     return ours if as_written else Sensor(ours.name, replace(model, stride=camera.stride), pose)
 
 
-def _own_channels(file: h5py.File) -> list[Channel]:
-    channels: list[Channel] = []
+def _own_channels(file: h5py.File) -> list[StoredChannel]:
+    channels: list[StoredChannel] = []
     for kind in OWN_IMAGES.values():
         for name in hdf5.names_in(file, f"coview/{kind}"):
             images = hdf5.dataset(file, f"coview/{kind}/{name}", axes=3)

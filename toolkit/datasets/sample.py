@@ -165,10 +165,17 @@ class Sample:
         if self.counts is not None and len(self.counts) != len(self.objects):
             raise ValueError(f"{len(self.objects)} objects but {len(self.counts)} counts in {self.name!r}")
 
-    def points(self, sensors: Sequence[str] | None = None) -> Float64[np.ndarray, "n 3"]:
-        """The points of all sensors, or of some (names), one after the other, world frame."""
-        chosen = [cloud.in_world() for cloud in self.clouds if sensors is None or cloud.name in sensors]
-        return np.concatenate([np.zeros((0, 3)), *chosen])
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """The points of all sensors, one after the other, world frame."""
+        return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
+
+    def seen_by(self, sensors: Sequence[str]) -> Sample:
+        """The sample with the clouds of some sensors (names). Raises ValueError for one that it has not."""
+        names = [cloud.name for cloud in self.clouds]
+        for name in sensors:
+            if name not in names:
+                raise ValueError(f"sample {self.name!r} has no sensor {name!r}: it has {', '.join(names) or 'none'}")
+        return replace(self, clouds=tuple(cloud for cloud in self.clouds if cloud.name in sensors))
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Sample:
         """The sample with some of its objects: a mask or indices."""

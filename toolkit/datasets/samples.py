@@ -22,8 +22,12 @@ def read(path: str | Path, layout: str, *, classes: Sequence[str | int] | None =
     empty, and counted in `Sample.problems`. Raises FileNotFoundError where there is no such recording, ValueError for
     an unknown layout or class and, naming it, for a file that is damaged.
     """
+    return of_classes(open_samples(path, layout), classes)
+
+
+def of_classes(samples: Iterable[Sample], classes: Sequence[str | int] | None) -> Iterator[Sample]:
+    """The samples with only their objects of some classes, all for None. Raises ValueError for one that is none."""
     wanted = None if classes is None else [label_index(label) for label in classes]
-    samples = open_samples(path, layout)
     return (sample if wanted is None else sample.of(np.isin(sample.objects.labels, wanted)) for sample in samples)
 
 

@@ -29,6 +29,7 @@ from toolkit.runtime.resumable import ShardFolder, describe_differences, make_sh
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import INTERVAL, sumo_step
 
 if TYPE_CHECKING:
     from toolkit.bodies.body import Body
@@ -49,6 +50,7 @@ def simulate_dataset(
     fleet: Fleet | None = None,
     progress: Callable[[int], None] | None = None,
     overwrite: bool = False,
+    interval: float = INTERVAL,
 ) -> int:
     """Simulate `frames` frames at a site and write them to `out`, an HDF5 file for
     `toolkit.datasets.dataset.CoopDataset`.
@@ -60,7 +62,8 @@ def simulate_dataset(
     sensors: None for the site's own; meshes: a folder to take bodies from; bodies: some that stay; fleet: in place of
     both, its drawn bodies are drawn afresh for every block of frames; none of the three: everyone is drawn;
     progress: told how many frames are done;
-    overwrite: replace a file, or drop an unfinished simulation, that was made from something else.
+    overwrite: replace a file, or drop an unfinished simulation, that was made from something else;
+    interval: seconds between frames, 5 or e.g. 0.1; every `BLOCK` frames traffic begins anew.
     Returns how many frames were simulated now: 0 where `out` was complete already.
 
     Raises ValueError for arguments that do not fit; FileExistsError where `out`, or what is left of an unfinished run,
@@ -74,7 +77,7 @@ def simulate_dataset(
         fleet = fleet_named(None, meshes) if bodies is None else Fleet(tuple(bodies))
     elif bodies is not None or meshes is not None:
         raise ValueError("bodies or meshes were given beside a fleet, which has its own: give one of them")
-    job = Job(site, chosen, fleet, int(frames), int(seed))
+    job = Job(site, chosen, fleet, int(frames), int(seed), float(interval))
     if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
         raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
     out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
@@ -107,8 +110,10 @@ class Job:
     fleet: Fleet
     frames: int
     seed: int
+    interval: float = INTERVAL
 
     def __post_init__(self) -> None:
+        sumo_step(self.interval)
         if self.frames < 1 or self.seed < 0:
             raise ValueError(f"frames must be at least 1 and seed not negative, got {self.frames} and {self.seed}")
         if not self.sensors:
@@ -157,6 +162,7 @@ class Job:
             "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
             "bodies": f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}",
             "schema": RECORDING_SCHEMA,
+            **({} if self.interval == INTERVAL else {"interval": self.interval}),
         }
 
     @property
@@ -167,7 +173,7 @@ class Job:
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
         """Build what stands still, once a process; returns the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
-        from toolkit.traffic.snapshots import INTERVAL, simulate
+        from toolkit.traffic.snapshots import simulate
 
         empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
         number_of = {name: number for number, name in enumerate(self.fleet.names)}
@@ -179,12 +185,14 @@ class Job:
                 bodies = self.fleet.bodies(len(frames), np.random.default_rng([self.seed, block, 1]))
                 renderer, once = empty.of(bodies), True
                 numbers = np.array([number_of[body.name] for body in bodies])
-            snapshots = simulate(self.site, renderer.bodies, frames=len(frames), seed=seed, once=once)
+            snapshots = simulate(
+                self.site, renderer.bodies, frames=len(frames), seed=seed, once=once, interval=self.interval
+            )
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects
                 objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)  # other blocks, other tracks
                 measurements = renderer.render(snapshot).measurements
-                time = block * BLOCK * INTERVAL + snapshot.time
+                time = block * BLOCK * self.interval + snapshot.time
                 yield Scene(Frame(self.sensors, measurements, objects, time, index), numbers[snapshot.bodies])
 
         return scenes

@@ -24,7 +24,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.collisions import Obstacles, separate
 from toolkit.traffic.parking import Parked
 from toolkit.traffic.spawner import Spawner
-from toolkit.traffic.sumo import STEP, running
+from toolkit.traffic.sumo import FINE_STEP, STEP, running
 from toolkit.traffic.supply import Supply
 from toolkit.traffic.vehicle_types import VehicleTypes
 
@@ -35,6 +35,7 @@ INTERVAL = 5.0  # s between frames
 MOST_OBJECTS = 30
 MARGIN = 10.0  # m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
 WARM_UP = 15.0  # s before the first frame
+COMING_AND_GOING = 8  # times `INTERVAL` more before frames closer together: at first all stand in the queues they fill
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ def simulate(
     parked: int | None = None,
     once: bool = False,
 ) -> Generator[Snapshot, None, None]:
-    """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects.
+    """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects. Below
+    1 s objects live as long as ever, in more frames: 0.1 s is what sensors at 10 Hz see.
 
     parked: how many of these are parked vehicles at most, a fifth when None;
     once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
@@ -77,8 +79,7 @@ def simulate(
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
     if frames < 0 or most < 1:
         raise ValueError(f"frames must be at least 0 and most at least 1, got {frames} and {most}")
-    if not interval >= STEP or interval % STEP:
-        raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} s, got {interval}")
+    sumo_step(interval)
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
     parked = most // 5 if parked is None else parked
@@ -102,19 +103,48 @@ def _run(
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
     supply = Supply(len(bodies), once)
     parked = Parked.draw(site, obstacles, types, rng, ids, most=most_parked, supply=supply)
-    with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1))) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids), supply=supply)
+    step = sumo_step(interval)
+    with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
+        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids), supply=supply, step=step)
         spawner.advance(WARM_UP)
+        for _ in range(COMING_AND_GOING if step < STEP else 0):
+            _snapshot(site, types, spawner, parked, obstacles, time=0.0)
+            spawner.advance(INTERVAL)
         for index in range(frames):
-            yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval)
-            parked = parked.later(types, rng, ids, supply)
+            last = interval >= STEP or _periods((index + 1) * interval) > _periods(index * interval)
+            yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval, counts=last)
+            if last:
+                parked = parked.later(types, rng, ids, supply)
             spawner.advance(interval)
 
 
+def sumo_step(interval: float) -> float:
+    """The step of SUMO for frames so far apart. Raises ValueError where they are no whole number of steps apart."""
+    step = STEP if interval >= STEP else FINE_STEP
+    steps = interval / step
+    if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
+        raise ValueError(f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got {interval}")
+    return step
+
+
+def _periods(time: float) -> int:
+    """How many times `INTERVAL` has passed: who parks leaves and who was seen grows older once in it, however close the
+    frames are."""
+    return int(time / INTERVAL + 1e-6)
+
+
 def _snapshot(
-    site: Site, types: VehicleTypes, spawner: Spawner, parked: Parked, obstacles: Obstacles, *, time: float
+    site: Site,
+    types: VehicleTypes,
+    spawner: Spawner,
+    parked: Parked,
+    obstacles: Obstacles,
+    *,
+    time: float,
+    counts: bool = True,
 ) -> Snapshot:
-    """What is near the area now; what cannot be kept apart leaves the simulation."""
+    """What is near the area now; what cannot be kept apart leaves the simulation. counts: whether to note that it was
+    seen."""
     standing = (parked.ids, parked.bodies, parked.poses)
     ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
     sizes = types.sizes[bodies]
@@ -123,7 +153,8 @@ def _snapshot(
     boxes, kept, repaired = separate(boxes, obstacles)
     spawner.remove(ids[~kept])
     seen = np.flatnonzero(kept)[_touch(boxes[kept], site.area, MARGIN)]
-    spawner.count_frame(ids[seen])
+    if counts:
+        spawner.count_frame(ids[seen])
     boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     return Snapshot(Objects(boxes, types.labels[bodies], ids), bodies, time, repaired)

@@ -63,7 +63,9 @@ class Spawner:
         *,
         most: int,
         supply: Supply | None = None,
+        step: float = STEP,
     ) -> None:
+        self.step = step
         self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
         self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
@@ -85,7 +87,7 @@ class Spawner:
 
     def advance(self, seconds: float) -> None:
         """Simulate on, spawning what is missing before every step; what found no place by the end is given up."""
-        for _ in range(round(seconds / STEP)):
+        for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
             self._remove_arrived()

@@ -13,12 +13,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
+FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
 LATERAL_RESOLUTION = 0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 
 
 @contextmanager
-def running(network: str, types: str, *, seed: int) -> Iterator[Any]:
-    """The libsumo module while it simulates the network (net.xml text) with the vehicle types (additional-file text).
+def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[Any]:
+    """The libsumo module while it simulates the network (net.xml text) with the vehicle types (additional-file text),
+    in steps of `step` (s).
 
     Raises ImportError where SUMO is not installed, RuntimeError where a simulation is open in this process already
     (libsumo knows only one), ValueError with SUMO's own words where it refuses the network.
@@ -35,7 +37,7 @@ def running(network: str, types: str, *, seed: int) -> Iterator[Any]:
         files["types.xml"].write_text(types, encoding="utf-8")
         try:
             with _stderr_into(files["said.txt"]):
-                sumo.start(["sumo", *_options(files["net.xml"], files["types.xml"], seed)])
+                sumo.start(["sumo", *_options(files["net.xml"], files["types.xml"], seed, step)])
         except Exception as error:  # SUMO says why only on stderr
             said = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
             reason = said.splitlines()[0].removeprefix("Error: ").rstrip(".")
@@ -69,12 +71,13 @@ def _stderr_into(file: Path) -> Iterator[None]:
         os.close(kept)
 
 
-def _options(network: Path, types: Path, seed: int) -> list[str]:
+def _options(network: Path, types: Path, seed: int, step: float) -> list[str]:
     options = {
         "net-file": network,
         "additional-files": types,
         "seed": seed,
-        "step-length": STEP,
+        "step-length": step,
+        **({} if step == STEP else {"default.action-step-length": STEP}),
         "lateral-resolution": LATERAL_RESOLUTION,
         "collision.action": "none",
         "time-to-teleport": -1,

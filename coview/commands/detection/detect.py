@@ -9,12 +9,12 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import check_least
+from coview.clouds import first_of, open_clouds, watched
 from coview.detectors import sample_detector
 from coview.exits import OK
 from coview.outputs import check_file, check_new_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
-from coview.recordings import first_of, open_clouds, watched
 
 
 def detect(
@@ -69,7 +69,7 @@ def detect(
         check_new_folder(out, inputs=inputs, overwrite=overwrite)
     opened = [open_clouds(path, layout, poses=poses, inverted=inverted) for path in clouds]
     total = sum(min(len(samples), frames or len(samples)) for samples in opened)
-    network, middle = sample_detector(weights, area)
+    network, middle, _ = sample_detector(weights, area)
     with progress_bar("cloud", total, hidden=json) as bar:
         samples = chain.from_iterable(first_of(each, frames) for each in opened)
         found = detect_samples(samples, network, levelling=level, middle=middle, still=still)

@@ -22,6 +22,7 @@ def simulate(
     out: Path,
     frames: int = 1000,
     seed: int = 0,
+    every: float = 5.0,
     workers: int | None = None,
     fleet: Literal["own", "catalogue", "meshes", "both"] | None = None,
     meshes: Path | None = None,
@@ -41,6 +42,7 @@ def simulate(
         out: HDF5 file to write.
         frames: How many frames.
         seed: Same seed, same machine: same bytes.
+        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, 50 frames without a break.
         workers: Processes; one per core when left out.
         fleet: own: everyone drawn afresh; meshes: yours, and drawn ones of classes you have none of; both: half
             drawn, half yours; catalogue: our 47 bodies and your meshes. Left out: own, or meshes with --meshes.
@@ -65,7 +67,7 @@ def simulate(
     with progress_bar("frame", frames, hidden=json) as bar:
         new = simulate_dataset(
             place, frames=frames, seed=seed, out=out, workers=workers, fleet=chosen,
-            overwrite=overwrite, progress=bar.to,
+            overwrite=overwrite, progress=bar.to, interval=every,
         )  # fmt: skip
     seconds = perf_counter() - started
     summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds,

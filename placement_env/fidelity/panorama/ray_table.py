@@ -7,7 +7,7 @@ tilted by a little more than a table's tilt is looked up in that table, with the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -57,15 +57,16 @@ def aim_of(sensor: Sensor) -> Aim:
 
 
 class Cells(NamedTuple):
-    """Cells of azimuth from the heading on and elevation from straight down on that hold rays, and how many."""
+    """Cells of azimuth from the heading on and elevation from straight down on that hold rays, numbered column after
+    column, and how many."""
 
-    column: Int64[np.ndarray, " n"]
-    row: Int64[np.ndarray, " n"]
+    places: Int64[np.ndarray, " n"]
     rays: Float32[np.ndarray, " n"]
 
 
 class RayTable:
-    """The rays of a model, tilted and rolled (rad). cells: those of its rays, for what needs no fine grid."""
+    """The rays of a model, tilted and rolled (rad). first_column, columns: places of azimuth with rays
+    in them; first_row: the lowest of elevation; cells: those of its rays, for what needs no fine grid."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
@@ -75,13 +76,16 @@ class RayTable:
         row = np.clip(np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1).astype(np.int64)
         self.first_column, self.first_row = int(column.min()), int(row.min())
         shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
+        self.columns = shape[0]
         place = (column - self.first_column) * shape[1] + row - self.first_row
-        counts = np.bincount(place, minlength=shape[0] * shape[1])
-        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), np.uint32 if len(column) >> 16 else np.uint16)
-        np.cumsum(np.cumsum(counts.reshape(shape), axis=0), axis=1, out=self._sums[1:, 1:], dtype=self._sums.dtype)
+        kind = np.uint32 if len(column) >> 16 else np.uint16
+        counts = np.bincount(place, minlength=shape[0] * shape[1]).astype(kind).reshape(shape)
+        np.add.accumulate(counts, axis=0, out=counts)
+        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
+        np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
         column, row = cells_at(azimuth, elevation)
         cell, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
-        self.cells = Cells(cell // CELL_ROWS, cell % CELL_ROWS, rays.astype(np.float32))
+        self.cells = Cells(cell, rays.astype(np.float32))
 
     def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Which rectangles hold rays, and how many. heading: of the sensor (places of azimuth), more: by how much it is
@@ -143,7 +147,15 @@ class Rectangles:
 
     def take(self, rows: Int64[np.ndarray, " m"]) -> Rectangles:
         """Some of them."""
-        return Rectangles(*(getattr(self, each.name).take(rows) for each in fields(self)))
+        return Rectangles(*(each.take(rows) for each in self._columns))
+
+    def part(self, rows: slice) -> Rectangles:
+        """Some that lie side by side; nothing is copied."""
+        return Rectangles(*(each[rows] for each in self._columns))
+
+    @property
+    def _columns(self) -> tuple[Float32[np.ndarray, " n"], ...]:
+        return self.left, self.right, self.low, self.high, self.cos, self.sin, self.tan
 
     def seen_from(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Left, right, low and high from the heading on, as a sensor has them that is tilted more: to the first order

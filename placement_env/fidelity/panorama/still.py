@@ -44,10 +44,10 @@ class Still:
 
     def of_cells(self, viewpoint: int, cells: Cells, heading: float) -> tuple[float, float]:
         """What a sensor of these cells sends when nothing moves, and how much of it is far; heading in rad."""
-        columns = (cells.column + round(heading * CELL_COLUMNS / (2 * np.pi))) % CELL_COLUMNS
-        cell = columns * CELL_ROWS + cells.row
+        columns = round(heading * CELL_COLUMNS / (2 * np.pi)) % CELL_COLUMNS
+        cell = cells.places + columns * CELL_ROWS
         sent, far = (
-            float(cells.rays @ flat.take(cell)) / float(CHANCE_STEPS)
+            float(cells.rays @ flat.take(cell, mode="wrap")) / float(CHANCE_STEPS)
             for flat in (self.sent[viewpoint].ravel(), self.far[viewpoint].ravel())
         )
         return sent, far

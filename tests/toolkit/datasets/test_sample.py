@@ -12,8 +12,10 @@ def test_points_of_some_sensors_in_the_world():
     clouds = (SensorCloud("a", POINTS, pose(10.0, yaw=np.pi / 2)), SensorCloud("b", POINTS, pose(99.0), "world"))
     sample = Sample("0", clouds, Objects.empty())
     np.testing.assert_allclose(sample.points(), [[10, 1, 0], [10, 2, 0], [1, 0, 0], [2, 0, 0]], atol=1e-9)
-    assert sample.points(["b"]).tolist() == [[1, 0, 0], [2, 0, 0]]
-    assert sample.points([]).shape == (0, 3)
+    assert sample.seen_by(["b"]).points().tolist() == [[1, 0, 0], [2, 0, 0]]
+    assert sample.seen_by([]).points().shape == (0, 3)
+    with pytest.raises(ValueError, match="no sensor 'c': it has a, b"):
+        sample.seen_by(["c"])
     assert sample.points().dtype == np.float64
 
 

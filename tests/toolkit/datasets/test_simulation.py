@@ -275,3 +275,16 @@ def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after
 def test_a_fleet_has_its_own_bodies(tmp_path):
     with pytest.raises(ValueError, match="bodies or meshes were given beside a fleet"):
         simulate_dataset(out=tmp_path / "out.hdf5", **small_job(fleet=fleet_named("own")))
+
+
+def test_frames_a_tenth_of_a_second_apart(tmp_path):
+    job = small_job(frames=BLOCK + 2, interval=0.1)
+    simulate_dataset(out=tmp_path / "close.hdf5", workers=1, **job)
+    with CoopDataset(tmp_path / "close.hdf5") as close:
+        np.testing.assert_allclose([frame.time for frame in close], 0.1 * np.arange(BLOCK + 2))
+        one, two, anew = close[3].objects, close[4].objects, close[BLOCK].objects
+        assert len(np.intersect1d(one.ids, two.ids)) > 5
+        assert not np.isin(anew.ids, two.ids).any()
+    with pytest.raises(FileExistsError, match="interval"):
+        simulate_dataset(out=tmp_path / "close.hdf5", workers=1, **small_job(frames=BLOCK + 2))
+    assert "interval" not in simulation.Job(job["site"], job["sensors"], fleet_named("catalogue", None), 5, 0).plan

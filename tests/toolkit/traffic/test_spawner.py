@@ -16,13 +16,11 @@ pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic ne
 BODIES = catalogue()
 
 
-def test_headings_turn_continuously_and_point_where_it_goes(site, monkeypatch):
-    for module in ("sumo", "spawner"):
-        monkeypatch.setattr(f"toolkit.traffic.{module}.STEP", 0.1)
+def test_headings_turn_continuously_and_point_where_it_goes(site):
     types, rng = VehicleTypes.of(BODIES), np.random.default_rng(3)
     track = {}
-    with running(site.network, types.sumo_types(rng), seed=3) as sumo:
-        spawner = Spawner(sumo, site, types, rng, count(), most=20)
+    with running(site.network, types.sumo_types(rng), seed=3, step=0.1) as sumo:
+        spawner = Spawner(sumo, site, types, rng, count(), most=20, step=0.1)
         for _ in range(400):
             spawner.advance(0.1)
             for name, body, pose in zip(*spawner.state(), strict=True):

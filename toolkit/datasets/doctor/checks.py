@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.dataset import Channel
+from toolkit.datasets.dataset import StoredChannel
 from toolkit.datasets.doctor.hypotheses import (
     ENOUGH,
     SensorImages,
@@ -53,7 +53,7 @@ class StoredRecording(Protocol):
     """What of a `CoopDataset` is looked at: not its frames, whose objects may be damaged."""
 
     site: Site
-    channels: tuple[Channel, ...]
+    channels: tuple[StoredChannel, ...]
 
     def images(self, name: str) -> h5py.Dataset:
         """The stored measurements of a channel."""

@@ -13,6 +13,7 @@ from toolkit.datasets.published_layout import FARTHEST_OBJECT, LARGEST_EXTENT
 from toolkit.datasets.sample import OtherObjects
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 
+FULL_TURN = 2 * np.pi + 0.01  # rad, which no file in radians goes beyond
 SAME = 1e-3  # m and rad in which two boxes may differ and yet be one label given twice
 
 NOT_FINITE = "labels with NaN or infinite numbers"
@@ -20,6 +21,7 @@ NO_SIZE = "boxes of no size"
 TOO_LARGE = "boxes too large or too far away to be"
 OTHER_KINDS = "labels of other kinds than ours"
 DOUBLED = "doubled labels"
+FULL_TURNS = "yaws beyond a full turn"
 
 _NAMES = {  # what sets call our classes, in small letters
     VEHICLE: """car van vehicle passengercar suv pickup taxi police emergency_vehicle regular_vehicle vehicle.car
@@ -71,8 +73,10 @@ def labelled(
     first = _first_of_equals(np.column_stack([boxes[rows], named[rows]]))
     add_problem(problems, DOUBLED, len(rows) - len(first))
     rows = rows[first]
-    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(turn := np.where(finite, boxes[:, 6], 0)), np.cos(turn))])
+    yaws = np.where(finite, boxes[:, 6], 0.0)
+    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     own = None if counts is None else np.asarray(counts, np.int64)
+    add_problem(problems, FULL_TURNS, int((np.abs(yaws[rows]) > FULL_TURN).sum()))
     others = rows[classes[rows] < 0]
     add_problem(problems, OTHER_KINDS, len(others))
     rows = rows[classes[rows] >= 0]

@@ -18,9 +18,13 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.calibration.ground import Ground, level, level_warning
 from toolkit.datasets.sample import Sample
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.samples.views import sample_view
+from toolkit.detection.scheme import Scheme
 from toolkit.objects import Detections, Detector
 
 Level = Literal["map", "plane", "none"]
+DETECTION_REACH = 50.0  # m
 LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 
 
@@ -29,7 +33,8 @@ class Detected:
     """What was found in one sample, world frame.
 
     ground: below its points, counted from the middle; None where it was not levelled. level_ms, detect_ms: what finding
-    the ground and detecting took. warning: of ground that is not at z = 0.
+    the ground and detecting took. warning: of ground that is not at z = 0. kbit_per_sensor: what a fusion scheme sent,
+    NaN without one.
     """
 
     sample: Sample
@@ -39,6 +44,7 @@ class Detected:
     level_ms: float
     detect_ms: float
     warning: str | None = None
+    kbit_per_sensor: float = float("nan")
 
 
 def detect_samples(
@@ -49,31 +55,43 @@ def detect_samples(
     middle: Sequence[float] | None = None,
     still: bool = False,
     sensors: Sequence[str] | None = None,
+    scheme: Scheme | None = None,
+    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH),
+    codec: Codec = PAPER,
 ) -> Iterator[Detected]:
     """What the detector finds in each sample, one after the other.
 
     detector: sees points counted from the middle; middle: x and y, world frame, of where it detects, the sensors' own
     when None; still: the sensors do not move, the ground is found once; sensors: only the clouds of these (names).
+    scheme: how the sensors share what they see, all clouds at once when None; half: of the sides of the area (m) that
+    schemes crop to, about the middle; codec: of what they send.
     A sample without points has no detections, one without ground is detected in as it is, with a warning.
     Raises ValueError for a levelling that there is not.
     """
     if levelling not in LEVELS:
         raise ValueError(f"levelling must be one of {', '.join(LEVELS)}, got {levelling!r}")
     kept: Ground | None = None
-    for sample in samples:
-        centre = middle_of(sample) if middle is None else np.array(middle, np.float64)
-        points = sample.points(sensors) - [*centre, 0.0]
+    for every in samples:
+        centre = middle_of(every) if middle is None else np.array(middle, np.float64)
+        sample = every if sensors is None else every.seen_by(sensors)
+        points = sample.points() - [*centre, 0.0]
         start = perf_counter()
         ground, warning = (kept, None) if kept is not None else _levelled(points, levelling)
         if still:
             kept = ground
-        upright = points if ground is None else ground.points(points)
         middle_time = perf_counter()
-        found = detector(upright.astype(np.float32)) if len(points) else Detections.empty()
+        if scheme is None:
+            upright = points if ground is None or not len(points) else ground.points(points)
+            found, kbit = detector(upright.astype(np.float32)) if len(points) else Detections.empty(), float("nan")
+        else:
+            view = sample_view(sample, detector, ground, centre, np.array([-half[0], -half[1], *half]), codec=codec)
+            fused = scheme.fuse(view, range(len(sample.clouds)))
+            found, kbit = fused.detections, fused.kbit_per_sensor
         end = perf_counter()
         boxes = found.boxes if ground is None or not len(found) else ground.boxes_back(found.boxes)
         placed = Detections(boxes + np.array([*centre, 0, 0, 0, 0, 0]), found.scores, found.labels)
-        yield Detected(sample, placed, ground, centre, 1e3 * (middle_time - start), 1e3 * (end - middle_time), warning)
+        times = 1e3 * (middle_time - start), 1e3 * (end - middle_time)
+        yield Detected(sample, placed, ground, centre, *times, warning, kbit)
 
 
 def middle_of(sample: Sample) -> Float64[np.ndarray, "2"]:

@@ -52,3 +52,27 @@ def test_what_is_refused(clouds, tmp_path, refused):
     assert "needs a site" in refused("detect", clouds, "--weights", "voxelnet", "--out", out)
     assert "--frames must be at least 1" in refused("detect", clouds, "--frames", 0, "--out", out)
     assert not out.exists()
+
+
+def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
+    area = ("--area", -40, -20, 40, 20)
+    code, said, _ = run("evaluate", clouds, "--layout", "folder", *area, "--level", "none", "--out", tmp_path / "e")
+    assert code == 0
+    for protocol in ("vehicle, ours", "vehicle, KITTI R40", "vehicle, nuScenes", "20-35 m", "5-19 points"):
+        assert protocol in said
+    table = json.loads((tmp_path / "e/table.json").read_text())
+    bev = [
+        row["ap"]
+        for row in table["rows"]
+        if (row["label"], row["measure"], row["among"]) == ("vehicle", "BEV 0.5", "all")
+    ]
+    assert bev[0] > 0.5
+
+
+def test_what_evaluate_refuses_of_clouds(clouds, tmp_path, refused):
+    with_layout = ("evaluate", clouds, "--layout", "folder", "--out", tmp_path / "e")
+    assert "--metric is not for --layout" in refused(*with_layout, "--metric", "bev")
+    assert "--site is not for --layout" in refused(*with_layout, "--site", "tjunction")
+    assert "one set of sensors" in refused(*with_layout, "--sensors", "a", "b")
+    assert "no sensor 'x'" in refused(*with_layout, "--sensors", "x")
+    assert "needs --layout" in refused("evaluate", clouds, "--still", "--out", tmp_path / "e")

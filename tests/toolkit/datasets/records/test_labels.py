@@ -54,8 +54,9 @@ def test_a_count_that_is_missing_leaves_none():
 
 
 def test_yaw_is_brought_to_half_a_turn():
-    found, _ = made([*BOX[:6], 7.0])
+    found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
     assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
+    assert problems == {"yaws beyond a full turn": 1}
 
 
 def test_track_ids_are_numbers_the_same_everywhere():

@@ -1,0 +1,59 @@
+"""`coview convert`: write a recording of clouds in another layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import Label, check_least
+from coview.clouds import first_of, open_clouds, passing
+from coview.exits import OK
+from coview.outputs import check_new_folder
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+
+
+def convert(
+    recording: Positional[Path],
+    /,
+    *,
+    layout: str,
+    to: str,
+    out: Path,
+    classes: tuple[Label, ...] | None = None,
+    frames: int | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Write a recording of clouds, ours included, in another layout: clouds, poses and labels.
+
+    Example: coview convert tjunction.hdf5 --layout hdf5 --to kitti --out as-kitti
+
+    Args:
+        recording: As in coview detect, or a file of coview simulate with --layout hdf5.
+        layout: It has this layout.
+        to: Write this one: folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, nuscenes, argoverse, sustech or
+            rosbag, which has no place for labels.
+        out: Folder to write.
+        classes: Only objects of these.
+        frames: Only the first so many.
+        overwrite: Write into a folder that holds something.
+        json: Print the summary as JSON.
+    """
+    from toolkit.datasets.layouts.table import layout_named
+    from toolkit.datasets.samples import of_classes, write_samples
+
+    check_least("--frames", frames, 1, "leave it out for all")
+    if layout_named(to).write is None:
+        raise ValueError(f"layout {to} is only read: write another, such as folder")
+    samples = open_clouds(recording, layout)
+    check_new_folder(out, inputs=[recording], overwrite=overwrite)
+    problems: dict[str, int] = {}
+    with progress_bar("sample", min(len(samples), frames or len(samples)), hidden=json) as bar:
+        chosen = of_classes(first_of(samples, frames), classes)
+        written = write_samples(passing(chosen, problems, bar.to), out, to)
+    met = "".join(f"; {number} {kind}" for kind, number in problems.items())
+    summary = {"out": str(out), "samples": written, "problems": problems}
+    print_result(summary, f"{out}: {written} samples as {to}{met}", as_json=json)
+    return OK

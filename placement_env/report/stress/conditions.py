@@ -1,0 +1,118 @@
+"""Conditions: one thing that goes wrong, at one level.
+
+    bytes     nothing goes wrong; every scheme in every encoding
+    pose      sensors are not where they are believed to be: 0.2 m and 0.2°, the level that benchmarks of cooperative
+              perception begin with, 0.4 and 0.6 (root mean square, drawn for each sensor)
+    silent    a sensor sends nothing, each in turn
+    blinded   a sensor sends and sees nothing, each in turn
+    frozen    a sensor repeats what it measured first, each in turn
+    delay     messages arrive 0.1, 0.2 or 0.3 s late, with a jitter of a tenth; with and without tracks
+    loss      10 and 30 % of the messages are lost, singly, and 30 % in bursts of 5; with and without tracks
+    rate      sensors send every 2nd or 5th frame; with and without tracks
+    clock     sensors' clocks are off by 20, 50 or 100 ms (standard deviation)
+
+The last four need frames that lie close together (`coview simulate --every 0.1`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.detection.link.channel import PERFECT, Channel
+from toolkit.sensors.errors.clock import ClockOffset
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+POSE_LEVELS = (0.2, 0.4, 0.6)  # m and degrees
+DELAYS = (0.1, 0.2, 0.3)  # s
+LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))  # share, messages in a burst
+RATES = (2, 5)  # every so-many-th frame
+CLOCKS = (0.02, 0.05, 0.1)  # s
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What goes wrong. kind, level: in words; errors: of the sensors; channel: of their messages; tracks: whether the
+    centre shows what it detected where it is by now; silent, blinded, frozen: sensors (indices)."""
+
+    kind: str
+    level: str
+    errors: ErrorProfile = PAPER_ERRORS
+    channel: Channel = PERFECT
+    tracks: bool = False
+    silent: tuple[int, ...] = ()
+    blinded: tuple[int, ...] = ()
+    frozen: tuple[int, ...] = ()
+
+
+def conditions_of(kind: str, names: Sequence[str]) -> list[Condition]:
+    """The conditions of a kind, for sensors with these names. Raises ValueError, which lists what there is, for a kind
+    that there is not."""
+    if kind not in KINDS:
+        raise ValueError(f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}")
+    return _MAKERS[kind](names)
+
+
+def _bytes(names: Sequence[str]) -> list[Condition]:
+    return [Condition("bytes", "nothing goes wrong")]
+
+
+def _pose(names: Sequence[str]) -> list[Condition]:
+    return [
+        Condition("pose", f"{level:g} m, {level:g}°", _with(f"pose {level:g}", Calibration(np.deg2rad(level), level)))
+        for level in POSE_LEVELS
+    ]
+
+
+def _clock(names: Sequence[str]) -> list[Condition]:
+    return [Condition("clock", f"{1000 * s:g} ms", _with(f"clock {s:g}", ClockOffset(s))) for s in CLOCKS]
+
+
+def _with(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
+    return ErrorProfile(name, (*PAPER_ERRORS.terms, term))
+
+
+def _silent(names: Sequence[str]) -> list[Condition]:
+    return [Condition("silent", name, silent=(k,)) for k, name in enumerate(names)]
+
+
+def _blinded(names: Sequence[str]) -> list[Condition]:
+    return [Condition("blinded", name, blinded=(k,)) for k, name in enumerate(names)]
+
+
+def _frozen(names: Sequence[str]) -> list[Condition]:
+    return [Condition("frozen", name, frozen=(k,)) for k, name in enumerate(names)]
+
+
+def _delay(names: Sequence[str]) -> list[Condition]:
+    return _twice([("delay", f"{delay:g} s", Channel(delay=delay, jitter=delay / 10)) for delay in DELAYS])
+
+
+def _loss(names: Sequence[str]) -> list[Condition]:
+    named = [(share, burst, "" if burst is None else f" in bursts of {burst:g}") for share, burst in LOSSES]
+    return _twice([("loss", f"{share:.0%}{words}", Channel(loss=share, burst=burst)) for share, burst, words in named])
+
+
+def _rate(names: Sequence[str]) -> list[Condition]:
+    return _twice([("rate", f"every {every} frames", Channel(every=every)) for every in RATES])
+
+
+def _twice(made: Sequence[tuple[str, str, Channel]]) -> list[Condition]:
+    """Without tracks and with them."""
+    return [
+        Condition(kind, f"{level}{', tracks' if tracks else ''}", channel=channel, tracks=tracks)
+        for kind, level, channel in made
+        for tracks in (False, True)
+    ]
+
+
+_MAKERS: dict[str, Callable[[Sequence[str]], list[Condition]]] = {
+    "bytes": _bytes, "pose": _pose, "silent": _silent, "blinded": _blinded, "frozen": _frozen, "delay": _delay,
+    "loss": _loss, "rate": _rate, "clock": _clock,
+}  # fmt: skip
+KINDS = tuple(_MAKERS)
+IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together

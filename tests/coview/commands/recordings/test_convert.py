@@ -1,0 +1,41 @@
+"""coview convert and coview survey --layout: from a simulated recording to a public layout and back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.samples import read
+
+
+def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
+    arguments = ("convert", recording, "--layout", "hdf5", "--frames", 1)
+    assert run(*arguments, "--to", "kitti", "--out", tmp_path / "k")[0] == 0
+    (before,), (after,) = [next(read(recording, "hdf5"))], read(tmp_path / "k", "kitti")
+    np.testing.assert_allclose(after.objects.boxes[:, :6], before.objects.boxes[:, :6], atol=1e-3)
+    code, said, _ = run("convert", tmp_path / "k", "--layout", "kitti", "--to", "folder", "--classes", "vehicle",
+                        "--out", tmp_path / "f", "--json")  # fmt: skip
+    assert code == 0
+    assert json.loads(said)["samples"] == 1
+    (again,) = read(tmp_path / "f", "folder")
+    assert set(again.objects.labels.tolist()) == {0}
+    code, said, _ = run("survey", tmp_path / "f", "--layout", "folder", "--json")
+    assert code == 0
+    assert json.loads(said)["objects_per_sample"]["vehicle"] == len(again.objects)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--to", "hdf5"), "only read"),
+        (("--to", "kiti"), "no layout 'kiti'"),
+        (("--to", "folder", "--frames", 0), "--frames must be at least 1"),
+    ],
+)
+def test_what_is_refused(recording, tmp_path, refused, arguments, says):
+    assert says in refused("convert", recording, "--layout", "hdf5", *arguments, "--out", tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+def test_survey_refuses_what_is_for_images(recording, refused):
+    assert "--site is not for --layout" in refused("survey", recording, "--layout", "hdf5", "--site", "tjunction")

@@ -1,0 +1,52 @@
+"""One thing that goes wrong, at one level."""
+
+import numpy as np
+import pytest
+
+from placement_env.report.stress.conditions import IN_SEQUENCE, KINDS, conditions_of
+from toolkit.detection.link.channel import PERFECT, Channel
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+
+def test_every_kind_has_conditions_of_its_own_name_and_no_level_twice():
+    for kind in KINDS:
+        made = conditions_of(kind, ["a", "b"])
+        assert {each.kind for each in made} == {kind}
+        assert len({each.level for each in made}) == len(made) > 0
+    assert set(IN_SEQUENCE) < set(KINDS)
+
+
+def test_pose_errors_are_those_of_the_benchmarks():
+    levels = [(each.level, each.errors.terms[-1]) for each in conditions_of("pose", [])]
+    assert [level for level, _ in levels] == ["0.2 m, 0.2°", "0.4 m, 0.4°", "0.6 m, 0.6°"]
+    assert [term for _, term in levels] == [Calibration(np.deg2rad(x), x) for x in (0.2, 0.4, 0.6)]
+    assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms for each in conditions_of("pose", []))
+
+
+def test_each_sensor_fails_in_turn():
+    for kind in ("silent", "blinded", "frozen"):
+        made = conditions_of(kind, ["a", "b"])
+        assert [(each.level, getattr(each, kind)) for each in made] == [("a", (0,)), ("b", (1,))]
+        assert all(each.channel == PERFECT and not each.tracks for each in made)
+
+
+def test_channels_come_without_tracks_and_with_them():
+    delays = conditions_of("delay", [])
+    assert [(each.level, each.channel.delay, each.tracks) for each in delays[2:4]] == [
+        ("0.2 s", 0.2, False),
+        ("0.2 s, tracks", 0.2, True),
+    ]
+    assert delays[0].channel == Channel(delay=0.1, jitter=0.01)
+    losses = [each.channel for each in conditions_of("loss", [])[::2]]
+    assert losses == [Channel(loss=0.1), Channel(loss=0.3), Channel(loss=0.3, burst=5.0)]
+    assert [each.level for each in conditions_of("loss", [])[-2:]] == [
+        "30% in bursts of 5",
+        "30% in bursts of 5, tracks",
+    ]
+    assert [each.channel.every for each in conditions_of("rate", [])] == [2, 2, 5, 5]
+
+
+def test_a_kind_that_there_is_not():
+    with pytest.raises(ValueError, match="choose among bytes, pose, silent"):
+        conditions_of("earthquake", [])

@@ -1,0 +1,104 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.detection.samples.diagnosis import diagnose_samples
+from toolkit.objects import Objects
+
+SPEED = 8.0  # m/s
+
+
+def hull(box, rng, count=150):
+    """Points on the two faces of a box that a lidar at the origin sees, and on its roof's edge."""
+    x, y, z, length, width, height, yaw = box
+    ends = np.array([[length / 2, 0], [0, width / 2]]) * np.sign(
+        -np.array([[x * np.cos(yaw) + y * np.sin(yaw)], [y * np.cos(yaw) - x * np.sin(yaw)]])
+    )
+    along = rng.uniform(-0.5, 0.5, (count, 2))
+    local = np.where(rng.random((count, 1)) < 0.5, [length, 0] * along, [0, width] * along)
+    local = local + np.where(local[:, :1] != 0, ends[1], ends[0])
+    up = z + rng.uniform(-0.5, 0.5, count) * height
+    ahead, aside = local.T
+    turned = np.column_stack([ahead * np.cos(yaw) - aside * np.sin(yaw), ahead * np.sin(yaw) + aside * np.cos(yaw)])
+    return np.column_stack([turned + np.array([x, y]), up])
+
+
+def recording(count=2, seconds=0.1, late=0.0):
+    """Cars that drive along their headings on flat ground; late: by how much their labels lag behind (s)."""
+    rng = np.random.default_rng(1)
+    angle, away = np.linspace(0, 2 * np.pi, 14, endpoint=False), rng.uniform(8, 30, 14)
+    start = np.column_stack(
+        [away * np.cos(angle), away * np.sin(angle) + 2, np.full(14, 0.8), rng.uniform(3.8, 5, 14),
+         rng.uniform(1.7, 2, 14), np.full(14, 1.6), rng.uniform(-3, 3, 14)]
+    )  # fmt: skip
+    velocity = SPEED * np.column_stack([np.cos(start[:, 6]), np.sin(start[:, 6])])
+    made = []
+    for k in range(count):
+        now, labelled = start.copy(), start.copy()
+        now[:, :2] += velocity * seconds * k
+        labelled[:, :2] += velocity * (seconds * k - late)
+        ground = np.column_stack([rng.uniform(-45, 45, (8000, 2)), rng.normal(0, 0.01, 8000)])
+        points = np.concatenate([ground, *(hull(box, rng) for box in now)]).astype(np.float32)
+        objects = Objects(labelled, ids=np.arange(14))
+        made.append(Sample(str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k))
+    return made
+
+
+def with_boxes(samples, change):
+    """The samples with other boxes, as a reader that made the mistake would give them."""
+    return [
+        replace(each, objects=Objects(change(each.objects.boxes), each.objects.labels, each.objects.ids))
+        for each in samples
+    ]
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return recording()
+
+
+MISTAKES = {
+    "mirrored: y": lambda b: b * [1, -1, 1, 1, 1, 1, -1],
+    "mirrored: x": lambda b: np.column_stack([-b[:, 0], b[:, 1:6], np.pi - b[:, 6]]),
+    "x and y swapped": lambda b: np.column_stack([b[:, 1], b[:, 0], b[:, 2:6], np.pi / 2 - b[:, 6]]),
+    "half extents": lambda b: b * [1, 1, 1, 0.5, 0.5, 0.5, 1],
+    "doubled extents": lambda b: b * [1, 1, 1, 2, 2, 2, 1],
+    "the centre of the floor": lambda b: np.column_stack([b[:, :2], b[:, 2] - b[:, 5] / 2, b[:, 3:]]),
+    "the centre of the roof": lambda b: np.column_stack([b[:, :2], b[:, 2] + b[:, 5] / 2, b[:, 3:]]),
+    "length and width swapped": lambda b: b[:, [0, 1, 2, 4, 3, 5, 6]],
+    "yaw counted the other way": lambda b: b * [1, 1, 1, 1, 1, 1, -1],
+    "yaw in radians where degrees": lambda b: np.column_stack([b[:, :6], np.deg2rad(b[:, 6])]),
+}
+
+
+def test_nothing_is_suspected_of_sound_labels(sound):
+    assert diagnose_samples(sound) == []
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_each_classic_mistake_is_named_alone(sound, mistake):
+    (finding,) = diagnose_samples(with_boxes(sound[:1], MISTAKES[mistake]))
+    assert finding.suspected.startswith(mistake)
+    assert finding.severity == "error"
+
+
+@pytest.mark.parametrize(("late", "says"), [(0.2, "behind"), (-0.2, "ahead of")])
+def test_labels_of_another_time(late, says):
+    (finding,) = diagnose_samples(recording(late=late))
+    assert finding.suspected == f"labels lie about 0.2 s {says} the clouds"
+
+
+def test_degrees_read_as_radians_are_in_the_numbers(sound):
+    far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
+    (finding,) = diagnose_samples(far)
+    assert finding.suspected == "yaw in degrees where radians belong"
+    assert "12 of 14 yaws" in finding.evidence
+    assert diagnose_samples([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
+
+
+def test_too_little_to_say_anything():
+    assert diagnose_samples([]) == []
+    nothing = Sample("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    assert diagnose_samples([nothing]) == []

@@ -1,0 +1,102 @@
+"""What the fusion centre has at each instant: of every sensor the newest frame whose message has arrived.
+
+The frame that is put together so has the sensors' measurements from different instants and the truth of now, so that
+every scheme fuses and is scored as if it were one. A message older than `STALE` is not shown; a sensor without one
+measures nothing. Traffic begins anew where no track goes on from one frame to the next (as recordings of `coview
+simulate` do after each block); so do the messages there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.datasets.readings import Readable, read_frame
+from toolkit.detection.link.channel import PERFECT, STALE, Channel, Line
+from toolkit.frame import Frame
+from toolkit.sensors.errors.clock import MOST_APART
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+
+class Lagged(NamedTuple):
+    """frame: what the centre has; ages: of each sensor's measurement (s), NaN where there is none; since: seconds since
+    traffic began anew."""
+
+    frame: Frame
+    ages: Float64[np.ndarray, " sensors"]
+    since: float
+
+
+def lagged_frames(
+    recording: Readable,
+    channels: Sequence[Channel] | Channel,
+    *,
+    frames: int | None = None,
+    seed: int = 0,
+    errors: ErrorProfile | str = PAPER_ERRORS,
+    noise_seed: int | None = 0,
+    frozen: Sequence[int] = (),
+) -> Iterator[Lagged]:
+    """What the centre has at the time of each frame.
+
+    channels: one for each sensor, or one that they all have, drawn apart; frames: only the first so many; seed: of the
+    channels; errors, noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that send, with
+    the time of now, what they measured when traffic began.
+
+    Raises ValueError for channels that do anything where frames are more than `MOST_APART` from each other.
+    """
+    count = min(len(recording), len(recording) if frames is None else frames)
+    history: list[Frame] = []
+    lines: list[Line] = []
+    arrived: list[list[float]] = []
+    for k in range(count):
+        now = read_frame(recording, k, errors=errors, noise_seed=noise_seed)
+        begins = not history or not np.isin(now.objects.ids, history[-1].objects.ids).any()
+        if begins:
+            each = [channels] * len(now.sensors) if isinstance(channels, Channel) else list(channels)
+            history, arrived = [], [[] for _ in now.sensors]
+            lines = [Line(channel, [seed, k, sensor]) for sensor, channel in enumerate(each)]
+        elif any(line.channel != PERFECT for line in lines) and now.time - history[-1].time > MOST_APART:
+            apart = now.time - history[-1].time
+            raise ValueError(
+                f"frames {apart:g} s apart cannot show what is late or lost, {MOST_APART} s is most: record some with "
+                "coview simulate --every 0.1"
+            )
+        history.append(now)
+        for times, line in zip(arrived, lines, strict=True):
+            times.append(line.arrival(now.time))
+        newest = [_newest(times, history, now.time) for times in arrived]
+        yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time)
+
+
+def _newest(arrivals: Sequence[float], history: Sequence[Frame], now: float) -> int | None:
+    """The newest frame that has arrived and is not too old."""
+    for k in range(len(arrivals) - 1, -1, -1):
+        if now - history[k].time > STALE + 1e-9:
+            return None
+        if arrivals[k] <= now + 1e-9:
+            return k
+    return None
+
+
+def _put_together(
+    history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
+) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
+    """The frame of these instants, and how old each of its measurements seems."""
+    now = history[-1]
+    sensors, measurements, shifts, ages = [], [], [], []
+    for sensor, k in enumerate(newest):
+        shown = now if k is None else history[0 if sensor in frozen else k]
+        sensors.append(shown.sensors[sensor])
+        measured = shown.measurements[sensor]
+        measurements.append(np.zeros_like(measured) if k is None else measured)
+        shifts.append(shown.shifts[sensor] if shown.shifts else None)
+        ages.append(np.nan if k is None else now.time - history[k].time)
+    some = tuple(shifts) if any(shift is not None for shift in shifts) else ()
+    put = replace(now, sensors=tuple(sensors), measurements=tuple(measurements), shifts=some)
+    return put, np.array(ages)

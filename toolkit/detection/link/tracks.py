@@ -1,0 +1,113 @@
+"""`Tracks`: where what was detected a moment ago is now, at constant velocity.
+
+Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom, Li and Kirubarajan: Estimation
+with Applications to Tracking and Navigation, 2001, section 6.2: white noise acceleration). A detection joins the
+nearest track of its label within a gate, the nearest pairs first. At ten frames a second road users move by a third of
+the distance between them at most, so that an optimal assignment joins the same pairs, and no solver is needed.
+
+A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation. Its size, height, yaw and score
+stay.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64
+from toolkit.objects import Detections
+
+GATE, WIDEST_GATE = (
+    1.0,
+    8.0,
+)  # m, detection to predicted track: at least, and at most with `SIGMA`
+SIGMA = 2.5  # standard deviations of that position, which widen the gate
+MEASURED = 0.15  # m, standard deviation of a detected centre
+ACCELERATION = 3.0  # m/s², standard deviation
+FIRST_SPEED = 8.0  # m/s, standard deviation before a second detection
+SURE_SPEED = 2.0  # standard deviations of the speed from which on it counts
+FORGOTTEN = 1.0  # s without a detection
+
+
+class Tracks:
+    """None at first; times in s."""
+
+    def __init__(self) -> None:
+        self._time = 0.0
+        self._state = np.zeros((0, 4))  # x, y and their velocities
+        self._covariance = np.zeros((0, 4, 4))
+        self._labels = np.zeros(0, np.int64)
+        self._seen = np.zeros(0)
+        self._detected = Detections.empty()
+        self._rows = np.zeros(0, np.int64)  # track of each detection
+
+    def __len__(self) -> int:
+        return len(self._state)
+
+    def update(self, detections: Detections, time: float) -> None:
+        """What was detected in measurements of a time. Raises ValueError for a time before the last one."""
+        if len(self) and time < self._time:
+            raise ValueError(f"detections come in the order of their times, got {time} s after {self._time} s")
+        again = bool(len(self)) and time == self._time
+        self._predict(time)
+        rows = self._joined(detections)
+        matched = np.flatnonzero(rows >= 0)
+        if not again:  # the same measurements tell nothing new
+            self._correct(rows[matched], detections.boxes[matched, :2])
+        fresh = np.flatnonzero(rows < 0)
+        rows[fresh] = len(self) + np.arange(len(fresh))
+        begun = np.column_stack([detections.boxes[fresh, :2], np.zeros((len(fresh), 2))])
+        spread = np.diag([MEASURED**2, MEASURED**2, FIRST_SPEED**2, FIRST_SPEED**2])
+        self._state = np.concatenate([self._state, begun])
+        self._covariance = np.concatenate([self._covariance, np.tile(spread, (len(fresh), 1, 1))])
+        self._labels = np.concatenate([self._labels, detections.labels[fresh]])
+        self._seen = np.concatenate([self._seen, np.full(len(fresh), time)])
+        self._seen[rows] = time
+        self._detected, self._rows = detections, rows
+        self._forget()
+
+    def at(self, time: float) -> Detections:
+        """What was detected last, where it is at another time."""
+        speed = self._state[self._rows, 2:]
+        variance = np.diagonal(self._covariance, axis1=1, axis2=2)[self._rows, 2:].sum(axis=1)
+        sure = (speed**2).sum(axis=1) > SURE_SPEED**2 * variance
+        boxes = self._detected.boxes.copy()
+        boxes[:, :2] += np.where(sure[:, None], speed, 0) * (time - self._time)
+        return Detections(boxes, self._detected.scores, self._detected.labels)
+
+    def _predict(self, time: float) -> None:
+        step = time - self._time if len(self) else 0.0
+        self._time = time
+        move = np.eye(4)
+        move[[0, 1], [2, 3]] = step
+        pushed = np.array([step**2 / 2, step]) * ACCELERATION
+        noise = np.kron(np.outer(pushed, pushed), np.eye(2))
+        self._state = self._state @ move.T
+        self._covariance = move @ self._covariance @ move.T + noise
+
+    def _joined(self, detections: Detections) -> Int64[np.ndarray, " n"]:
+        """The track of each detection, -1 for none."""
+        apart = np.linalg.norm(detections.boxes[:, None, :2] - self._state[None, :, :2], axis=2)
+        apart[detections.labels[:, None] != self._labels[None]] = np.inf
+        variance = np.diagonal(self._covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
+        rows, taken = np.full(len(detections), -1), np.zeros(len(self), bool)
+        near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
+        for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:
+            if rows[detection] < 0 and not taken[track]:
+                rows[detection], taken[track] = track, True
+        return rows.astype(np.int64)
+
+    def _correct(self, rows: Int64[np.ndarray, " m"], measured: Float64[np.ndarray, "m 2"]) -> None:
+        covariance = self._covariance[rows]
+        innovation = covariance[:, :2, :2] + MEASURED**2 * np.eye(2)
+        gain = covariance[:, :, :2] @ np.linalg.inv(innovation)
+        off = measured - self._state[rows, :2]
+        self._state[rows] += (gain @ off[:, :, None])[:, :, 0]
+        self._covariance[rows] = covariance - gain @ covariance[:, :2, :]
+
+    def _forget(self) -> None:
+        """Tracks without a detection for a while are gone."""
+        kept = self._time - self._seen <= FORGOTTEN
+        place = np.cumsum(kept) - 1
+        self._rows = place[self._rows]
+        self._state, self._covariance = self._state[kept], self._covariance[kept]
+        self._labels, self._seen = self._labels[kept], self._seen[kept]
