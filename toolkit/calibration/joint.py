@@ -4,7 +4,8 @@ The pairs of all pairs of sensors make one linear system in six numbers per sens
 `toolkit.calibration.registration`); a point of one lies on the plane that another measured there. Their common pose is
 not observed, whatever they see: the steps taken are the smallest ones, so the sensors keep, together, where they were
 believed to be, or where those that are held stand. So are motions of sensors that share too little with the others, on
-which objects that both see at the same time say more (`toolkit.calibration.joint_objects`).
+which objects that both see at the same time say more (`toolkit.calibration.joint_objects`). How far sensors usually are
+off, `USUAL_TURN` and `USUAL_MOVE`, weighs against what few pairs say.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.calibration.registration import LEVER, Surface, after_motion, one_each, resistance, tukey
+from toolkit.calibration.registration import LEVER, Surface, after_motion, motion_between, one_each, resistance, tukey
 from toolkit.geometry import invert, transform
 
 # Level by level: radius (m) within which counterparts are looked for, voxel (m), least limit (m) of Tukey's weights.
@@ -27,7 +28,8 @@ _SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge h
 _LEAST_SCALE, _TUKEY = 0.01, 4.685
 _RESISTS = 0.1  # of a motion, across the plane: less is the noise of normals
 _LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
-_CORRELATED = 9.0  # pairs that say as much as one alone
+_CORRELATED = 9.0  # points that say as much as one alone: errors of neighbours are alike
+USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the poses that are believed, per axis
 
 Poses = Sequence[Float64[np.ndarray, "4 4"]]
 
@@ -36,8 +38,8 @@ Poses = Sequence[Float64[np.ndarray, "4 4"]]
 class Pairs:
     """Rows of the linear system: each pulls sensors `one` and `other` together along a direction.
 
-    one_row, other_row: (n, 6) how the residual grows with the motion of each; residual: m; deviation: its standard
-    deviation; limit: beyond which a row does not count.
+    one_row, other_row: (n, 6) how the residual grows with the motion of each; residual: m, or rad; deviation: its
+    standard deviation, larger where rows err alike; limit: beyond which a row does not count.
     """
 
     one: int
@@ -58,9 +60,9 @@ class Pairs:
 class Alignment:
     """Poses that fit each other.
 
-    covariance: of the motions of all sensors, six numbers each (rad and m), as far as they are observed; unobserved:
-    (k, 6 n) unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: (n, n) how many rows
-    each two share; scatter: of each sensor, the robust standard deviation (m) of its rows.
+    covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
+    observed; unobserved: (k, 6 n) unit motions of all sensors, turns times `LEVER`, other than the common ones; shared:
+    (n, n) how many rows each two share; scatter: of each sensor, the robust standard deviation (m) of its rows.
     """
 
     poses: tuple[Float64[np.ndarray, "4 4"], ...]
@@ -101,7 +103,8 @@ def align(
         for _ in range(_STEPS):
             pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
             pairs += list(more(poses, radius)) if more is not None else []
-            system = _Joint(pairs, free)
+            off = [motion_between(*each) for each in zip(believed, poses, strict=True)]
+            system = _Joint(pairs, free, np.concatenate(off))
             step = system.step()
             poses = [after_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
             if np.abs(step).max() < _CONVERGED * radius:
@@ -118,10 +121,12 @@ def towards_sensor(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """The linear system of one step; free: which of the 6 n numbers may change."""
+    """The linear system of one step; free: which of the 6 n numbers may change; off: how far each is from what was
+    believed."""
 
     pairs: Sequence[Pairs]
     free: Bool[np.ndarray, " m"]
+    off: Float64[np.ndarray, " m"]
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,22 +150,36 @@ class _Joint:
         where = np.concatenate([6 * pair.one + np.arange(6), 6 * pair.other + np.arange(6)])
         return np.concatenate([pair.one_row, pair.other_row], axis=1), where
 
-    def step(self) -> Float64[np.ndarray, " m"]:
-        """The smallest motion of all sensors that brings the pairs together, as far as they say."""
+    @cached_property
+    def _posterior(self) -> Float64[np.ndarray, "m m"]:
+        """Information of what is observed and of what is usual together."""
         values, vectors, observed = self._modes
+        return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
+
+    @property
+    def _usual(self) -> Float64[np.ndarray, " m"]:
+        return np.tile(np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6)
+
+    def step(self) -> Float64[np.ndarray, " m"]:
+        """The motion of all sensors that brings the pairs together as far as they say, and all else back."""
+        _, vectors, observed = self._modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
             rows, where = self._rows(pair)
             gradient[where] += rows.T @ (pair.weight * pair.residual)
-        along = vectors.T @ np.where(self.free, gradient, 0.0)
-        return vectors @ np.where(observed, -along / np.where(observed, values, 1.0), 0.0)
+        said = vectors @ np.where(observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0)
+        motion = np.zeros(len(self.free))
+        free = np.ix_(self.free, self.free)
+        motion[self.free] = -np.linalg.solve(self._posterior[free], (said + self._usual * self.off)[self.free])
+        return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
-        """Of what is observed, in rad and m."""
-        values, vectors, observed = self._modes
-        inverse = np.where(observed, _CORRELATED / np.where(observed, values, 1.0), 0.0)
+        """In rad and m, zero of sensors that are held."""
+        covariance = np.zeros((len(self.free),) * 2)
+        free = np.ix_(self.free, self.free)
+        covariance[free] = np.linalg.inv(self._posterior[free])
         unit = np.tile(np.repeat([1 / LEVER, 1.0], 3), len(self.free) // 6)
-        return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
+        return unit[:, None] * covariance * unit
 
     def unobserved(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
         """Orthonormal motions that next to no pair resists, less the common ones where no sensor is held."""
@@ -215,7 +234,7 @@ def _surface_pairs(
                     resistance(world[near], poses[one][:3, 3], normals),
                     -resistance(world[near], poses[other][:3, 3], normals),
                     ((world[near] - there) * normals).sum(axis=1),
-                    deviation,
+                    deviation * np.sqrt(_CORRELATED),
                     np.maximum(_TUKEY * deviation, least),
                 )
             )

@@ -113,6 +113,10 @@ def register(
         (each for each in fine if each[1].agreement >= best - _AS_GOOD),
         key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
     )
+    if len(system.unobserved):  # along which a coarse level may have gone astray
+        motion = motion_between(believed, pose)
+        motion -= system.unobserved.T @ (system.unobserved @ motion)
+        pose, system = _aligned(points, noise, surface, after_motion(believed, motion), _FINE)
     return Registration(pose, system.covariance(), system.unobserved, system.overlap, system.scatter)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_errors, sensor_set, site_file
+from coview.detectors import recording_detector
 from coview.exits import OK, SUSPECTED
 from coview.outputs import check_file
 from coview.printing import print_result
@@ -20,6 +21,7 @@ def calibrate(
     *,
     reference: str | None = None,
     held: tuple[str, ...] = (),
+    detector: str | None = None,
     out: Path | None = None,
     poses: Path | None = None,
     frames: int | None = None,
@@ -43,6 +45,8 @@ def calibrate(
             recording of the day the sensors were mounted. Left out: the sensors are fitted to each other, and
             keep their common pose.
         held: Without a reference: numbers or names of sensors that stay where they are.
+        detector: Without a reference: as in coview evaluate; road users that two sensors see at the same time then say
+            what the standing scene leaves open.
         out: Copy of the recording with corrected poses to write.
         poses: JSON to write: pose, uncertainty and what is not observed of each sensor; coview fuse reads it.
         frames: Only the first so many frames.
@@ -59,8 +63,8 @@ def calibrate(
     from toolkit.calibration.sensor_poses import find_poses, save_poses
 
     check_errors(errors)
-    if held and reference is not None:
-        raise ValueError("--held is for sensors fitted to each other: leave it or --reference out")
+    if reference is not None and (held or detector is not None):
+        raise ValueError("--held and --detector are for sensors fitted to each other: leave them or --reference out")
     inputs = [dataset, *site_file(reference), *site_file(site)]
     check_file(out, inputs=inputs, overwrite=overwrite)
     check_file(poses, inputs=[*inputs, *([out] if out else [])], overwrite=overwrite)
@@ -68,8 +72,12 @@ def calibrate(
         total = frame_count(recording, frames)
         with progress_bar("sensor", len(recording.sensors), hidden=json) as bar:
             if reference is None:
-                stay = sensor_set(",".join(held)) if held else []
-                found = find_poses_together(recording, held=stay or [], frames=total, errors=errors, noise_seed=seed)
+                stay, detect = sensor_set(",".join(held)) if held else [], None
+                if detector is not None:
+                    detect = recording_detector(detector, recording)
+                found = find_poses_together(
+                    recording, held=stay or [], detector=detect, frames=total, errors=errors, noise_seed=seed
+                )
             else:
                 surface = read_surface(reference, frames=reference_frames)
                 found = find_poses(

@@ -33,8 +33,12 @@ def images():
     return Renderer(PLACE, [], TRUE, threads=1).background
 
 
+class Recorded(list):
+    site = PLACE
+
+
 def recording(sensors, count=6):
-    return [Frame(tuple(sensors), images()[: len(sensors)], Objects.empty(), 0.1 * k, k) for k in range(count)]
+    return Recorded(Frame(tuple(sensors), images()[: len(sensors)], Objects.empty(), 0.1 * k, k) for k in range(count))
 
 
 def test_sensors_are_put_right_by_each_other():

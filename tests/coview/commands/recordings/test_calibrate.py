@@ -114,4 +114,23 @@ def test_without_a_reference_sensors_are_fitted_to_a_held_one(folder, refused, r
     assert said["b"]["moved_m"] > 0.0
     assert said["b"]["unobserved"], "they look at opposite faces, which says nothing of where these are"
     line = refused("calibrate", folder / "crooked.hdf5", "--held", "a", "--reference", folder / "place.geojson")
-    assert "leave it or --reference out" in line
+    assert "leave them or --reference out" in line
+
+
+def test_road_users_are_looked_for_where_a_detector_is_given(folder, run, monkeypatch, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "from toolkit.objects import Detections\n"
+        "def find(points):\n"
+        "    return Detections(np.array([[0.0, 0, 0.8, 4, 2, 1.5, 0.3]]), np.ones(1))\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    shared = []
+    for more in ([], ["--detector", "mine:find"]):
+        code, text, err = run("calibrate", folder / "true.hdf5", "--held", "a", "--json", *more)
+        assert code == 0, err
+        shared.append(json.loads(text)["b"])
+    assert len(shared[1]["unobserved"]) < len(shared[0]["unobserved"]) or (
+        shared[0]["covariance_rad_m"] != shared[1]["covariance_rad_m"]
+    )
