@@ -66,7 +66,7 @@ docs: .venv/all
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs out/docs
 
 test: lint docs
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(SHAPES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-all: lint docs
 	$(BIN)/python -m pytest $(SHAPES)

@@ -26,6 +26,19 @@ def check_positive(option: str, value: float | None) -> None:
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
 
+def refuse_given(options: dict[str, bool], why: str) -> None:
+    """Raise ValueError where one of some options is given."""
+    for option, given in options.items():
+        if given:
+            raise ValueError(f"{option} {why}: leave it out")
+
+
+def check_share(option: str, value: float) -> None:
+    """Raise ValueError where a number does not lie between 0 and 1."""
+    if not 0 < value < 1:
+        raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
+
+
 def check_ious(values: Iterable[float]) -> None:
     """Raise ValueError where an IoU threshold is none."""
     for value in values:

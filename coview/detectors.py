@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.objects import Detector
@@ -30,6 +32,26 @@ def site_detector(name: str, site: Site) -> Detector:
     from models.detector import load_detector, load_site_detector
 
     return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+
+
+def sample_detector(
+    name: str, area: tuple[float, float, float, float] | None
+) -> tuple[Detector, tuple[float, float] | None, tuple[float, float]]:
+    """A detector for clouds of any recording, the middle of its area, and half its sides; without an area it reaches
+    `DETECTION_REACH` around wherever the sensors are, and there is no middle."""
+    from toolkit.detection.samples.detected import DETECTION_REACH
+    from toolkit.sites.site import Site, check_area
+
+    xmin, ymin, xmax, ymax = (
+        (-DETECTION_REACH, -DETECTION_REACH, DETECTION_REACH, DETECTION_REACH)
+        if area is None
+        else check_area(area).tolist()
+    )
+    x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
+    around = Site("recording", np.array([xmin - x, ymin - y, xmax - x, ymax - y]))
+    if name in ("voxelnet", "cluster"):
+        raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
+    return site_detector(name, around), None if area is None else (x, y), (xmax - x, ymax - y)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

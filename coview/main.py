@@ -13,10 +13,12 @@ from coview.hidden_packages import refuse_hidden_packages
 COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "demo": "placement",
     "simulate": "recordings",
+    "detect": "detection",
     "evaluate": "detection",
     "survey": "recordings",
     "fuse": "recordings",
     "doctor": "recordings",
+    "calibrate": "recordings",
     "site": "recordings",
     "pack": "recordings",
     "stress": "detection",

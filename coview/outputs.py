@@ -27,6 +27,14 @@ def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrit
     check_file(out / holds, inputs=inputs, overwrite=overwrite)
 
 
+def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
+    """As `check_file` of a folder for many files: empty, or not there, or to be overwritten."""
+    check_output(out, inputs=inputs, overwrite=overwrite)
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(f"{out} is a file: give the name of a folder")
+    check_writable(out.resolve(), out)
+
+
 def check_writable(folder: Path, out: Path) -> None:
     """Raise OSError where `out` cannot be written into a folder, or the folder cannot be made."""
     there = next(each for each in (folder, *folder.parents) if each.exists())

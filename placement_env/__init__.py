@@ -65,13 +65,19 @@ if TYPE_CHECKING:
     from placement_env.search import (
         annealing as annealing,
         cmaes as cmaes,
-        cpsat as cpsat,
-        exhaustive as exhaustive,
         greedy as greedy,
         nsga2 as nsga2,
         swap as swap,
     )
-    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.exact import cpsat as cpsat, exhaustive as exhaustive
+    from placement_env.search.portfolio import portfolio as portfolio
+    from placement_env.search.result import (
+        Assessment as Assessment,
+        Certificate as Certificate,
+        Contender as Contender,
+        History as History,
+        Result as Result,
+    )
     from placement_env.search.verification import rescored as rescored, verified as verified
 else:
     __getattr__, __dir__, __all__ = lazily(
@@ -105,8 +111,10 @@ else:
             "report.planning.question": ("Question",),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
-            "search": ("annealing", "cmaes", "cpsat", "exhaustive", "greedy", "nsga2", "swap"),
-            "search.result": ("Certificate", "History", "Result"),
+            "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
+            "search.exact": ("cpsat", "exhaustive"),
+            "search.portfolio": ("portfolio",),
+            "search.result": ("Assessment", "Certificate", "Contender", "History", "Result"),
             "search.verification": ("rescored", "verified"),
         },
     )

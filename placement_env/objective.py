@@ -36,7 +36,7 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.preparation import Preparation
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
@@ -103,7 +103,7 @@ class Objective:
     processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
     errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
     count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
-    ones.
+    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -132,6 +132,7 @@ class Objective:
         classes: Classes | Iterable[str] = VEHICLES,
         surrogate: str | Path | None = None,
         table: str | Path | None = None,
+        rendering: Rendering = "auto",
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
@@ -156,6 +157,7 @@ class Objective:
             classes=classes_of(classes),
             surrogate=surrogate,
             table=table,
+            rendering=rendering,
         )
         preparation.check(fidelity)
         visibility = None if fidelity == "table" else preparation.look(progress)
@@ -366,7 +368,7 @@ class Objective:
             estimate, of_classes = self._estimated(subsets[list(fresh.values())])
             if not np.isfinite(estimate.ap).all():
                 there = " or ".join(self.classes.names)
-                raise ValueError(f"there is no {there} to find in these frames: take more of them, or another seed")
+                raise ValueError(f"there is no {there} to find in these frames: say more --frames, or another --seed")
             if not np.isfinite(estimate.kbit).all():
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)

@@ -2,14 +2,18 @@
 
 `race` is successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016) with frames as the budget: all
 sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few on all frames. The
-frames come in a random order, as neighbours in time show nearly the same traffic. `verify` scores with an
-accurate fidelity the few sets that a fast one finds best.
+frames come in a random order, as neighbours in time show nearly the same traffic. `race_until` drops a set only where
+the frames say that it is worse, and ends as soon as a stated confidence is reached (racing in the sense of Maron and
+Moore 1994, with a bootstrap over blocks of frames in the place of Hoeffding's bound). `verify` scores with an accurate
+fidelity the few sets that a fast one finds best.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +45,30 @@ class Race:
     rungs: tuple[Rung, ...]
     spent: int
     full: int
+
+
+class Resampled(NamedTuple):
+    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all."""
+
+    figure: Float64[np.ndarray, " n"]
+    resamples: Float64[np.ndarray, "n resamples"]
+
+
+ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Resampled]
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """How a race until a confidence went. ranking: rows of all different sets, best first: those that were dropped come
+    after those that were not, the last dropped first; figures: of each in that order, from the frames it was scored
+    on; frames: how many these were; confidence: that no set is better than the first by more than the tolerance;
+    spent: set-frames scored."""
+
+    ranking: Int64[np.ndarray, " k"]
+    figures: Float64[np.ndarray, " k"]
+    frames: Int64[np.ndarray, " k"]
+    confidence: float
+    spent: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +121,82 @@ def race(
         places = keep if seen == frames else max(keep, -(-len(running) // eta))
         running = rungs[-1].sets[: _with_ties(rungs[-1].scores, places)]
     return Race(running, rungs[-1].scores[: len(running)], tuple(rungs), spent, full)
+
+
+def race_until(
+    scores: ResampledScores,
+    sets: Bool[np.ndarray, "n C"],
+    order: Int64[np.ndarray, " frames"],
+    *,
+    confidence: float = 0.95,
+    tolerance: float = 0.01,
+    first: int = 12,
+    eta: int = 2,
+    most: float = math.inf,
+    stop: Callable[[], bool] = lambda: False,
+) -> Contest:
+    """Sets scored on more and more frames until it is sure enough which is the best, or the frames are used up.
+
+    scores: asked for sets on the first frames of `order`, each time more of them; confidence: asked for; tolerance: a
+    set that is better by no more does not count; first, eta: frames of the first rung, and by how much the next ones
+    are longer; most: set-frames, beyond which only the best go on; stop: asked after each rung whether to end.
+
+    A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
+    doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
+    tolerance, and of those dropped the sum of these shares when they were. Raises ValueError as `race` does.
+
+    >>> ap = np.array([0.3, 0.9, 0.5])
+    >>> def scores(sets, frames):
+    ...     return Resampled(sets @ ap, np.repeat((sets @ ap)[:, None], 100, axis=1))
+    >>> ran = race_until(scores, np.eye(3, dtype=bool), np.arange(24))
+    >>> ran.ranking.tolist(), ran.confidence, ran.spent
+    ([1, 2, 0], 1.0, 36)
+    """
+    frames = len(order)
+    if min(len(sets), frames, first, eta - 1) < 1 or not 0 < confidence < 1 or not tolerance >= 0:
+        raise ValueError(
+            "a race until a confidence needs a set, a frame, eta >= 2, first >= 1, a confidence between 0 and 1 and a "
+            f"tolerance from 0 up, got {len(sets)} sets, {frames} frames, eta {eta}, first {first}, confidence "
+            f"{confidence} and tolerance {tolerance}"
+        )
+    running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
+    risk, seen, spent = (1 - confidence) / len(running), 0, 0
+    dropped: list[tuple[Int64[np.ndarray, " _"], Float64[np.ndarray, " _"], int]] = []
+    rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]] = []
+    while True:
+        reached = min(frames, max(first, seen * eta))
+        spent, seen = spent + len(running) * (reached - seen), reached
+        found = scores(sets[running], order[:seen])
+        ranked = _best_first(found.figure)
+        running, found = running[ranked], Resampled(found.figure[ranked], found.resamples[ranked])
+        rungs.append((running, found))
+        sure = 1 - _doubt(rungs, int(running[0]), tolerance)
+        if seen == frames or sure >= confidence or stop():
+            dropped.append((running, found.figure, seen))
+            break
+        lead = found.resamples - found.resamples[0]
+        stays = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
+        stays[0] = True
+        added = min(frames, seen * eta) - seen
+        stays &= np.cumsum(stays) <= max(1.0, (most - spent) / added)
+        dropped.append((running[~stays], found.figure[~stays], seen))
+        running = running[stays]
+    rows, figures, counts = zip(*dropped[::-1], strict=True)
+    scored_on = np.repeat(np.array(counts, np.int64), [len(each) for each in rows])
+    return Contest(np.concatenate(rows), np.concatenate(figures), scored_on, max(0.0, sure), spent)
+
+
+def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
+    """How likely some set is better than the winner by more than the tolerance: of those in the last rung the share of
+    resamples in which any is, of each one dropped before the share in the rung after which it was."""
+    doubt = 0.0
+    going_on = np.zeros(0, np.int64)
+    for last, (rows, found) in enumerate(reversed(rungs)):
+        better = found.resamples - found.resamples[rows == winner] > tolerance
+        gone = ~np.isin(rows, going_on)
+        doubt += float(better[gone].mean(axis=1).sum()) if last else float(better.any(axis=0).mean())
+        going_on = rows
+    return doubt
 
 
 def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:

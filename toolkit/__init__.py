@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from toolkit.bodies.body import Body as Body
     from toolkit.bodies.fleet import Fleet as Fleet, catalogue as catalogue, fleet_named as fleet_named
     from toolkit.bodies.meshes import load_meshes as load_meshes
+    from toolkit.calibration.ground import Ground as Ground, level as level, level_warning as level_warning
     from toolkit.calibration.adaptation import SceneAdaptation as SceneAdaptation
     from toolkit.calibration.empty_scene import (
         EmptyScene as EmptyScene,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     )
     from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
     from toolkit.detection.hybrid import Hybrid as Hybrid
-    from toolkit.detection.link.channel import Channel as Channel
+    from toolkit.detection.link.channel import LinkChannel as LinkChannel
     from toolkit.detection.link.codecs import codec_named as codec_named
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
@@ -96,6 +97,7 @@ else:
             "bodies.body": ("Body",),
             "bodies.fleet": ("Fleet", "catalogue", "fleet_named"),
             "bodies.meshes": ("load_meshes",),
+            "calibration.ground": ("Ground", "level", "level_warning"),
             "calibration.adaptation": ("SceneAdaptation",),
             "calibration.empty_scene": (
                 "EmptyScene",
@@ -115,7 +117,7 @@ else:
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
             "detection.fusion": ("early", "hybrid", "late"),
             "detection.hybrid": ("Hybrid",),
-            "detection.link.channel": ("Channel",),
+            "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),

@@ -22,8 +22,20 @@ import open3d as o3d
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
+from toolkit.geometry import levelled
 from toolkit.pcd import read_pcd
-from toolkit.points import Area, Distance, area_of, beyond, frame_points, height_of, inside, select_sensors, unproject
+from toolkit.points import (
+    Area,
+    Distance,
+    area_of,
+    beyond,
+    frame_points,
+    height_of,
+    inside,
+    select_sensors,
+    slope_of,
+    unproject,
+)
 from toolkit.runtime.files import reserve, writing
 from toolkit.runtime.numpy_files import load_arrays
 from toolkit.sensors.sensor import Sensor
@@ -186,11 +198,13 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
     """The points inside a site's detection area, or xmin, ymin, xmax, ymax (m), with floor < z < height.
 
-    height: the site's own where one is given, else 4 m (paper section II-B).
+    height: the site's own where one is given, else 4 m (paper section II-B). z counts from the plane of a site that
+    slopes.
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
-    return _select(cloud, inside(positions(cloud), area_of(area), height_of(area, height), floor))
+    points = levelled(positions(cloud), slope_of(area))
+    return _select(cloud, inside(points, area_of(area), height_of(area, height), floor))
 
 
 def outside_radius(

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import SupportsFloat
+
 import numpy as np
 
 from toolkit.arrays import Float, Float64
+
+Slope = tuple[float, float]  # of a plane through the origin: how far it rises (m per m) along x and along y
+LEVEL: Slope = (0.0, 0.0)
+STEEPEST = 0.3  # of a street
 
 
 def pose(
@@ -66,6 +73,48 @@ def transform(
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
     return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
+
+
+def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
+    """Two finite numbers, no steeper together than `STEEPEST`, or ValueError."""
+    numbers = tuple(map(float, slope))
+    if len(numbers) != 2 or not np.hypot(*numbers) <= STEEPEST:
+        raise ValueError(f"{name} must be its rise along x and along y, {STEEPEST:.0%} in all at most, got {numbers}")
+    return numbers
+
+
+def levelling(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
+    """The shear of the world that makes ground of that slope level and leaves heights at `about` (x, y) as they are.
+
+    Lines stay lines and what is upright stays upright, so a scene that is sheared along with the rays is hit at the
+    same distances along them.
+
+    >>> transform(levelling((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
+    array([[5., 2., 1.]])
+    """
+    shear = np.eye(4)
+    shear[2, :2] = -np.array(slope)
+    shear[2, 3] = np.dot(slope, about)
+    return shear
+
+
+def levelled(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
+    """Points (x, y, z) or boxes (x, y, z, ...) as if the ground of that slope were level: z counts from its plane
+    through the origin. The very array where there is no slope.
+
+    >>> levelled(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
+    array([[10. ,  0. ,  1.5]])
+    """
+    if slope == LEVEL:
+        return rows
+    moved = rows.copy()
+    moved[:, 2] -= rows[:, :2] @ np.array(slope, rows.dtype)
+    return moved
+
+
+def on_slope(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
+    """What `levelled` made level, back on the slope."""
+    return levelled(rows, (-slope[0], -slope[1]))
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:

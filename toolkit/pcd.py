@@ -1,4 +1,4 @@
-"""PCD files of the Point Cloud Library: text, binary and LZF-compressed, every field kept.
+"""PCD files of the Point Cloud Library, read as text, binary and LZF-compressed, every field kept; written as binary.
 
 Open3D's reader takes fields of one name, such as the paddings `_` that PCL and ROS write, for one field, and writes
 past the end of its memory. This one needs NumPy only. https://pointclouds.org/documentation/tutorials/pcd_file_format.html
@@ -6,11 +6,13 @@ past the end of its memory. This one needs NumPy only. https://pointclouds.org/d
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from toolkit.arrays import Shaped
 from toolkit.point_fields import Attributes, attributes_of, missing
 
 PADDING = "_"
@@ -56,6 +58,34 @@ def read_pcd(path: str | Path) -> Attributes:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
     named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
     return attributes_of(named)
+
+
+def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
+    """The bytes of a binary file of columns of one length, numbers of 1 to 8 bytes, in their order; it may be empty.
+
+    >>> pcd_bytes({"x": np.zeros(2, "f4"), "y": np.zeros(2, "f4"), "z": np.ones(2, "f4")})[-4:].hex()
+    '0000803f'
+    """
+    kinds = {"f": "F", "i": "I", "u": "U"}
+    arrays = {name: np.asarray(column) for name, column in columns.items()}
+    count = len(next(iter(arrays.values())))
+    table = np.zeros(count, [(name, column.dtype.newbyteorder("<")) for name, column in arrays.items()])
+    for name, column in arrays.items():
+        table[name] = column
+    header = (
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(arrays)}",
+        f"SIZE {' '.join(str(column.itemsize) for column in arrays.values())}",
+        f"TYPE {' '.join(kinds[column.dtype.kind] for column in arrays.values())}",
+        f"COUNT {' '.join('1' for _ in arrays)}",
+        f"WIDTH {count}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {count}",
+        "DATA binary",
+    )
+    return "\n".join(header).encode() + b"\n" + table.tobytes()
 
 
 def _header(content: bytes) -> tuple[_Header, bytes]:

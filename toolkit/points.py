@@ -8,13 +8,14 @@ one comparison per coordinate (paper equations 1 and 2 and the crop of section I
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.boxes import count_points
 from toolkit.frame import Frame
-from toolkit.geometry import BODY_SE3_CAMERA, invert
+from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
@@ -34,17 +35,18 @@ def frame_points(
     """What each sensor would send: its points inside the detection area, world frame, one (n, 3) array per sensor.
 
     sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with
-    0 < z < height stay, by default the site's own height, else 4 m.
+    0 < z < height stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes.
     rng draws the sensors' noise; without one the measurements are taken as they are.
     Raises ValueError for a sensor the frame does not have and for an area that is none.
     """
-    bounds, top = area_of(area), height_of(area, height)
+    bounds, top, slope = area_of(area), height_of(area, height), slope_of(area)
     clouds = []
     for index in select_sensors(frame.sensors, sensors):
         sensor, measurement = frame.sensors[index], frame.measurements[index]
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
-        xyz, keep = _cropped(sensor, measurement, frame.shifts[index] if frame.shifts else None, bounds, top)
+        shift = frame.shifts[index] if frame.shifts else None
+        xyz, keep = _cropped(sensor, measurement, shift, _Crop(bounds, top, slope))
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
 
@@ -52,22 +54,27 @@ def frame_points(
 def cropped_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
     """The pixels, counted row after row, whose points `frame_points` has of a sensor (index), in the same order."""
     shift = frame.shifts[sensor] if frame.shifts else None
-    where = area_of(area), height_of(area, height)
-    return _cropped(frame.sensors[sensor], frame.measurements[sensor], shift, *where)[1]
+    crop = _Crop(area_of(area), height_of(area, height), slope_of(area))
+    return _cropped(frame.sensors[sensor], frame.measurements[sensor], shift, crop)[1]
+
+
+class _Crop(NamedTuple):
+    area: Float64[np.ndarray, "4"]
+    height: float
+    slope: Slope
 
 
 def _cropped(
     sensor: Sensor,
     measurement: Float32[np.ndarray, "rows columns"],
     shift: Float32[np.ndarray, "rows columns 3"] | None,
-    bounds: Float64[np.ndarray, "4"],
-    top: float,
+    crop: _Crop,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
     """x, y and z of every pixel, and which of them are kept."""
     xyz, valid = unproject(sensor, measurement)
     if shift is not None:
         xyz += shift.reshape(-1, 3).T
-    return xyz, np.flatnonzero(valid & inside(xyz.T, bounds, top))
+    return xyz, np.flatnonzero(valid & inside(levelled(xyz.T, crop.slope), crop.area, crop.height))
 
 
 def unproject(
@@ -101,6 +108,15 @@ def inside(
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
+
+
+def points_on(
+    points: Float[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "m 7"], place: Area
+) -> Int64[np.ndarray, " m"]:
+    """Number of points inside each box, as `toolkit.boxes.count_points`. Where the site slopes bodies slope with it, so
+    both are taken as on level ground."""
+    slope = slope_of(place)
+    return count_points(levelled(points, slope), levelled(boxes, slope))
 
 
 def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
@@ -162,6 +178,11 @@ def _position(names: list[str], which: int | str) -> int:
 def area_of(place: Area) -> Float64[np.ndarray, "4"]:
     """xmin, ymin, xmax, ymax (m) of a site, or these numbers themselves; ValueError if they enclose nothing."""
     return place.area if isinstance(place, Site) else check_area(place)
+
+
+def slope_of(place: Area) -> Slope:
+    """How the ground of a site rises along x and y (m per m); level where only an area is known."""
+    return place.relief.slope if isinstance(place, Site) else LEVEL
 
 
 def height_of(place: Area, height: float | None = None) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.training.packed import PackedFrames, Rig
 from toolkit.arrays import Float, Float32
+from toolkit.geometry import levelled
 from toolkit.objects import Objects
 from toolkit.sensors.errors.drop_out import DeadRows, DropOut
 from toolkit.sensors.errors.mixed_pixels import MixedPixels
@@ -49,7 +50,8 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
 def with_errors(
     frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
 ) -> list[Float32[np.ndarray, "_ 3"]]:
-    """Points inside the crop of each chosen sensor (None: all) of frame k, with errors drawn from the seed."""
+    """Points inside the crop of each chosen sensor (None: all) of frame k, with errors drawn from the seed; as if the
+    ground were level."""
     rig, objects = frames.rig(k), frames.objects(k)
     pixels, steps = frames.changed(k)
     chosen = range(len(rig.sensors)) if sensors is None else sensors
@@ -77,7 +79,7 @@ def _read(
     seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
     believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
     points = believed.world(0, seen, measured[seen])
-    return points[rig.in_crop(points)]
+    return levelled(points[rig.in_crop(points)], rig.slope)
 
 
 def thinned(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:

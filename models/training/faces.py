@@ -59,7 +59,7 @@ def face_examples(
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
         points = read_points(frames, k, rng, subsets=_SUBSETS, errors=_ERRORS)
-        objects = frames.objects(k)
+        objects = frames.level_objects(k)
         there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
         boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels

@@ -4,7 +4,8 @@ The packed file needs numpy and h5py alone, so training can move to a machine th
 Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
 arrays:
 
-    rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model); poses (s, 4, 4)
+    rigs/{r}                    attributes: area, height, sensors (JSON: name, type, model), slope of the ground where
+                                it is not level; poses (s, 4, 4)
     rigs/{r}/pixels, depth      what the sensors see of the empty site within the crop, one sensor after the other:
                                 uint32 pixel number (row · columns + column), float32 measurement (m)
     rigs/{r}/ends               (s,) where the pixels of each sensor end
@@ -17,7 +18,7 @@ arrays:
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -26,6 +27,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.boxes import check_boxes
+from toolkit.geometry import LEVEL, Slope, check_slope, levelled
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5_reader as hdf5
 from toolkit.runtime.json_files import parse_json
@@ -88,9 +90,14 @@ class PackedFrames:
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
-        """Ground truth of frame k, inside the area and around it."""
+        """Ground truth of frame k, inside the area and around it, on its slope."""
         rows = slice(*self._box_ends[k : k + 2])
         return Objects(self._boxes[rows], self._labels[rows])
+
+    def level_objects(self, k: int) -> Objects:
+        """Ground truth of frame k as if its ground were level, as `points` are."""
+        objects, slope = self.objects(k), self.rig(k).slope
+        return objects if slope == LEVEL else replace(objects, boxes=levelled(objects.boxes, slope))
 
     def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Per sensor the pixels of frame k that differ from the empty site, and their measurements in steps."""
@@ -104,12 +111,14 @@ class PackedFrames:
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
-        """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without)."""
+        """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without), as if
+        the ground were level: that is what a network knows."""
         rig = self.rig(k)
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             changed = slice(*self._ends[k, s : s + 2])
-            clouds.append(rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng))
+            points = rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng)
+            clouds.append(levelled(points, rig.slope))
         return clouds
 
 
@@ -117,7 +126,7 @@ class PackedFrames:
 class Rig:
     """Sensors that do not move, and the pixels of each that see the empty site inside the crop, with what they measure.
 
-    The crop is the area (xmin ymin xmax ymax, m) below the height (m).
+    The crop is the area (xmin ymin xmax ymax, m) below the height (m) over the plane that the ground slopes with.
     """
 
     sensors: tuple[Sensor, ...]
@@ -125,21 +134,26 @@ class Rig:
     height: float
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     depth: tuple[Float32[np.ndarray, " _"], ...]
+    slope: Slope = LEVEL
 
     @staticmethod
     def seeing(
-        sensors: Iterable[Sensor], area: Iterable[SupportsFloat], height: float, empty: Iterable[np.ndarray]
+        sensors: Iterable[Sensor],
+        area: Iterable[SupportsFloat],
+        height: float,
+        empty: Iterable[np.ndarray],
+        slope: Slope = LEVEL,
     ) -> Rig:
         """The rig of sensors that measure the images `empty`, (rows, columns) each, of the site with nothing on it."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
-        rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), ())
+        rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
         for s, image in enumerate(empty):
             seen = np.flatnonzero(image > 0).astype(np.uint32)
             seen = seen[rig.in_crop(rig.world(s, seen, image.ravel()[seen]), MARGIN)]
             pixels.append(seen)
             depth.append(image.ravel()[seen])
-        return Rig(rig.sensors, rig.area, rig.height, tuple(pixels), tuple(depth))
+        return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
     def points(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
@@ -175,8 +189,8 @@ class Rig:
         return rays
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Which points lie in the crop, widened by a margin (m)."""
-        (x, y, z), (xmin, ymin, xmax, ymax) = points.T, self.area
+        """Which points, world frame, lie in the crop, widened by a margin (m)."""
+        (x, y, z), (xmin, ymin, xmax, ymax) = levelled(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
 
@@ -187,7 +201,7 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
-    sensors, area, height = _described(attributes, poses, name)
+    sensors, area, height, slope = _described(attributes, poses, name)
     if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
         raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
     if not np.isfinite(depth).all():
@@ -195,11 +209,14 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     seen = tuple(np.split(pixels, ends[:-1]))
     for sensor, each in zip(sensors, seen, strict=True):
         _check_pixels(each, sensor, f"{name}/pixels")
-    return Rig(sensors, area, height, seen, tuple(np.split(depth.astype(np.float32), ends[:-1])))
+    return Rig(sensors, area, height, seen, tuple(np.split(depth.astype(np.float32), ends[:-1])), slope)
 
 
-def _described(attributes: dict[str, Any], poses: np.ndarray, name: str) -> tuple[tuple[Sensor, ...], Area, float]:
-    """The sensors, area and height that a rig's attributes say. Raises ValueError where they do not."""
+def _described(
+    attributes: dict[str, Any], poses: np.ndarray, name: str
+) -> tuple[tuple[Sensor, ...], Area, float, Slope]:
+    """The sensors, area, height and slope (level where none is said) that a rig's attributes say. Raises ValueError
+    where they do not."""
     try:
         models = parse_json(attributes["sensors"])
         sensors = tuple(
@@ -208,13 +225,14 @@ def _described(attributes: dict[str, Any], poses: np.ndarray, name: str) -> tupl
         )
         xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
         height = float(attributes["height"])
+        slope = check_slope(attributes.get("slope", LEVEL), "slope")
     except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
         raise ValueError(f"{name}: its attributes describe no sensors, area and height ({error})") from None
     if not (np.isfinite([xmin, ymin, xmax, ymax, height]).all() and xmin < xmax and ymin < ymax and height > 0):
         raise ValueError(f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, {height}")
     if not sensors or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS:
         raise ValueError(f"{name}: needs sensors of at most {MOST_PIXELS} pixels each")
-    return sensors, (xmin, ymin, xmax, ymax), height
+    return sensors, (xmin, ymin, xmax, ymax), height, slope
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:

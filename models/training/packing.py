@@ -16,6 +16,7 @@ from models.training.packed import MARGIN, STEPS_PER_METRE, PackedFrames, Rig
 from toolkit.arrays import Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
+from toolkit.geometry import LEVEL, Slope
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
 from toolkit.runtime.hdf5_writer import hdf5_file
@@ -69,25 +70,28 @@ def recording(
     *,
     empty: Sequence[np.ndarray] | None = None,
     count: int | None = None,
+    slope: Slope = LEVEL,
 ) -> Recording:
     """Frames of sensors that do not move; each is read when it is written.
 
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: what each sensor measures of the empty site, taken
-    from the frames themselves when None; count: only the first so many frames.
+    from the frames themselves when None; count: only the first so many frames; slope: of the ground (m per m, x and y).
     """
     empty = empty_scene(frames).measurements if empty is None else empty
-    rig = Rig.seeing(frames[0].sensors, area, height, empty)
+    rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
     return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
 
 
 def recording_of(dataset: CoopDataset, count: int | None = None) -> Recording:
     """A recorded dataset; count: only the first so many frames."""
-    return recording(dataset, dataset.site.area, dataset.site.height, count=count)
+    site = dataset.site
+    return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
 
 def drawn_recording(drawn: Drawn) -> Recording:
     """A recording of a junction that was drawn, `toolkit.datasets.random_recordings.RandomRecording`."""
-    return recording(drawn.frames, drawn.site.area, drawn.site.height, empty=drawn.empty)
+    site = drawn.site
+    return recording(drawn.frames, site.area, site.height, empty=drawn.empty, slope=site.relief.slope)
 
 
 def recordings_in(path: Path) -> list[Recording]:
@@ -181,6 +185,8 @@ def _write(
 
 def _write_rig(group: h5py.Group, rig: Rig) -> None:
     group.attrs["area"], group.attrs["height"] = np.array(rig.area, np.float64), rig.height
+    if rig.slope != LEVEL:
+        group.attrs["slope"] = np.array(rig.slope, np.float64)
     group.attrs["sensors"] = json.dumps(
         [{"name": s.name, "type": type(s.model).__name__, "model": asdict(s.model)} for s in rig.sensors]
     )

@@ -100,7 +100,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
         """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
         points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
-        objects, area = self.frames.objects(k), np.array(self.frames.rig(k).area)
+        objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), centred_in(objects.boxes, area)
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)

@@ -52,7 +52,7 @@ def detections_of(
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
         points = read_points(frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors)
-        truth = frames.objects(k)
+        truth = frames.level_objects(k)
         results.append((detectors[area](points), truth, centred_in(truth.boxes, np.array(area))))
     network.train(training)
     return results

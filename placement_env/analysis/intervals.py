@@ -43,9 +43,23 @@ def block_draws(
     """
     for name, value, least in (("frames", frames, 1), ("block", block, 1), ("resamples", resamples, 1)):
         check_whole(name, value, least=least)
-    blocks = -(-frames // block)
-    drawn = np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1 / blocks), size=resamples)
-    return np.asarray(np.repeat(drawn, block, axis=1)[:, :frames], np.int64)
+    return draws_of_blocks(np.arange(frames) // block, resamples=resamples, seed=seed)
+
+
+def draws_of_blocks(
+    blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0
+) -> Int64[np.ndarray, "resamples frames"]:
+    """The same for frames in any order, of which it is said to which block each belongs.
+
+    >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
+    array([[1, 1, 1],
+           [1, 1, 1],
+           [2, 0, 2]])
+    """
+    different, place = np.unique(blocks, return_inverse=True)
+    shares = np.full(len(different), 1 / len(different))
+    drawn = np.random.default_rng(seed).multinomial(len(different), shares, size=resamples)
+    return np.asarray(drawn[:, place], np.int64)
 
 
 def ap_resamples(
@@ -56,10 +70,14 @@ def ap_resamples(
     block: int = BLOCK_FRAMES,
     resamples: int = RESAMPLES,
     seed: int = 0,
+    draws: Int64[np.ndarray, "resamples frames"] | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
-    """AP of each resample, NaN where it has nothing to find; arguments as of `ap_interval`."""
+    """AP of each resample, NaN where it has nothing to find; arguments as of `ap_interval`. draws: how often each frame
+    is drawn in each resample, None for blocks of frames that follow each other."""
     flat_scores, flat_hits, frame = _pooled(scores, hits, to_find)
-    draws = block_draws(len(to_find), block=block, resamples=resamples, seed=seed)
+    if draws is None:
+        draws = block_draws(len(to_find), block=block, resamples=resamples, seed=seed)
+    resamples = len(draws)
     order = np.argsort(-flat_scores, kind="stable")
     flat_scores, flat_hits, frame = flat_scores[order], flat_hits[order], frame[order]
     last_of_equals = np.flatnonzero(np.append(flat_scores[1:] != flat_scores[:-1], True)[: len(flat_scores)])

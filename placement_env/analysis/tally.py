@@ -49,9 +49,12 @@ class Tally:
         """Share of the detections that hit; NaN without a detection."""
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
-    def resamples(self, *, seed: int = 0) -> Float64[np.ndarray, " resamples"]:
-        """AP of each resample of blocks of frames; of one seed the same blocks, whatever is tallied."""
-        return ap_resamples(*self._by_frame(), seed=seed)
+    def resamples(
+        self, *, seed: int = 0, draws: Int64[np.ndarray, "resamples frames"] | None = None
+    ) -> Float64[np.ndarray, " resamples"]:
+        """AP of each resample of blocks of frames; of one seed the same blocks, whatever is tallied. draws: how often
+        each frame is drawn in each, None for blocks of frames that follow each other."""
+        return ap_resamples(*self._by_frame(), seed=seed, draws=draws)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
         """Interval of the AP by a bootstrap over blocks of frames; NaN where no draw has anything to find."""

@@ -22,9 +22,10 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.hits.hit_model import HitModel
+    from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
 
 
@@ -62,6 +63,7 @@ class Preparation:
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
+    rendering: Rendering = "auto"
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -97,20 +99,49 @@ class Preparation:
                 ray=self.ray,
                 cache=self.disk_cache,
                 progress=report,
+                rendering=self.rendering,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
+
+    @cached_property
+    def live(self) -> LiveView | None:
+        """What sensors on the candidates' mounts see as they move, None where that is rendered in full: as
+        `rendering` says, and where the range of a candidate ends within the site."""
+        from placement_env.fidelity.panorama.live import LiveView
+        from placement_env.fidelity.panorama.panoramas import far_sighted, worthwhile
+
+        sensors = self.candidates.sensors
+        quick = self.rendering == "panorama" or (self.rendering == "auto" and worthwhile(sensors))
+        if not (quick and far_sighted(sensors, self.traffic).all()):
+            return None
+        return LiveView(self.traffic, self.classes.labels, self.disk_cache)
 
     @cached_property
     def network(self) -> str:
         """Which shipped network, or surrogate of it, scores the candidates."""
         return network_for(self.site, self.candidates.sensors)
 
+    @cached_property
+    def _hit_models(self) -> list[HitModel]:
+        """Those of the surrogate, one of each class, once they have been asked for."""
+        return []
+
+    @property
+    def hit_models(self) -> list[HitModel]:
+        """Those of the surrogate, one of each class, read once for all preparations made by `at`."""
+        if not self._hit_models:
+            settings: dict[str, Any] = {"classes": self.classes, "path": self.surrogate}
+            self._hit_models.extend(surrogate_models(self.scheme, self.iou, self.network, **settings))
+        return self._hit_models
+
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
         """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
         were moved compare with those of where they were."""
         there = replace(self, candidates=candidates)
-        vars(there).update(traffic=self.traffic, network=self.network, visibility=visibility)
+        vars(there).update(
+            traffic=self.traffic, network=self.network, visibility=visibility, _hit_models=self._hit_models
+        )
         return there
 
     def check(self, name: str) -> None:
@@ -137,9 +168,8 @@ class Preparation:
     def _surrogate(self) -> Fidelity:
         from placement_env.fidelity.surrogate import Surrogate
 
-        models = surrogate_models(self.scheme, self.iou, self.network, classes=self.classes, path=self.surrogate)
         settings: dict[str, Any] = {"radius": self.site.hybrid_radius, "codec": self.codec, "classes": self.classes}
-        return Surrogate(self.visibility, self.scheme, models, **settings)
+        return Surrogate(self.visibility, self.scheme, self.hit_models, **settings)
 
     def _detected(self) -> Fidelity:
         from models.detector import load_detector
@@ -163,7 +193,7 @@ class Preparation:
         if (origin.place, origin.hybrid_radius) != (digest_of(site, self.candidates.sensors), site.hybrid_radius):
             raise ValueError(
                 f"the table of {self.site.name!r} is of its own {len(table.origin.sensors)} sensors where they hang, "
-                "not of these candidates or this version of the site: take another fidelity, or make_table"
+                "not of these candidates or this version of the site: say another --fidelity, or run coview table"
             )
         return TableFidelity(table, self.scheme, self.iou, self.codec, classes=self.classes)
 
@@ -208,7 +238,7 @@ def surrogate_models(
 ) -> tuple[HitModel, ...]:
     """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
     missing, FileNotFoundError where the file is."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
+    from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
@@ -220,7 +250,9 @@ def surrogate_models(
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
     """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
     if fidelity != "detector" and not only_own_noise(errors):
-        raise ValueError(f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: take that")
+        raise ValueError(
+            f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
+        )
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

@@ -157,7 +157,8 @@ class Renders:
         if self._whole:
             images = (renderer.render(snapshot).measurements[0] for snapshot in self.traffic.snapshots)
             return _packed_whole(self._rig(c), renderer.background[0], images)
-        rig = Rig.seeing(renderer.sensors, self.site.area, self.site.height, renderer.background)
+        area, height, slope = self.site.area, self.site.height, self.site.relief.slope
+        rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
         changes = []
         for snapshot in self.traffic.snapshots:
             frame = Frame(renderer.sensors, renderer.render(snapshot).measurements, snapshot.objects)
@@ -168,7 +169,7 @@ class Renders:
 
     def _rig(self, c: int) -> Rig:
         area = tuple(self.site.area.tolist())
-        return Rig((self.sensors[c],), area, self.site.height, (), ())
+        return Rig((self.sensors[c],), area, self.site.height, (), (), self.site.relief.slope)
 
 
 class Recorded:

@@ -97,7 +97,7 @@ class Table:
         if name not in self.origin.classes:
             raise ValueError(
                 f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
-                "or take fidelity detector"
+                "or say --fidelity detector"
             )
         place = self.origin.classes.index(name)
         return (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
@@ -131,7 +131,7 @@ class TableFidelity:
     def __post_init__(self) -> None:
         _ = self._columns
         if self.codec != PAPER:
-            raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: take fidelity detector")
+            raise ValueError(f"tables hold kbit of the paper's codec, got {self.codec}: say --fidelity detector")
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set, of several classes combined."""
@@ -257,7 +257,7 @@ def load_table(name: str | Path) -> Table:
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
         shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"
-        raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with make_table")
+        raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with coview table")
     arrays = read_arrays(path)
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
@@ -266,7 +266,7 @@ def load_table(name: str | Path) -> Table:
         ious = tuple(tuple(map(float, each)) for each in values.get("ious", [IOUS]))
         return Table(Origin(**values | lists | {"hybrid_radius": radius, "ious": ious}), **arrays)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with make_table") from None
+        raise ValueError(f"{path} is no table of sensor sets ({error}): make it again with coview table") from None
 
 
 def _hybrid_radius(site: str) -> float:
@@ -297,7 +297,7 @@ def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
 def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str = "") -> str:
     return (
         f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(ious))}{of}, "
-        f"got {scheme_of(scheme).name!r} and {iou}: take fidelity detector"
+        f"got {scheme_of(scheme).name!r} and {iou}: say --fidelity detector"
     )
 
 

@@ -4,6 +4,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
 `budget` sensors, one per mount, each within the capacity of its mount's link. Some take further options of their own.
 `Result` holds the best set, its history and a `Certificate` of what is known about it.
 
+    portfolio    several of these; their answers race by the detector on fresh traffic, the winner is judged on other
     exhaustive   every set of up to 16 candidates: the optimum, the best of each size, the exact AP-kbit-price front
     greedy       one sensor after another; also `lazy`, `stochastic` and `raced`, with the same arguments
     swap         change one sensor at a time until nothing improves, from several starts
@@ -14,7 +15,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
 
 `placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what
 searches share: `result`, `progress` (limits, history, incumbent), `neighbourhood` (sets that differ in one sensor),
-`submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
+`exact.submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
 
 **AP is not submodular**, so greedy's (1 - 1/e) does not hold for it: it holds for coverage only. A set function is
 submodular if what a sensor adds never grows as others join. In the paper's table of sensor sets (early fusion, IoU
@@ -31,10 +32,19 @@ from toolkit.runtime.lazy import lazily
 
 # isort: off
 if TYPE_CHECKING:
-    from placement_env.search.result import Certificate as Certificate, History as History, Result as Result
+    from placement_env.search.result import (
+        Assessment as Assessment,
+        Certificate as Certificate,
+        Contender as Contender,
+        History as History,
+        Result as Result,
+    )
     from placement_env.search.verification import rescored as rescored, verified as verified
 else:
     __getattr__, __dir__, __all__ = lazily(
         __name__,
-        {"result": ("Certificate", "History", "Result"), "verification": ("rescored", "verified")},
+        {
+            "result": ("Assessment", "Certificate", "Contender", "History", "Result"),
+            "verification": ("rescored", "verified"),
+        },
     )

@@ -1,8 +1,8 @@
 """Greedy search: one sensor after another, each the one that adds most; plain, lazy, stochastic and raced.
 
 With a monotone submodular objective (coverage, no cost weights) the answer has a guaranteed share of the optimum, see
-`placement_env.search.submodular`; AP is not submodular. `submodular` None asks whether the fidelity is coverage by one
-view; say True of a fidelity of your own that you know to be monotone submodular. They go on to `budget` sensors
+`placement_env.search.exact.submodular`; AP is not submodular. `submodular` None asks whether the fidelity is coverage
+by one view; say True of a fidelity of your own that you know to be monotone submodular. They go on to `budget` sensors
 even where one loses, since two may gain what one does not, and answer with the best set on the way.
 """
 
@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from placement_env.objective import Objective
-from placement_env.search import submodular as theory
+from placement_env.search.exact import submodular as theory
 from placement_env.search.progress import Progress, rows_of, with_each
 from placement_env.search.result import Certificate, Result
 

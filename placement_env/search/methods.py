@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from placement_env.search.exhaustive import LARGEST
+from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
@@ -26,25 +26,43 @@ class Method:
 
 _SEARCH = "placement_env.search"
 METHODS: dict[str, Method] = {
-    "exhaustive": Method(f"{_SEARCH}.exhaustive"),
+    "portfolio": Method(f"{_SEARCH}.portfolio.portfolio"),
+    "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
     "greedy": Method(f"{_SEARCH}.greedy"),
     "lazy": Method(f"{_SEARCH}.greedy", "lazy"),
     "stochastic": Method(f"{_SEARCH}.greedy", "stochastic"),
     "raced": Method(f"{_SEARCH}.greedy", "raced"),
     "swap": Method(f"{_SEARCH}.swap"),
     "annealing": Method(f"{_SEARCH}.annealing"),
-    "cpsat": Method(f"{_SEARCH}.cpsat", needs="ortools"),
+    "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
+    "hits": Method(f"{_SEARCH}.exact.hits", needs="ortools"),
+    "cheapest": Method(f"{_SEARCH}.exact.cheapest", needs="ortools"),
     "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),
 }
-RENDERED = ("cpsat", "cmaes")  # they ask what each candidate sees, which a table does not know
+RENDERED = (
+    "cpsat",
+    "cmaes",
+    "portfolio",
+    "hits",
+    "cheapest",
+)  # they ask what each candidate sees, which a table does not know
 
 
 def search_of(method: str) -> Callable[..., Any]:
     """The search of that name: called with an objective and a budget, it returns a result."""
     found = METHODS[method]
     return getattr(import_module(found.module), found.function)
+
+
+def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
+    """The method where none is asked for: the cheapest set where an AP must be reached; else a portfolio, which judges
+    by itself, for what is searched by a fast fidelity; every set for a table, which is of few sensors; greedy where an
+    answer is verified, or a set takes a detector."""
+    if at_least:
+        return "cheapest"
+    return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
 
 
 def check_search(method: str, fidelity: str, candidates: Candidates) -> None:
@@ -57,9 +75,11 @@ def check_search(method: str, fidelity: str, candidates: Candidates) -> None:
         raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")
     if method == "exhaustive" and len(candidates) > LARGEST:
         raise ValueError(
-            f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}: take greedy, swap or cpsat"
+            f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}: say --method greedy or swap"
         )
     if method == "raced" and fidelity != "detector":
-        raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: take greedy")
+        raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
     if method in RENDERED and fidelity == "table":
-        raise ValueError(f"method {method} asks what candidates see, which a table does not know: take coverage")
+        raise ValueError(
+            f"method {method} asks what candidates see, which a table does not know: say --fidelity coverage"
+        )

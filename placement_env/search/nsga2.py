@@ -12,7 +12,7 @@ import numpy as np
 
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
-from placement_env.search import exhaustive
+from placement_env.search.exact import exhaustive
 from placement_env.search.neighbourhood import Neighbourhood
 from placement_env.search.progress import DEFAULT_EVALUATIONS, Figures, Progress, rows_of
 from placement_env.search.result import Result

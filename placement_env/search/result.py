@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
+from toolkit.runtime.files import write_text
+from toolkit.runtime.json_files import finite, read_json
+from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
+
+VERSION = 1  # of result files
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +53,63 @@ class Certificate:
     bound: float = np.inf
     ratio: float = 0.0
     note: str = ""
-    measure: Literal["reward", "coverage"] = "reward"
+    measure: Literal["reward", "coverage", "price", "hits"] = "reward"
 
     @property
     def gap(self) -> float:
-        """How much better the optimum may be, in `measure`: 0 when the answer is proven optimal."""
-        return max(0.0, self.bound - self.value)
+        """How much better the optimum may be, in `measure`: 0 when the answer is proven optimal. A price is the better
+        the lower, and `bound` is then the least that any such set costs."""
+        return max(0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """What some searches of a portfolio answered with, or its winner (searches: none, where it is a neighbour).
+    predicted: AP by the objective that was searched; ap, low, high: by the judge on traffic that neither searches nor
+    race saw, with its interval."""
+
+    searches: tuple[str, ...]
+    subset: tuple[int, ...]
+    predicted: float
+    ap: float
+    low: float
+    high: float
+
+    @property
+    def curse(self) -> float:
+        """The winner's curse: by how much the search overrated its answer, in AP."""
+        return self.predicted - self.ap
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What traffic that neither searches nor race saw says of a portfolio's answer.
+
+    by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
+    objects, frames: by which it was judged; predicted: AP by the objective that was searched; confidence: that no
+    entrant is better by more than `tolerance`, of what was `asked`; entrants: sets that raced; raced: frames that the
+    winner was raced on; contenders: the answer of each search.
+    """
+
+    by: str
+    ap: float
+    low: float
+    high: float
+    kbit: float
+    objects: int
+    frames: int
+    predicted: float
+    confidence: float
+    asked: float
+    tolerance: float
+    entrants: int
+    raced: int
+    contenders: tuple[Contender, ...]
+
+    @property
+    def curse(self) -> float:
+        """By how much the objective overrates the answer, in AP."""
+        return self.predicted - self.ap
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +118,8 @@ class Result:
 
     evaluations: sets scored, repeated ones too; front: the sets that no other beats in AP, kbit and price at once, of
     those that were scored, by price and kbit (searches for fronts only); by_size: the best set of 1, 2, ... sensors
-    (exhaustive only); sensors: as they are mounted, for continuous poses.
+    (exhaustive only); sensors: as they are mounted, for continuous poses; assessment: on fresh traffic (portfolio
+    only).
     """
 
     method: str
@@ -70,12 +131,94 @@ class Result:
     front: tuple[Score, ...] = ()
     by_size: tuple[Score, ...] = ()
     sensors: tuple[Sensor, ...] = ()
+    assessment: Assessment | None = None
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON, all of it or nothing, to be read by `load`; null stands for what is not finite."""
+        content = {field.name: getattr(self, field.name) for field in fields(self)}
+        content |= {
+            "best": asdict(self.best),
+            "history": {name: column.tolist() for name, column in vars(self.history).items()},
+            "certificate": asdict(self.certificate),
+            "front": [asdict(score) for score in self.front],
+            "by_size": [asdict(score) for score in self.by_size],
+            "sensors": [_sensor_row(sensor) for sensor in self.sensors],
+            "assessment": None if self.assessment is None else asdict(self.assessment),
+        }
+        write_text(path, json.dumps({"coview_result": VERSION} | finite(content), indent=1, allow_nan=False) + "\n")
+
+    @staticmethod
+    def load(path: str | Path) -> Result:
+        """Read what `save` wrote. Raises OSError; ValueError in one line where the file is damaged or another one."""
+        content = read_json(path)
+        if not isinstance(content, dict) or content.get("coview_result") != VERSION:
+            raise ValueError(f"{path} is no result of a search, version {VERSION}: write one with Result.save")
+        try:
+            return _result_of({name: value for name, value in content.items() if name != "coview_result"})
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            said = str(error).partition("\n")[0][:120]
+            raise ValueError(f"{path} is no result of a search ({said}): restore the file") from None
 
     def __str__(self) -> str:
         known = self.certificate
-        bound = f", at most {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
+        end = "least" if known.measure == "price" else "most"
+        bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
         chosen = ", ".join(str(c) for c in self.best.subset)
+        judged = self.assessment
+        figure = f"reward {self.best.reward:.4f}" if judged is None else f"AP {judged.ap:.4f} by the {judged.by}"
         return (
-            f"{self.method}: {{{chosen}}} reward {self.best.reward:.4f} after {self.evaluations} sets and "
+            f"{self.method}: {{{chosen}}} {figure} after {self.evaluations} sets and "
             f"{self.seconds:.1f} s ({known.kind}{bound})"
         )
+
+
+def _sensor_row(sensor: Sensor) -> dict[str, Any]:
+    model = sensor.model
+    values = {field.name: getattr(model, field.name) for field in fields(model)}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    return {"name": sensor.name, "model": type(model).__name__, "values": plain, "pose": sensor.pose.tolist()}
+
+
+def _result_of(content: dict[str, Any]) -> Result:
+    """A result from the values of its file."""
+    history = content["history"]
+    certificate, assessment = content["certificate"], content["assessment"]
+    return Result(
+        **content
+        | {
+            "best": _score(content["best"]),
+            "history": History(
+                np.array(history["evaluations"], np.int64),
+                np.array(history["seconds"], np.float64),
+                np.array(history["reward"], np.float64),
+            ),
+            "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
+            "front": _each(_score, content["front"]),
+            "by_size": _each(_score, content["by_size"]),
+            "sensors": _each(_sensor, content["sensors"]),
+            "assessment": None if assessment is None else _assessment(assessment),
+        }
+    )
+
+
+def _score(row: dict[str, Any]) -> Score:
+    by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
+    return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
+
+
+def _sensor(row: dict[str, Any]) -> Sensor:
+    return Sensor(row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64))
+
+
+def _assessment(row: dict[str, Any]) -> Assessment:
+    rows = [each | {name: tuple(each[name]) for name in ("searches", "subset")} for each in row["contenders"]]
+    return Assessment(**row | {"contenders": tuple(Contender(**each) for each in rows)})
+
+
+def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:
+    return tuple(made(row) for row in rows)
+
+
+def _number(value: float | None, absent: float) -> float:
+    """A number of a file, where null stands for one that JSON has not."""
+    return absent if value is None else float(value)

@@ -226,7 +226,7 @@ def _read_osm(path: Path) -> None:
 
     from toolkit.sites.osm import extract, roads, solids
 
-    town, window = extract.read(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    town, window = extract.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
     pieces, _ = roads.roads(town, window)
     roads.written(pieces, town)
     roads.paths(town, window)
@@ -314,13 +314,13 @@ def _read_table(path: Path) -> None:
 
 
 def _surrogate(path: Path) -> None:
-    from placement_env.fidelity.hit_model import FOLDER
+    from placement_env.fidelity.hits.hit_model import FOLDER
 
     path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
 
 
 def _read_surrogate(path: Path) -> None:
-    from placement_env.fidelity.hit_model import load_models
+    from placement_env.fidelity.hits.hit_model import load_models
 
     load_models(path)
 

@@ -11,16 +11,17 @@ from models.detector import load_detector
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hit_model import HitModel, load_models, save_models, shipped_model
+from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hits.hit_model import HitModel, load_models, save_models, shipped_model
 from placement_env.fidelity.protocol import ByClass
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
-from placement_env.search import cpsat, exhaustive, greedy, swap
-from placement_env.search.cpsat import worth_of
-from placement_env.search.submodular import is_submodular
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact.cpsat import worth_of
+from placement_env.search.exact.submodular import is_submodular
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
@@ -264,7 +265,7 @@ def test_a_table_refuses_what_it_has_not(table, tmp_path):
     made, _ = table
     with pytest.raises(ValueError, match="holds vehicle, cyclist, pedestrian, not heavy: make one with coview table"):
         TableFidelity(made, classes=Classes(("heavy",)))
-    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: take fidelity detector"):
+    with pytest.raises(ValueError, match=r"IoU \(0.5,\) of pedestrian, got 'early' and 0.25: say --fidelity detector"):
         TableFidelity(made, classes=Classes(NAMES, ious=(None, None, 0.25)))
     with pytest.raises(ValueError, match="holds vehicle, not cyclist"):
         TableFidelity(load_table("tjunction"), classes=MEAN)
@@ -350,7 +351,7 @@ def test_a_model_of_each_class_is_fitted_to_the_detector():
     sent = np.ones((4, FRAMES), np.float32)
     points = np.array(counts, np.float32)
     seen = Visibility(points, np.full(points.shape, 20, np.float32), frame, boxes, sent, sent, labels)
-    models = fit_detected(seen, found, SETS[1:], source="street")
+    models = tuple(each.model for each in fit_detected([(seen, found, SETS[1:])], source="street"))
     assert [(one.label, one.iou) for one in models] == [
         ("vehicle", 0.7), ("vehicle", 0.8), ("vehicle", 0.9), ("cyclist", 0.5), ("pedestrian", 0.5),
     ]  # fmt: skip

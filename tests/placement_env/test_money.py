@@ -8,10 +8,11 @@ import pytest
 
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.search import annealing, cpsat, exhaustive, greedy, nsga2, swap
+from placement_env.search import annealing, greedy, nsga2, swap
+from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact.submodular import online_bound
 from placement_env.search.neighbourhood import Neighbourhood
 from placement_env.search.progress import Progress
-from placement_env.search.submodular import online_bound
 from placement_env.subsets import all_subsets
 from toolkit.sensors.depth_camera import DepthCamera
 

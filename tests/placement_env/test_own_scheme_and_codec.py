@@ -11,8 +11,8 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hit_model import load_models, save_models
+from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hits.hit_model import load_models, save_models
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Surrogate
@@ -243,7 +243,7 @@ def test_objective_and_search_take_both(seen, renders, candidates, detector, fid
 def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
     sets = all_subsets(4)[1:]
     detected = Detected(renders, detector, Thinned())
-    models = fit_detected(seen, detected, sets, source="places")
+    models = tuple(each.model for each in fit_detected([(seen, detected, sets)], source="places"))
     save_models(models, tmp_path / "own.json")
     assert load_models(tmp_path / "own.json", schemes=["thinned"]) == models
     estimate = Surrogate(seen, Thinned(), models[0])(sets)
@@ -253,9 +253,9 @@ def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
 def test_where_nothing_fits_them_the_remedy_is_named(seen):
     with pytest.raises(ValueError, match=r"no surrogate of general for thinned .* fidelity detector or coverage"):
         Surrogate(seen, Thinned())
-    with pytest.raises(ValueError, match="take fidelity detector"):
+    with pytest.raises(ValueError, match="say --fidelity detector"):
         TableFidelity(load_table("tjunction"), Thinned())
-    with pytest.raises(ValueError, match="take fidelity detector"):
+    with pytest.raises(ValueError, match="say --fidelity detector"):
         TableFidelity(load_table("tjunction"), Hybrid(radius=5.0))
     with pytest.raises(ValueError, match="paper's codec"):
         TableFidelity(load_table("tjunction"), codec=Centimetres())

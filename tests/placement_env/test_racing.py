@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from placement_env.racing import race, verify
+from placement_env.racing import Resampled, race, race_until, verify
 from placement_env.subsets import all_subsets
 
 SETS = all_subsets(8)[1:]
@@ -178,3 +178,89 @@ def test_verify_takes_all_that_tie_and_no_more_than_there_are():
 def test_verify_refuses(sets, best):
     with pytest.raises(ValueError, match="a set to verify and best >= 1"):
         verify(lambda s: s.sum(axis=1), lambda s: s.sum(axis=1), sets, best=best)
+
+
+class Spread:
+    """Scores of single-sensor sets whose spread falls with the frames; what was asked for is kept in `asked`."""
+
+    def __init__(self, true, noise=0.1, draws=400):
+        self.true, self.noise, self.draws, self.asked = true, noise, draws, []
+
+    def __call__(self, sets, frames):
+        rows = sets.argmax(axis=1)
+        self.asked.append((rows.tolist(), frames.tolist()))
+        drawn = np.random.default_rng(1).standard_normal((len(self.true), self.draws))
+        return Resampled(sets @ self.true, (self.true[:, None] + self.noise / np.sqrt(len(frames)) * drawn)[rows])
+
+
+TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
+
+
+def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may_be_better():
+    scores = Spread(TRUE)
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(384)[::-1], first=12, tolerance=0.001, confidence=0.9)
+    assert [len(frames) for _, frames in scores.asked] == [12, 24, 48, 96, 192, 384]
+    assert all(frames == list(range(383, 383 - len(frames), -1)) for _, frames in scores.asked)
+    assert [sorted(sets) for sets, _ in scores.asked][:2] == [[0, 1, 2, 3, 4], [1, 3, 4]]
+    assert ran.ranking.tolist() == [1, 4, 3, 2, 0]
+    assert ran.figures.tolist() == TRUE[ran.ranking].tolist()
+    assert ran.frames.tolist()[:2] == [384, 384]
+    assert ran.frames.tolist()[3:] == [12, 12]
+    assert ran.spent == sum(ran.frames)
+
+
+def test_a_race_ends_when_it_is_sure_enough():
+    near = race_until(Spread(TRUE), np.eye(5, dtype=bool), np.arange(400), tolerance=0.05, confidence=0.9)
+    assert near.confidence >= 0.9
+    assert near.frames.max() < 100
+    exact = Spread(TRUE, noise=0.0)
+    ran = race_until(exact, np.eye(5, dtype=bool), np.arange(400))
+    assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
+
+
+def test_the_doubt_is_the_share_of_draws_in_which_another_is_better_by_more_than_the_tolerance():
+    draws = np.array([[0.5] * 8, [0.4] * 4 + [0.505] * 2 + [0.7, 0.6], [0.4] * 5 + [0.6] + [0.4] * 2])
+    figures = np.array([0.5, 0.45, 0.42])
+    ran = race_until(
+        lambda sets, _: Resampled(sets @ figures, draws[sets.argmax(axis=1)]), np.eye(3, dtype=bool), np.arange(6)
+    )
+    assert ran.confidence == 1 - 3 / 8  # draws 5, 6, 7: the second is better by 0.2 and 0.1, the third by 0.1
+    assert ran.frames.tolist() == [6, 6, 6]
+
+
+def test_what_was_dropped_keeps_its_share_of_the_doubt():
+    """The third is better in 1 of 200 draws of the first rung: dropped, and 0.005 of the doubt stays."""
+
+    def scores(sets, frames):
+        rows = np.full((3, 200), 0.5)
+        rows[1, :60] += 0.02
+        rows[2] -= 0.2
+        rows[2, :1] += 0.3
+        asked.append(sets.argmax(axis=1).tolist())
+        return Resampled((sets @ np.array([0.5, 0.49, 0.3])), rows[sets.argmax(axis=1)])
+
+    asked = []
+    ran = race_until(scores, np.eye(3, dtype=bool), np.arange(24), confidence=0.95)
+    assert asked == [[0, 1, 2], [0, 1]]
+    assert ran.confidence == pytest.approx(1 - 0.3 - 0.005)
+    assert ran.frames.tolist() == [24, 24, 12]
+
+
+def test_a_budget_of_set_frames_and_a_stop():
+    tight = Spread(TRUE, noise=2.0)
+    ran = race_until(tight, np.eye(5, dtype=bool), np.arange(96), most=60.0 + 12 * 3, tolerance=0.0)
+    assert [len(sets) for sets, _ in tight.asked] == [5, 3, 1, 1]
+    assert set(tight.asked[1][0]) == {1, 3, 4}
+    assert ran.confidence < 0.95
+    stopped = Spread(TRUE, noise=2.0)
+    assert race_until(stopped, np.eye(5, dtype=bool), np.arange(96), stop=lambda: True).spent == 60
+
+
+def test_equal_rows_race_once_and_bad_arguments_are_refused():
+    twice = np.eye(5, dtype=bool)[[1, 1, 2]]
+    assert race_until(Spread(TRUE, noise=0.0), twice, np.arange(12)).ranking.tolist() == [0, 2]
+    for wrong in ({"confidence": 1.0}, {"eta": 1}, {"first": 0}, {"tolerance": -0.1}):
+        with pytest.raises(ValueError, match="a race until a confidence needs"):
+            race_until(Spread(TRUE), twice, np.arange(12), **wrong)
+    with pytest.raises(ValueError, match="got 3 sets, 0 frames"):
+        race_until(Spread(TRUE), twice, np.arange(0))

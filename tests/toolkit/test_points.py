@@ -1,14 +1,25 @@
 import numpy as np
 import pytest
 
-from toolkit.clouds import crop, from_depth, positions
+from toolkit.boxes import count_points
+from toolkit.clouds import crop, from_depth, from_points, positions
 from toolkit.frame import Frame
-from toolkit.geometry import look, pose
+from toolkit.geometry import levelled, look, on_slope, pose
 from toolkit.objects import Objects
-from toolkit.points import beyond, centred_in, cropped_pixels, frame_points, select_sensors
+from toolkit.points import (
+    beyond,
+    centred_in,
+    cropped_pixels,
+    frame_points,
+    inside,
+    points_on,
+    select_sensors,
+    slope_of,
+)
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Relief, Site
 
 AREA = (-40, -20, 40, 20)
 SENSORS = (
@@ -111,6 +122,21 @@ def test_a_height_that_is_no_number_is_refused():
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, float("nan"))
     with pytest.raises(ValueError, match="floor must be a number"):
         crop(from_depth(SENSORS[2], frame().measurements[2]), AREA, floor=float("nan"))
+
+
+def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground():
+    slope = (0.06, -0.02)
+    steep = Site("steep", np.array([-50.0, -50, 50, 50]), height=3.0, relief=Relief(0.0, 0, slope))
+    rng = np.random.default_rng(4)
+    flat = rng.uniform([-45, -45, -1], [45, 45, 5], (400, 3))
+    boxes = np.array([[10.0, 5, 1, 20, 30, 2, 0.4], [-20, -20, 1, 25, 25, 2, 1.0]])
+    kept = inside(flat, steep.area, 3.0)
+    world = on_slope(flat, slope)
+    assert slope_of(steep) == slope
+    assert slope_of((0, 0, 1, 1)) == (0.0, 0.0)
+    np.testing.assert_array_equal(inside(levelled(world, slope), steep.area, 3.0), kept)
+    np.testing.assert_array_equal(points_on(world, on_slope(boxes, slope), steep), count_points(flat, boxes))
+    np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
 
 
 def test_pixels_of_the_cropped_points():

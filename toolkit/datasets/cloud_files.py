@@ -77,13 +77,20 @@ def read_attributes(path: str | Path) -> Attributes:
 
     Raises FileNotFoundError, and ValueError for a file that holds no points.
     """
+    recorded = read_recorded(path)
+    finite = np.isfinite(recorded["positions"]).all(axis=1)
+    return {name: column[finite] for name, column in recorded.items()}
+
+
+def read_recorded(path: str | Path) -> Attributes:
+    """As `read_attributes`, with the points that are not finite."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    recorded = _read(path)
-    recorded["positions"] = np.asarray(recorded["positions"], np.float64)
-    finite = np.isfinite(recorded["positions"]).all(axis=1)
-    return {name: column[finite] for name, column in recorded.items()}
+    with np.errstate(all="ignore"):
+        recorded = _read(path)
+        recorded["positions"] = np.asarray(recorded["positions"], np.float64)
+    return recorded
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -264,7 +271,8 @@ def _poses_of_json(content: Any) -> dict[str, Any]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
-        return content
+        placed = "world_SE3_sensor"  # of an object that says more of a sensor, as coview calibrate writes them
+        return {name: pose.get(placed, pose) if isinstance(pose, dict) else pose for name, pose in content.items()}
     if not isinstance(content, list) or not content:
         raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")
     single = np.array(content, dtype=object).size in (7, 12, 16) and not isinstance(content[0], dict)

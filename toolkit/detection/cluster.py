@@ -27,6 +27,7 @@ from toolkit.arrays import Bool, Float, Float64, Int64
 from toolkit.boxes import count_points, nms
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import empty_scene
+from toolkit.geometry import levelled
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 from toolkit.points import frame_points
 
@@ -106,7 +107,9 @@ class ClusterDetector:
         """Having seen the site of a recording empty, as its sensors measure it, four times over with their noise."""
         empty, rng = empty_scene(recording), np.random.default_rng(0)
         return ClusterDetector.learn(
-            points for _ in range(4) for points in frame_points(empty, area=recording.site, rng=rng)
+            levelled(points, recording.site.relief.slope)
+            for _ in range(4)
+            for points in frame_points(empty, area=recording.site, rng=rng)
         )
 
     @property

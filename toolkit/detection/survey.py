@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.arrays import Float64, Int64
-from toolkit.boxes import count_points
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.objects import LABELS, VEHICLE, label_index
-from toolkit.points import centred_in, frame_points, select_sensors
+from toolkit.points import centred_in, frame_points, points_on, select_sensors
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
 
@@ -105,7 +104,7 @@ def survey(
         clouds = frame_points(frame, everyone, area=site)
         for label, so_far in counts.items():
             boxes = objects.boxes[objects.labels == label]
-            so_far.append(np.stack([count_points(points, boxes) for points in clouds], axis=1))
+            so_far.append(np.stack([points_on(points, boxes, site) for points in clouds], axis=1))
         labels += np.bincount(objects.labels, minlength=len(LABELS))
         sent += [codec.encode_points(points).bits / 1000 for points in clouds]
         if progress is not None:

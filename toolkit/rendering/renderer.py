@@ -18,8 +18,9 @@ import open3d as o3d
 from toolkit.arrays import Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
-from toolkit.geometry import invert, pose, transform
+from toolkit.geometry import LEVEL, invert, levelling, pose, transform
 from toolkit.mesh import Mesh
+from toolkit.rendering.moment import Moment, scene_of
 from toolkit.rendering.static_scene import scenery as build_scenery
 from toolkit.sensors.model import NEAR, SensorModel
 from toolkit.sensors.sensor import Sensor
@@ -27,7 +28,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
 _MOST_SCENES = 400  # of bodies, kept at a time: of a drawn fleet every object has a body of its own
-Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene and the pose body_SE3_world
+Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene, and what turns the world into its frame
 
 
 class Rendered(NamedTuple):
@@ -59,10 +60,10 @@ class Renderer:
         self.bodies = tuple(bodies)
         scenery = build_scenery(site) if scenery is None else scenery
         self._arguments = (site, self.bodies, self.sensors, scenery, threads)
-        self._threads = threads
+        self._threads, self._slope = threads, site.relief.slope
         self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
         self._measure_bodies()
-        self._still = _scene(scenery.vertices, scenery.triangles, threads)
+        self._still = scene_of(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -89,10 +90,10 @@ class Renderer:
     def render(self, snapshot: Snapshot) -> Rendered:
         """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
-        world_corners = corners(self.reach(snapshot.bodies, snapshot.objects.boxes))
+        world_corners = self.reached_corners(snapshot.bodies, snapshot.objects.boxes)
         movers = [
-            (self._scene_of(body), invert(pose(x, y, z, yaw=yaw)))
-            for body, (x, y, z, *_, yaw) in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+            (self._scene_of(body), self.body_from_world(box))
+            for body, box in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
         ]
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
@@ -107,10 +108,37 @@ class Renderer:
         reached[out, 3:6] = self._bounds[chosen[out], 3:]
         return reached
 
+    def reached_corners(
+        self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]
+    ) -> Float64[np.ndarray, "n 8 3"]:
+        """Corners of what `reach` says, world frame, sheared with the slope of the site."""
+        reached = corners(self.reach(chosen, boxes))
+        if self._slope != LEVEL:
+            reached[..., 2] += (reached[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
+        return reached
+
+    def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "4 4"]:
+        """What turns the world into the frame of the body in a box. On sloping ground it takes the slope out too (see
+        `toolkit.geometry.levelling`): there a body stands as on level ground, which its own mesh was made for."""
+        x, y, z, *_, yaw = box.tolist()
+        upright = invert(pose(x, y, z, yaw=yaw))
+        return upright if self._slope == LEVEL else upright @ levelling(self._slope, (x, y))
+
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """How many times its direction each line (start, direction; body frame) goes until it meets the body, infinite
         where it does not."""
         return self._lengths(self._scene_of(body), lines)
+
+    def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
+        """How many times its direction each line (start, direction; world frame) goes until it meets what stands still,
+        infinite where it does not."""
+        return self._lengths(self._still, lines)
+
+    def moment(self, snapshot: Snapshot) -> Moment:
+        """All that moves in a snapshot, in one scene. Raises ValueError where a box is not the box of its body."""
+        self._check(snapshot.objects.boxes, snapshot.bodies)
+        bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
+        return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
 
     def _render(
         self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
@@ -120,9 +148,9 @@ class Renderer:
         rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
         sensor_corners = transform(invert(sensor.pose), world_corners)
         for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
-            scene, body_SE3_world = movers[row]
+            scene, body_from_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
-            found = self._cast(scene, rays[pixels], body_SE3_world @ sensor.pose)
+            found = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
             nearer = found < np.where(depth[pixels] > 0, depth[pixels], max_range)
             np.copyto(depth[pixels], found, where=nearer)
             np.copyto(hits[pixels], np.int32(row), where=nearer)
@@ -151,7 +179,7 @@ class Renderer:
     def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
         chosen = self.bodies[body]
         if chosen not in self._scenes:
-            self._scenes[chosen] = _scene(chosen.vertices, chosen.triangles, self._threads)
+            self._scenes[chosen] = scene_of(chosen.vertices, chosen.triangles, self._threads)
             if len(self._scenes) > _MOST_SCENES:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(chosen)
@@ -178,12 +206,3 @@ def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4
     """Rays with a one appended, so that one product gives a ray's start and direction in any frame."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
-
-
-def _scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene(threads)
-    tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(
-        tensor(np.ascontiguousarray(vertices, np.float32)), tensor(np.ascontiguousarray(triangles, np.uint32))
-    )
-    return scene

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float32, Float64, Int64
-from toolkit.boxes import corners
-from toolkit.geometry import pose
 from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.strips import counting
 from toolkit.sensors.model import NEAR, nearest
 from toolkit.sensors.sensor import Sensor
 
@@ -54,12 +53,10 @@ class SensorRays:
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"]) -> Silhouette:
         """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves."""
-        reached = self._renderer.reach(np.array([body]), box[None])
-        pixels, sensors = self._in_windows(corners(reached)[0])
-        x, y, z, *_, yaw = box.tolist()
-        world_SE3_body = pose(x, y, z, yaw=yaw)
-        turn = world_SE3_body[:3, :3].astype(np.float32)
-        starts = ((self._poses[:, :3, 3] - world_SE3_body[:3, 3]) @ world_SE3_body[:3, :3]).astype(np.float32)
+        pixels, sensors = self._in_windows(self._renderer.reached_corners(np.array([body]), box[None])[0])
+        body_from_world = self._renderer.body_from_world(box)
+        turn = body_from_world[:3, :3].T.astype(np.float32)
+        starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
         lines = np.empty((len(pixels), 6), np.float32)
         np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
         np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])
@@ -85,9 +82,9 @@ class SensorRays:
         sensor, top, bottom, left, right = np.concatenate(found).T
         rows = bottom - top
         sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
-        row = _counting(rows) + np.repeat(top, rows)
+        row = counting(rows) + np.repeat(top, rows)
         begin = self.first[sensor] + row * self._columns[sensor] + left
-        pixels, sensors = _counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
+        pixels, sensors = counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
         reached = np.flatnonzero(self._reach.take(pixels) > least.take(sensors))
         pixels, sensors = pixels[reached], sensors[reached]
         if len(np.unique(np.concatenate(found)[:, 0])) == sum(map(len, found)):
@@ -98,8 +95,3 @@ class SensorRays:
 
 def _world_rays(sensor: Sensor) -> Float32[np.ndarray, "pixels 3"]:
     return sensor.model.rays().reshape(-1, 3) @ sensor.pose[:3, :3].T.astype(np.float32)
-
-
-def _counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """0, 1, 2 ... of each length, one after the other."""
-    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)

@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.geometry import LEVEL
 from toolkit.mesh import Mesh, extrude, merge, placed, triangulate
 from toolkit.sites.site import Site, Solid
 
@@ -35,7 +36,18 @@ def scenery(site: Site) -> Mesh:
     3
     """
     rng = np.random.default_rng(sum(site.name.encode()))
-    return merge([ground(site), *(_SHAPES.get(solid.kind, _plain)(solid, rng) for solid in site.solids), *_banks(site)])
+    solids = [on_slope_of(site, _SHAPES.get(solid.kind, _plain)(solid, rng), solid) for solid in site.solids]
+    return merge([ground(site), *solids, *_banks(site)])
+
+
+def on_slope_of(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
+    """The mesh of a solid made for level ground, sheared so that it follows the slope of the site; heights under the
+    middle of its footprint stay."""
+    if site.relief.slope == LEVEL:
+        return mesh
+    vertices, middle = mesh.vertices.copy(), solid.footprint.mean(axis=0)
+    vertices[:, 2] += site.plane(vertices[:, :2] - middle)
+    return Mesh(vertices, mesh.triangles)
 
 
 def ground(site: Site) -> Mesh:
@@ -78,7 +90,8 @@ def _banks(site: Site) -> list[Mesh]:
         if solid.kind == "pond":
             edge = _outline(solid.footprint, CELL)
             rim = np.column_stack([edge, site.ground(edge)])
-            water = np.column_stack([edge, np.full(len(edge), solid.top)])
+            surface = solid.top + site.plane(edge - solid.footprint.mean(axis=0))
+            water = np.column_stack([edge, surface])
             banks.append(_strip(np.stack([rim, water])))
     return banks
 

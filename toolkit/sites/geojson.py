@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import Field, asdict, fields
+from dataclasses import Field, fields
 from typing import Any
 
 import numpy as np
 
-from toolkit.geometry import pose
+from toolkit.geometry import LEVEL, pose
 from toolkit.sensors.catalogue import class_names, make_model, model_class
 from toolkit.sensors.model import SensorModel, is_angle
 from toolkit.sensors.sensor import Sensor
@@ -45,7 +45,7 @@ def document(site: Site) -> Json:
         "name": site.name,
         "height": site.height,
         "hybrid_radius": site.hybrid_radius,
-        "relief": asdict(site.relief),
+        "relief": _relief(site.relief),
         "map_SE3_site": site.map_SE3_site.tolist(),
         "geo_reference": site.geo_reference,
         "features": features,
@@ -97,9 +97,20 @@ def parse(collection: Any) -> Site:
         network=_network(collection),
         map_SE3_site=_matrix(collection, "map_SE3_site"),
         geo_reference=geo_reference,
-        relief=Relief(_number(relief, "amplitude", "relief"), _member(relief, "seed", int, "relief")),
+        relief=_read_relief(relief),
         hybrid_radius=_hybrid_radius(collection),
     )
+
+
+def _relief(relief: Relief) -> Json:
+    """As it is written: level ground without a slope, as before there were slopes."""
+    slope = {} if relief.slope == LEVEL else {"slope": list(relief.slope)}
+    return {"amplitude": relief.amplitude, "seed": relief.seed} | slope
+
+
+def _read_relief(relief: Json) -> Relief:
+    slope = _numbers(_member(relief, "slope", list, "relief"), 2, "relief.slope") if "slope" in relief else LEVEL
+    return Relief(_number(relief, "amplitude", "relief"), _member(relief, "seed", int, "relief"), (slope[0], slope[1]))
 
 
 def _hybrid_radius(collection: Json) -> float:

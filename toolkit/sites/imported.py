@@ -17,7 +17,7 @@ import shapely
 from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.network import Polygons, enclosed, points_of, users_of, within_window
-from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit.sites.site import Mount, Site, Solid
 from toolkit.sites.street.bays import stood_along
 from toolkit.sites.street.furnishing import furnish
 from toolkit.sites.surroundings import Road
@@ -151,7 +151,7 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
-    relief = Relief(round(float(rng.uniform(0.0, ROUGHEST)), 3), int(rng.integers(2**31)))
+    relief = replace(site.relief, amplitude=round(float(rng.uniform(0.0, ROUGHEST)), 3), seed=int(rng.integers(2**31)))
     paths, widths = legs(site.network)
     road = Road(paths, widths, site.lanes, site.footways)
     drawn, bays = furnish(road, site.area, mounts, rng)
@@ -162,13 +162,17 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
     free = [b for b in bays if not taken.intersects(shapely.Polygon(bay_outline(*b)))]
     site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
-    feet = np.array([m.position for m in mounts])
-    feet[:, 2] = site.ground(feet[:, :2]).round(3)
-    stand = tuple(replace(m, position=foot) for m, foot in zip(mounts, feet, strict=True))
     said = Counter(s.kind for s in kept if s.kind not in ("trunk", "post"))
     counted = ", ".join(f"{n} {kind}" for kind, n in sorted(said.items()))
     note = f"drawn from seed {seed}, in no map: {counted} solids, {len(free)} bays, ground within {relief.amplitude} m"
-    return replace(site, mounts=stand, solids=f.settle([*solids, *kept], relief)), note
+    return replace(site, mounts=on_ground(mounts, site), solids=f.settle([*solids, *kept], relief)), note
+
+
+def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
+    """The mounts with their feet on the ground of the site."""
+    feet = np.array([mount.position for mount in mounts]).reshape(-1, 3)
+    feet[:, 2] = site.ground(feet[:, :2]).round(3)
+    return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
 
 
 def bay_outline(x: float, y: float, yaw: float) -> Float64[np.ndarray, "4 2"]:

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.geometry import pose
+from toolkit.geometry import STEEPEST, pose
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import projection
 from toolkit.sites.imported import (
@@ -28,6 +28,7 @@ from toolkit.sites.imported import (
     furnished,
     junction_corners,
     kerbstones,
+    on_ground,
     turning,
     whole_road,
 )
@@ -43,6 +44,7 @@ from toolkit.sites.surroundings import POLE, Road, place_mounts
 
 REACH = 80.0  # m of road kept around the area, for traffic to enter
 SURROUNDINGS = 30.0  # m around the area where buildings and furniture are kept
+LEAST_SLOPE = 0.005  # m per m; what rises less is taken to be level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
@@ -90,9 +92,10 @@ def import_opendrive(
 ) -> Site:
     """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
 
-    Roads lie on one level; those over or under it by more than SAME_LEVEL m are left out. Objects and signals become
-    solids and bays, mounts are made along the kerbs. `seed`: what the map is silent of is drawn from it; None leaves it
-    bare. A georeference that names no projection, what is left out and what is drawn is said in warnings.
+    Roads lie on one plane, which slopes as they do; those over or under it by more than SAME_LEVEL m are left out.
+    Objects and signals become solids and bays, mounts are made along the kerbs. `seed`: what the map is silent of is
+    drawn from it; None leaves it bare. A georeference that names no projection, what is left out and what is drawn is
+    said in warnings.
     Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
@@ -136,11 +139,24 @@ def import_opendrive(
         for bay in bays_along(shapely.get_coordinates(opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)))
     ]
     solids, notes = placed.off_the_road(there, reach, lanes, tracks)
-    steepest = opendrive.steepest(roads, opendrive.in_map(shapely.box(*area), map_SE3_site))
-    if steepest > 0.005:
-        notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
+    relief, said = _slope(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
+    site, notes = replace(site, relief=relief), [*notes, *said]
     site = replace(site, lanes=lanes, footways=footways, parking=placed.free_bays(there, reach, solids, tracks))
     return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
+
+
+def _slope(
+    roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
+) -> tuple[Relief, list[str]]:
+    """The plane of the roads in a window of the map as a relief, and what to say of it."""
+    slope, off = opendrive.plane(roads, window, map_SE3_site)
+    rise, steepest = float(np.hypot(*slope)), opendrive.steepest(roads, window)
+    if steepest <= LEAST_SLOPE:
+        return Relief(), []
+    if not LEAST_SLOPE < rise <= STEEPEST:
+        return Relief(), [f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level"]
+    said = f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up to {off:.2f} m"
+    return Relief(slope=(round(slope[0], 5), round(slope[1], 5))), [said]
 
 
 def import_osm(
@@ -164,7 +180,7 @@ def import_osm(
     """
     path = _file(path, ".osm")
     longitude, latitude = _check_place(centre, size, heading)
-    extract = osm.read(path, (longitude, latitude), heading)
+    extract = osm.read_map(path, (longitude, latitude), heading)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     pieces, notes = osm_roads.roads(extract, shapely.Polygon(_corners(area, REACH)), lefthand=lefthand)
     if not pieces:
@@ -235,7 +251,7 @@ def _finished(
     stones = kerbstones(site.lanes, site.footways, turning(site.network))
     if seed is None:
         poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
-        made = replace(site, solids=f.settle([*solids, *poles, *stones], Relief()), mounts=tuple(mounts))
+        made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=on_ground(mounts, site))
     else:
         made, note = furnished(site, mounts, [*solids, *stones], seed)
         notes = [*notes, note]

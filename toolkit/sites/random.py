@@ -18,6 +18,7 @@ from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.furniture import settle
+from toolkit.sites.imported import on_ground
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
 from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.street.bays import ANGLES, Strip
@@ -28,6 +29,7 @@ from toolkit.sites.surroundings import Road, place_mounts
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang
 _LOW_MOUNTS = 0.35  # share of the mounts on which a sensor may hang at eye level
+SLOPING, STEEPEST_STREET = 0.4, 0.06  # share of sites on a slope; m per m
 _STEEPEST = np.deg2rad(35.0)
 
 
@@ -86,7 +88,7 @@ def random_site(rng: np.random.Generator | int) -> Site:
         footways,
         tuple(_ground(strip) for strip in strips.values()),
     )
-    relief = Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31)))
+    relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
     mounts = _with_low_ones(place_mounts(road, area, rng, at_least=12), rng)
     solids, bays = furnish(road, area, mounts, rng, strips=strips, angles=_angles(legs))
     site = Site(
@@ -99,10 +101,17 @@ def random_site(rng: np.random.Generator | int) -> Site:
         network=network,
         relief=relief,
     )
-    feet = np.array([mount.position for mount in mounts])
-    feet[:, 2] = site.ground(feet[:, :2]).round(3)
-    site = replace(site, mounts=tuple(replace(m, position=foot) for m, foot in zip(mounts, feet, strict=True)))
+    site = replace(site, mounts=on_ground(mounts, site))
     return replace(site, sensors=random_sensors(site, rng))
+
+
+def sloping(relief: Relief) -> Relief:
+    """The relief on a slope of up to `STEEPEST_STREET`, drawn from its seed; two of five are steeper than 1 %."""
+    rng = np.random.default_rng([relief.seed, 6])
+    if rng.random() > SLOPING:
+        return relief
+    rise, towards = rng.uniform(0.01, STEEPEST_STREET), rng.uniform(0, 2 * np.pi)
+    return replace(relief, slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)))
 
 
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:

@@ -1,7 +1,8 @@
 """A junction as it stands: detection area, road, what is built beside it, where sensors hang, the network traffic uses.
 
-Site frame: right-handed, metres, z up, zero at the mean height of the street. `map_SE3_site` turns it into the frame of
-the map the site was taken from, which is right-handed too (a CARLA map: x, -y_carla, z).
+Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z is 0 at the origin.
+`map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too (a CARLA map: x,
+-y_carla, z).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.geometry import check_pose
+from toolkit.geometry import LEVEL, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor
 
 KINDS = (
@@ -76,16 +77,19 @@ class Mount:
 
 @dataclass(frozen=True)
 class Relief:
-    """How uneven the ground is: it stays within ±amplitude (m) of zero; the seed says where it is high."""
+    """How the ground runs: within ±amplitude (m) of a plane through the site's origin that rises by `slope` (m per m)
+    along x and along y; the seed says where it is high."""
 
     amplitude: float = 0.0
     seed: int = 0
+    slope: Slope = LEVEL
 
     def __post_init__(self) -> None:
         if not 0 <= self.amplitude < np.inf:
             raise ValueError(f"relief.amplitude must be finite and not negative, got {self.amplitude}")
         if self.seed != int(self.seed) or self.seed < 0:
             raise ValueError(f"relief.seed must be a whole number from 0 up, got {self.seed}")
+        object.__setattr__(self, "slope", check_slope(self.slope, "relief.slope"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,13 +153,19 @@ class Site:
         )
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the ground (m) at places (..., 2) of the site: a smooth, seeded sum of plane waves 7 to 160 m long
-        whose mean over a large place is zero. It does not know ponds, kerbs or islands, which are solids."""
+        """Height of the ground (m) at places (..., 2) of the site: the plane it slopes with, and on it a smooth, seeded
+        sum of plane waves 7 to 160 m long whose mean over a large place is zero. It does not know ponds, kerbs or
+        islands, which are solids."""
         xy = np.asarray(xy, np.float64)
+        plane = self.plane(xy)
         if self.relief.amplitude == 0:
-            return np.zeros(xy.shape[:-1])
+            return plane
         wave_vectors, phases, weights = _waves(self.relief)
-        return np.asarray(np.cos(xy @ wave_vectors + phases) @ weights)
+        return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
+
+    def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
+        """Height (m) of the plane that the ground slopes with, at places (..., 2) of the site."""
+        return np.asarray(np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0)
 
 
 def _alike(one: Any, other: Any) -> bool:

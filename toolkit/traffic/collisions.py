@@ -15,13 +15,15 @@ _WALKABLE = 0.3  # m above the ground; what is lower can be stepped on
 
 
 class Obstacles:
-    """What stands still and is high enough to be in the way, indexed by place."""
+    """What stands still and is high enough to be in the way, indexed by place; heights count from the plane of the
+    ground, as those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
         above = np.array([solid.top for solid in site.solids]) - site.ground(middles)
         blocking = [solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE]
-        self.bases = np.array([solid.base for solid in blocking])
+        places = np.array([solid.footprint.mean(axis=0) for solid in blocking]).reshape(-1, 2)
+        self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
     def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:

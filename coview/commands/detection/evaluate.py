@@ -14,9 +14,11 @@ from coview.arguments import (
     check_least,
     check_positive,
     check_schemes,
+    refuse_given,
     sensor_set,
     site_file,
 )
+from coview.clouds import score_clouds
 from coview.detectors import recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
@@ -29,8 +31,12 @@ def evaluate(
     dataset: Positional[Path],
     /,
     *,
-    detector: str = "cluster",
-    schemes: tuple[str, ...] = ("early", "late", "hybrid"),
+    detector: str | None = None,
+    layout: str | None = None,
+    level: Literal["map", "plane", "none"] = "map",
+    still: bool = False,
+    area: tuple[float, float, float, float] | None = None,
+    schemes: tuple[str, ...] | None = None,
     sensors: tuple[str, ...] = ("all",),
     classes: tuple[Label, ...] | None = None,
     iou: tuple[float, ...] | None = None,
@@ -54,11 +60,20 @@ def evaluate(
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
+    Example: coview evaluate my-log --layout argoverse --detector general
+
     Args:
-        dataset: Recording made by coview simulate, or one of the authors' files.
-        detector: cluster; a trained network: voxelnet for the site's own, a name, or a weights file; or your own,
-            package.module:callable, either the detector or what makes it for a site (see toolkit.detection.imported).
-        schemes: Which of early, late, hybrid and foreground fusion.
+        dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
+        detector: cluster, or general with --layout; a trained network: voxelnet for the site's own, a name, or a
+            weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
+            toolkit.detection.imported).
+        layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in
+            our protocol, KITTI's and nuScenes', is printed.
+        level: With --layout, as in coview detect.
+        still: With --layout, as in coview detect.
+        area: With --layout, as in coview detect.
+        schemes: Which of early, late, hybrid and foreground fusion, the first three when left out; with --layout, all
+            clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
         iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
@@ -92,11 +107,25 @@ def evaluate(
     from toolkit.points import select_sensors
 
     check_ious(iou or ())
-    check_schemes(schemes)
+    check_schemes(schemes or ())
     check_errors(errors)
     check_least("--radius", radius, 0.0)
     check_positive("--rate", rate)
     sent_by, named = codec_named(codec, step=step), schemes_in_steps(step)
+    if layout is not None:
+        others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
+                  "--errors": errors != "paper", "--site": site is not None, "--rate": rate is not None}  # fmt: skip
+        refuse_given(others, "is not for --layout")
+        check_folder(out, holds="table.json", inputs=[dataset], overwrite=overwrite)
+        figures = score_clouds(
+            dataset, layout, detector or "general", schemes=[named[name] for name in schemes or ()], codec=sent_by,
+            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, hidden=json,
+        )  # fmt: skip
+        figures.save(out / "table.json")
+        print_result(figures.as_dict(), f"{figures.text()}\nwritten to {out}/table.json", as_json=json)
+        return OK
+    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None}, "needs --layout")
+    schemes, detector = schemes or ("early", "late", "hybrid"), detector or "cluster"
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)

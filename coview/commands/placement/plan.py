@@ -13,6 +13,7 @@ from coview.arguments import (
     check_ious,
     check_least,
     check_schemes,
+    check_share,
     counted_classes,
     site_file,
 )
@@ -45,6 +46,7 @@ def plan(
     detector: str | None = None,
     errors: str = "paper",
     frames: int | None = None,
+    confidence: float = 0.95,
     seed: int = 0,
     cache: Path | None = Path("out/cache"),
     workers: int = 2,
@@ -75,6 +77,7 @@ def plan(
         detector: As in coview evaluate, but for cluster; a shipped network when left out.
         errors: Of the sensors, as in coview evaluate, when sets are compared and the answer is judged.
         frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
+        confidence: At which a comparison ends: that no set of as many sensors is better by more than 0.01.
         seed: Of traffic, searches and intervals.
         cache: Folder where what was seen and detected is kept, so that a stopped plan goes on; None for nowhere.
         workers: Processes.
@@ -94,6 +97,7 @@ def plan(
         ("--frames", frames, 1), ("--workers", workers, 1), ("--seed", seed, 0),
     ):  # fmt: skip
         check_least(option, value, least)
+    check_share("--confidence", confidence)
     check_ious([iou])
     check_schemes([scheme])
     check_errors(errors)
@@ -123,6 +127,7 @@ def plan(
         detector=own,
         errors=profile_named(errors),
         seed=seed,
+        confidence=confidence,
         **lengths,
     )
     with progress_bar("", hidden=json) as bar:

@@ -24,13 +24,13 @@ import numpy as np
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Measured
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.boxes import count_points, iou_3d
+from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Fused
 from toolkit.detection.schemes import scheme_of
-from toolkit.detection.view import View, together
+from toolkit.detection.view import View, detect_on_slope, together
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import beyond, centred_in
+from toolkit.points import beyond, centred_in, points_on, slope_of
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -171,11 +171,11 @@ class _Detecting:
             renders.site,
             renders.sensors,
             measure=partial(renders.clouds, k),
-            run=lambda clouds: self.detector(together(clouds)),
+            run=lambda clouds: detect_on_slope(self.detector, together(clouds), slope_of(renders.site)),
         )
         boxes = objects.boxes[counted]
         clouds = [view.cloud(c).points for c in range(len(renders.sensors))]
-        points = [count_points(cloud, boxes) for cloud in clouds]
+        points = [points_on(cloud, boxes, renders.site) for cloud in clouds]
         sent = [self._sent(cloud, sensor) for cloud, sensor in zip(clouds, renders.sensors, strict=True)]
         truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
         return truth, [self._run(run, view, objects, counted) for run in runs]

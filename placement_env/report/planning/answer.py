@@ -14,11 +14,11 @@ from placement_env.report.ground import ground_shares
 from placement_env.report.mounted import unused_mounts
 from placement_env.report.planning import breakdown, figures, mounting, refusals, sentences
 from placement_env.report.planning.figures import ChosenSet
-from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Selection, judged_front, near_optimal
+from placement_env.search.portfolio.entrants import Entrants
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 
@@ -29,7 +29,7 @@ class Terms:
     has no detector of its own; excluded: sentences on what excludes candidates."""
 
     question: Question
-    found: Finalists
+    found: Entrants
     picked: Selection
     fidelity: str
     network: str

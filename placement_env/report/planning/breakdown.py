@@ -19,9 +19,8 @@ from placement_env.fidelity.detector import FALSE_ALARM, Detected
 from placement_env.report.content import BreakdownRow, ClassSeen
 from placement_env.report.planning.judging import Judge, combined_judgement
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.boxes import count_points
 from toolkit.objects import label_index
-from toolkit.points import centred_in
+from toolkit.points import centred_in, points_on
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -74,7 +73,7 @@ def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
         there = objects.boxes
         truth_label.append(objects.labels)
         truths.append(there)
-        points.append(count_points(fused_cloud(detected, chosen, k), there))
+        points.append(points_on(fused_cloud(detected, chosen, k), there, detected.renders.site))
         found = detected.detections(chosen, k)[counts]
         boxes.append(found.boxes)
         label.append(found.labels)
@@ -161,7 +160,8 @@ def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tu
         objects, cloud = detected.renders.objects(k), fused_cloud(detected, chosen, k)
         inside = centred_in(objects.boxes, detected.renders.site.area)
         for label in labels:
-            points[label].append(count_points(cloud, objects.boxes[inside & (objects.labels == label_index(label))]))
+            boxes = objects.boxes[inside & (objects.labels == label_index(label))]
+            points[label].append(points_on(cloud, boxes, detected.renders.site))
     rows = {label: np.concatenate(counts) for label, counts in points.items()}
     return tuple(
         ClassSeen(label, len(row), int(LEAST), float((row >= LEAST).mean()) if len(row) else None)

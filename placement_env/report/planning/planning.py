@@ -1,6 +1,6 @@
 """`plan`: from a question to a plan, in stages that are all kept in the cache, so that a plan that was killed goes on.
 
-Three parts of traffic, each with a seed of its own: searches see the first, the detector compares the finalists on the
+Three parts of traffic, each with a seed of its own: searches see the first, the detector compares the entrants on the
 second, and what the plan states of the chosen set is from the third.
 """
 
@@ -22,11 +22,11 @@ from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site
 from placement_env.report.planning import refusals
 from placement_env.report.planning.answer import Terms, answer
-from placement_env.report.planning.finalists import kept_finalists
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
+from placement_env.search.portfolio.entrants import Effort, kept_entrants
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -108,9 +108,9 @@ class _Planning:
             return _none(question, excluded, self.pool)
         candidates = self.pool.select(kept)
         objective = self._objective(searched.at(candidates, visibility.select(kept)), fidelity)
-        found = kept_finalists(
+        found = kept_entrants(
             objective,
-            self._most_sensors(candidates),
+            Effort(tuple(range(1, self._most_sensors(candidates) + 1))),
             searched.disk_cache,
             depends_on=searched.traffic.digest(),
             seed=question.seed,
@@ -122,7 +122,10 @@ class _Planning:
             if each.absent:
                 reasons = refusals.without_objects(question, each.absent, each.frames, "judging")
                 return _none(question, reasons, self.pool)
-        picked = select(objective, found, judge, min_ap=question.min_ap, seed=question.seed, progress=self.progress)
+        picked = select(
+            objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, seed=question.seed,
+            progress=self.progress,
+        )  # fmt: skip
         traffic = [prepared.traffic for prepared in (searched, *judging)]
         terms = Terms(question, found, picked, fidelity, searched.network, excluded)
         members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())

@@ -39,7 +39,8 @@ class Question:
     of poles; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
     sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
-    are compared and the answer is judged: searches know the sensors' own noise only.
+    are compared and the answer is judged: searches know the sensors' own noise only; confidence: at which a comparison
+    ends, that no set of as many sensors is better by more than 0.01.
 
     Raises ValueError in one line where a field does not fit.
     """
@@ -62,6 +63,7 @@ class Question:
     final_frames: int = FINAL_FRAMES
     seed: int = 0
     errors: ErrorProfile = PAPER_ERRORS
+    confidence: float = 0.95
 
     def __post_init__(self) -> None:
         if self.sensors is None and self.money is None:
@@ -82,6 +84,8 @@ class Question:
         for name in ("search_frames", "judge_frames", "final_frames"):
             check_whole(name, getattr(self, name), least=1)
         check_whole("seed", self.seed, least=0)
+        if not 0 < self.confidence < 1:
+            raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual")
         if self.candidates == "paper" and self.catalogue is not None:
             raise ValueError(
                 "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
@@ -141,6 +145,7 @@ class Question:
             "detector": detector,
             "frames": [self.search_frames, self.judge_frames, self.final_frames],
             "seed": self.seed,
+            "confidence": self.confidence,
         }
 
     @property

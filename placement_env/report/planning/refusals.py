@@ -29,7 +29,7 @@ def without_objects(question: Question, missing: Sequence[str], frames: int, par
     """There was nothing to detect, of some classes that count, in a part of the traffic."""
     return (
         f"No {' and no '.join(missing)} comes into the detection area of site {question.site.name!r} in "
-        f"{plural(frames, 'frame')} of {part} traffic: take more frames, another seed, or a larger area.",
+        f"{plural(frames, 'frame')} of {part} traffic: say more --frames, another --seed, or a larger area.",
     )
 
 
@@ -37,7 +37,7 @@ def check_present(objective: Objective) -> None:
     """Raises ValueError where there is nothing to find of a class that counts, so that nothing is said of it."""
     if missing := absent_classes(objective):
         raise ValueError(
-            f"there is no {' and no '.join(missing)} to find in these frames: take more of them or another seed, or "
+            f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
             "leave out the class"
         )
 

@@ -1,37 +1,37 @@
-"""Selection: which finalist is the answer, by a race of the detector on traffic that no search saw.
+"""Selection: which entrant is the answer, by a race of the detector on traffic that no search saw.
 
-Sets of one size race each other (successive halving over frames), so that small and cheap ones stay in; the best few of
-each size are judged on all frames. Without a requirement the answer is the set of the greatest AP. With one it is the
-cheapest set, by price, number of sensors, then kbit, whose interval lies above it; where none does, the cheapest whose
-AP reaches it; where none does either, the set of the greatest AP. Of sets with equal AP the one of the greater mean AP
-over the detector's IoU thresholds is taken, and of equal ones again the cheaper.
+Sets of one size race each other until it is sure enough which is the best (`placement_env.racing.race_until`), so that
+small and cheap ones stay in; the best few of each size are judged on all frames. Without a requirement the answer is
+the set of the greatest AP. With one it is the cheapest set, by price, number of sensors, then kbit, whose interval lies
+above it; where none does, the cheapest whose AP reaches it; where none does either, the set of the greatest AP. Of sets
+with equal AP the one of the greater mean AP over the detector's IoU thresholds is taken, and of equal ones again the
+cheaper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from placement_env.objective import Objective, Stages
-from placement_env.racing import race
 from placement_env.report.content import Judgement, PlanOption, overlap
-from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.judging import Judge
-from placement_env.search.exhaustive import undominated
-from toolkit.arrays import Bool, Float64, Int64
+from placement_env.search.exact.exhaustive import undominated
+from placement_env.search.portfolio.entrants import Entrants
+from placement_env.search.portfolio.evaluators import DetectorEvaluator
+from placement_env.search.portfolio.portfolio import contest
+from toolkit.arrays import Bool
 
 KEPT = 3  # sets of each number of sensors that are judged on all frames
-FIRST, ETA = 12, 3  # frames of a race's first rung, and by how much the next ones are longer
 
 Rule = Literal["best", "interval", "estimate", "none"]
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """options: all finalists in their order, judged or not; sets: their rows; chosen: which is the answer; rule: by
+    """options: all entrants in their order, judged or not; sets: their rows; chosen: which is the answer; rule: by
     which it was chosen."""
 
     options: tuple[PlanOption, ...]
@@ -42,15 +42,16 @@ class Selection:
 
 def select(
     objective: Objective,
-    found: Finalists,
+    found: Entrants,
     judge: Judge,
     *,
     min_ap: float | None = None,
+    confidence: float = 0.95,
     seed: int = 0,
     progress: Stages | None = None,
 ) -> Selection:
-    """The answer among the finalists, of which there is at least one."""
-    judged = _judged(found, judge, seed=seed, progress=progress)
+    """The answer among the entrants, of which there is at least one. confidence: at which a race of one size ends."""
+    judged = _judged(objective, found, judge, confidence=confidence, seed=seed, progress=progress)
     options = tuple(_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets)))
     chosen, rule = choose(options, min_ap)
     return Selection(options, found.sets, chosen, rule)
@@ -95,18 +96,17 @@ def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
 
 
 def _judged(
-    found: Finalists, judge: Judge, *, seed: int, progress: Stages | None
+    objective: Objective, found: Entrants, judge: Judge, *, confidence: float, seed: int, progress: Stages | None
 ) -> dict[int, tuple[Judgement, float]]:
-    """Judgement and mean AP over the IoU thresholds of the best of each size, by their place among the finalists."""
+    """Judgement and mean AP over the IoU thresholds of the best of each size, by their place among the entrants."""
     sizes = found.sets.sum(axis=1)
     judged: dict[int, tuple[Judgement, float]] = {}
+    evaluator = DetectorEvaluator(judge.detected, judge.seed)
     different = np.unique(sizes)
     for done, size in enumerate(different, 1):
         places = np.flatnonzero(sizes == size)
-        ran = race(
-            _ap(judge), found.sets[places], judge.frames, keep=KEPT, first=min(FIRST, judge.frames), eta=ETA, seed=seed
-        )
-        kept = places[ran.winners]
+        ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=seed)
+        kept = places[ran.ranking[:KEPT]]
         mean_ap = np.mean([each.ap for each in judge.detected.estimates(found.sets[kept]).values()], axis=0)
         judgements = judge.judge(found.sets[kept])
         judged |= dict(zip(kept.tolist(), zip(judgements, mean_ap.tolist(), strict=True), strict=True))
@@ -115,12 +115,8 @@ def _judged(
     return judged
 
 
-def _ap(judge: Judge) -> Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " k"]], Float64[np.ndarray, " n"]]:
-    return lambda sets, frames: judge.detected.partial(sets, frames.tolist()).ap
-
-
 def _option(
-    objective: Objective, found: Finalists, i: int, judged: Judgement | None, mean_ap: float | None
+    objective: Objective, found: Entrants, i: int, judged: Judgement | None, mean_ap: float | None
 ) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
     names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors

@@ -73,7 +73,7 @@ def main() -> None:
         judge = Objective(site, asked.verify, fidelity="detector", seed=asked.seed + 1, **common)
     optimum = np.nan
     if len(candidates) <= MOST_EXHAUSTIVE:
-        exhaustive = import_module("placement_env.search.exhaustive")
+        exhaustive = import_module("placement_env.search.exact.exhaustive")
         optimum = exhaustive.search(objective, asked.budget).best.reward
     print(f"{asked.site}, {asked.fidelity}, budget {asked.budget}, {asked.seconds:g} s each", flush=True)
     print(f"{'method':18s} {'reward':>8s} {'regret':>8s} {'detector AP':>12s} {'sets':>9s} {'s':>7s}  known")

@@ -5,9 +5,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from models.training.augmentation import with_errors
 from models.training.packed import STEPS_PER_METRE, PackedFrames
+from models.training.packing import join_packed, pack, recording
 from toolkit.boxes import count_points
+from toolkit.geometry import levelled
 from toolkit.points import frame_points
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sites.site import Relief, Site
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
@@ -72,3 +77,29 @@ def test_damage_is_named_in_one_line(packed_file, tmp_path, damage):
     with pytest.raises((ValueError, FileNotFoundError), match=r"damaged.packed") as error:
         PackedFrames(path)
     assert "\n" not in str(error.value)
+
+
+def test_on_a_slope_points_and_objects_come_as_on_level_ground(frames, tmp_path):
+    slope = (0.01, -0.02)
+    site = Site("steep", np.array(AREA), relief=Relief(0.0, 0, slope))
+    pack([recording(frames, AREA, slope=slope)], tmp_path / "steep.packed")
+    join_packed([tmp_path / "steep.packed"], tmp_path / "again.packed")
+    for name in ("steep", "again"):
+        packed = PackedFrames(tmp_path / f"{name}.packed")
+        assert packed.rig(0).slope == slope
+        np.testing.assert_array_equal(packed.objects(1).boxes, frames[1].objects.boxes)
+        np.testing.assert_allclose(packed.level_objects(1).boxes, levelled(frames[1].objects.boxes, slope))
+        for ours, theirs in zip(packed.points(1, None), frame_points(frames[1], area=site), strict=True):
+            distance, _ = cKDTree(ours).query(levelled(theirs, slope))
+            assert distance.max() < 0.003
+            assert abs(len(ours) - len(theirs)) <= 4
+        assert (np.concatenate(with_errors(packed, 1, PAPER_ERRORS, 3))[:, 2] > 0).all()
+
+
+def test_a_slope_of_a_file_that_is_none_is_refused(packed_file, tmp_path):
+    broken = tmp_path / "broken.packed"
+    broken.write_bytes(packed_file.read_bytes())
+    with h5py.File(broken, "r+") as file:
+        file["rigs/0"].attrs["slope"] = [0.5, 0.0]
+    with pytest.raises(ValueError, match="slope must be its rise along x and along y"):
+        PackedFrames(broken)

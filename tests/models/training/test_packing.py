@@ -8,6 +8,7 @@ import pytest
 
 from models.training.packed import PackedFrames
 from models.training.packing import drawn_file, join_packed, pack, recording, recordings_in
+from toolkit.sites.site import Site
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 
@@ -82,7 +83,7 @@ def test_files_joined_are_what_they_would_be_at_once(frames, tmp_path):
 
 
 def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
-    site = SimpleNamespace(area=np.array(AREA), height=4.0)
+    site = Site("drawn", np.array(AREA))
     empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
     pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
     drawn = SimpleNamespace(site=site, frames=tuple(frames[:2]), empty=empty)

@@ -13,7 +13,8 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 import placement_env  # noqa: F401  registers the environments
 from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective
-from placement_env.search import exhaustive, greedy
+from placement_env.search import greedy
+from placement_env.search.exact import exhaustive
 
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 SCORED_BY: list[FidelityName] = ["coverage", "surrogate", "detector", "table"]

@@ -10,7 +10,7 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.report.search_answer import ANSWER_FILES, check_georeference, kbit_per_frame, write_answer
-from placement_env.search import exhaustive
+from placement_env.search.exact import exhaustive
 from placement_env.search.result import Result
 from toolkit.detection.schemes import scheme_of
 from toolkit.sites.files import load_site

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.objective import Weights
-from placement_env.search import exhaustive, greedy
+from placement_env.search import greedy
+from placement_env.search.exact import exhaustive
 
 WAYS = [greedy.search, greedy.lazy, greedy.stochastic]
 

@@ -6,7 +6,7 @@ import pytest
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.preparation import check_fidelity_for
-from placement_env.search.methods import METHODS, check_search, search_of
+from placement_env.search.methods import METHODS, check_search, search_of, usual_method
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")
@@ -21,10 +21,18 @@ def test_every_name_is_a_search(name):
 
 
 def test_an_unknown_name():
-    with pytest.raises(ValueError, match="method must be one of exhaustive, greedy"):
+    with pytest.raises(ValueError, match="method must be one of portfolio, exhaustive, greedy"):
         check_search("luck", "coverage", paper_candidates(SITE))
 
 
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
 def test_what_can_be_scored_is_not_refused(fidelity):
     check_fidelity_for(SITE, paper_candidates(SITE), "early", fidelity)
+
+
+def test_the_usual_method():
+    assert [usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
+        "portfolio", "portfolio", "greedy", "exhaustive"
+    ]  # fmt: skip
+    assert usual_method("surrogate", verify=True) == "greedy"
+    assert usual_method("table", at_least=True) == "cheapest"

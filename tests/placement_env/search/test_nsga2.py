@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Weights
-from placement_env.search import exhaustive, nsga2
+from placement_env.search import nsga2
+from placement_env.search.exact import exhaustive
 
 pytest.importorskip("pymoo")
 

@@ -1,8 +1,16 @@
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from placement_env.search import exhaustive
-from placement_env.search.result import Certificate, History
+from placement_env.objective import Score
+from placement_env.search.exact import exhaustive
+from placement_env.search.result import Assessment, Certificate, Contender, History, Result
+from toolkit.geometry import look
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
 
 HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2, 0.6, 0.6]))
 
@@ -31,3 +39,54 @@ def test_a_result_reads_as_one_line(make):
     assert said.startswith("exhaustive: {")
     assert "after 6 sets" in said
     assert "optimal, at most" in said
+
+
+@pytest.fixture
+def whole(make):
+    """A result with every field in use, numbers that JSON has not among them."""
+    found = exhaustive.search(make(3, 1), 2)
+    contender = Contender(("greedy", "swap"), (0, 2), 0.9, 0.8, 0.7, 0.85)
+    judged = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (contender,))
+    empty = Score((1,), 0.1, 0.2, 3.0, 3.0, 1.0, 0.1, {"ap": 0.1}, "coverage", False, {"vehicle": 0.1, "heavy": np.nan})
+    at = look((1.0, 2.0, 3.0), 0.1)
+    poses = (Sensor("a", DepthCamera(width=9), at), Sensor("b", SpinningLidar(), at))
+    unknown = Certificate("none", 0.5, note="nothing")
+    return replace(found, front=(empty,), sensors=poses, assessment=judged, certificate=unknown)
+
+
+def test_a_result_is_read_as_it_was_written(whole, tmp_path):
+    whole.save(tmp_path / "result.json")
+    again = Result.load(tmp_path / "result.json")
+    for name in ("method", "best", "certificate", "evaluations", "seconds", "by_size", "sensors", "assessment"):
+        assert getattr(again, name) == getattr(whole, name), name
+    assert again.certificate.bound == np.inf
+    assert again.assessment.curse == pytest.approx(0.1)
+    assert np.isnan(again.front[0].class_ap["heavy"])
+    assert again.front[0].class_ap["vehicle"] == 0.1
+    for name, column in vars(whole.history).items():
+        assert np.array_equal(getattr(again.history, name), column), name
+        assert getattr(again.history, name).dtype == column.dtype
+    assert str(again) == str(whole)
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "result.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c | {"coview_result": 2},
+        lambda c: c | {"best": []},
+        lambda c: {name: value for name, value in c.items() if name != "history"},
+        lambda c: c | {"extra": 1},
+        lambda c: c | {"sensors": [{"name": "a", "model": "Telepathy", "values": {}, "pose": []}]},
+        lambda c: c | {"certificate": None},
+        lambda c: [c],
+    ],
+)
+def test_a_damaged_result_is_one_line(whole, tmp_path, change):
+    path = tmp_path / "result.json"
+    whole.save(path)
+    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    with pytest.raises(ValueError, match="is no result of a search") as refused:
+        Result.load(path)
+    assert "\n" not in str(refused.value)

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.objective import Weights
-from placement_env.search import annealing, cmaes, cpsat, exhaustive, greedy, nsga2, swap
+from placement_env.search import annealing, cmaes, greedy, nsga2, swap
+from placement_env.search.exact import cpsat, exhaustive
 
 WAYS = [swap.search, annealing.search]
 

@@ -108,6 +108,7 @@ def everything_at_once(
     scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
     for (x, y, z, *_, yaw), body in zip(frame.objects.boxes, frame.bodies, strict=True):
         vertices = transform(pose(x, y, z, yaw=yaw), bodies[body].vertices.astype(np.float64))
+        vertices[:, 2] += (vertices[:, :2] - [x, y]) @ site.relief.slope
         scene.add_triangles(vertices.astype(np.float32), bodies[body].triangles.astype(np.uint32))
     direction = sensor.model.rays() @ sensor.pose[:3, :3].T
     origin = sensor.position + NEAR * direction
@@ -118,13 +119,13 @@ def everything_at_once(
     return depth, np.where((depth > 0) & (hits < 1000), hits, -1)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_agrees_with_casting_everything_at_once(seed):
+@pytest.mark.parametrize(("seed", "slope"), [*((seed, (0.0, 0.0)) for seed in range(4)), (4, (0.05, -0.03))])
+def test_agrees_with_casting_everything_at_once(seed, slope):
     rng = np.random.default_rng(seed)
     bodies = catalogue()
     house = Solid(np.array([[5.0, 5], [12, 5], [12, 9], [5, 9]]), -0.3, 5.0, "building")
     tree = Solid(np.array([[-8.0, -8], [-5, -8], [-5, -5], [-8, -5]]), 2.0, 6.0, "tree")
-    site = Site("mixed", AREA, solids=(house, tree), relief=Relief(0.05, 1))
+    site = Site("mixed", AREA, solids=(house, tree), relief=Relief(0.05, 1, slope))
     rows = [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(25)]
     frame = snapshot(bodies, *rows)
     x, y = frame.objects.boxes[0, :2]

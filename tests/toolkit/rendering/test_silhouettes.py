@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import centred
-from toolkit.geometry import look, pose
+from toolkit.boxes import count_points
+from toolkit.geometry import levelled, look, pose
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering.renderer import Renderer
@@ -13,7 +14,7 @@ from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
-from toolkit.sites.site import Site, Solid
+from toolkit.sites.site import Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
 CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
@@ -78,3 +79,16 @@ def test_what_stands_behind_a_wall_is_not_seen(rays):
 
 def test_what_is_out_of_sight_has_no_pixels(rays):
     assert len(rays.silhouette(0, upright(500.0, 0.0, 0.0)).pixels) == 0
+
+
+def test_on_a_slope_too():
+    steep = Site("steep", SITE.area, solids=(WALL,), relief=Relief(0.0, 0, (0.06, -0.04)))
+    renderer = Renderer(steep, (CAR,), SENSORS, threads=1)
+    row = upright(0.0, 0.0, 0.3)
+    snapshot = Snapshot(Objects(row[None], np.array([VEHICLE])), np.zeros(1, np.int64))
+    shown = np.flatnonzero(np.concatenate([hit.ravel() for hit in renderer.render(snapshot).hits]) == 0)
+    found = SensorRays(renderer, SENSORS).silhouette(0, row)
+    np.testing.assert_array_equal(np.sort(found.pixels), shown)
+    local = levelled(found.points.astype(np.float64), (0.06, -0.04))
+    assert count_points(local, [[*row[:3], 4.02, 2.02, 1.52, 0.3]]).tolist() == [len(local)]
+    assert len(local) > 100

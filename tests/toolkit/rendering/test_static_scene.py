@@ -118,3 +118,23 @@ def test_random_sites_have_scenery():
     mesh = scenery(made)
     assert np.isfinite(mesh.vertices).all()
     assert len(mesh.triangles) < 300_000
+
+
+def test_what_stands_on_a_slope_follows_it_and_stays_upright():
+    kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
+    steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
+    ground, solid = drop(scenery(steep), places(np.random.default_rng(0))), drop(scenery(steep), SQUARE * 0.9 + 0.3)
+    bare = places(np.random.default_rng(0))
+    away = ~((bare > [-1, -1]) & (bare < [9, 27])).all(axis=1)
+    np.testing.assert_allclose(ground[away], bare[away] @ [0.06, 0.03], atol=1e-4)
+    middle = SQUARE.mean(axis=0)
+    np.testing.assert_allclose(solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
+    flat = scenery(site(kerb, house))
+    np.testing.assert_array_equal(scenery(steep).vertices[:, :2], flat.vertices[:, :2])
+
+
+def test_a_pond_on_a_slope_lies_as_deep_everywhere():
+    pond = Solid(SQUARE, -1.5, -0.5, "pond")
+    xy = SQUARE * 0.8 + 0.4
+    heights = drop(scenery(site(pond, relief=Relief(0.0, 0, (0.05, 0.0)))), xy)
+    assert np.isfinite(heights).all()

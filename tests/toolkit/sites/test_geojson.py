@@ -1,5 +1,7 @@
 """Sites as GeoJSON: what is written is read, and what is damaged is named by its field."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,8 @@ from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.site import Site
+from toolkit.sites.geojson import document
+from toolkit.sites.site import Relief, Site
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
 BOW_TIE = [[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]
@@ -177,3 +180,17 @@ def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_na
 def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path, saved, small_site):
     path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
     assert load_site(path) == small_site()
+
+
+def test_a_slope_is_kept_and_level_ground_is_written_as_before(tmp_path, small_site):
+    steep = replace(small_site(), relief=Relief(0.06, 7, (0.0512, -0.03)))
+    save_site(steep, tmp_path / "steep.json")
+    assert load_site(tmp_path / "steep.json") == steep
+    assert document(small_site())["relief"] == {"amplitude": 0.06, "seed": 7}
+
+
+@pytest.mark.parametrize("slope", [0.05, [0.05], [0.05, "x"], [0.4, 0.0]])
+def test_a_slope_that_is_none_is_refused(tmp_path, saved, slope):
+    path, _ = saved(tmp_path, lambda d: d["relief"].update(slope=slope))
+    with pytest.raises(ValueError, match="relief"):
+        load_site(path)

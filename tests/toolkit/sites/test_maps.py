@@ -180,8 +180,9 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
     assert [str(each.message).partition(": ")[2] for each in caught] == [
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 1 'dragon'",
-        "the steepest road in the area rises by 1.0 %; the site is level",
+        "the site slopes by 1.0 % as its roads do, which leave that plane by up to 0.00 m",
     ]
+    assert site.relief.slope == pytest.approx((0.01, 0.0))
     (house,), (plate,) = of_kind(site, "building"), of_kind(site, "sign")
     np.testing.assert_allclose(house.footprint.mean(axis=0), [0, 20])
     np.testing.assert_allclose(plate.footprint.mean(axis=0), [20, -8.5], atol=1e-3)

@@ -7,8 +7,8 @@ from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.geojson import document, dumps, parse
 from toolkit.sites.network import shoulders
-from toolkit.sites.random import HIGHEST, LOWEST, random_sensors, random_site
-from toolkit.sites.site import Site
+from toolkit.sites.random import HIGHEST, LOWEST, STEEPEST_STREET, random_sensors, random_site, sloping
+from toolkit.sites.site import Relief, Site
 
 QUICK = range(5)
 MANY = range(100)
@@ -34,7 +34,8 @@ def check(site: Site, tmp_path) -> None:
     for solid in low:
         assert shapely.Polygon(solid.footprint).intersection(driven).area < 1e-3, solid
     crowns = [s for s in site.solids if s.kind == "tree" and shapely.Polygon(s.footprint).intersects(lanes)]
-    assert all(1.0 < s.base < s.top < 12.0 for s in crowns)
+    below = site.plane(np.array([s.footprint.mean(axis=0) for s in crowns]).reshape(-1, 2))
+    assert all(1.0 < s.base - z < s.top - z < 12.0 for s, z in zip(crowns, below, strict=True))
     standing = union(s.footprint for s in low if s.top - s.base > 0.5 and s.kind != "kerb")
     assert standing.intersection(footways).area < 0.06 * footways.area
     assert len(site.mounts) >= 12
@@ -163,3 +164,15 @@ def test_sensors_hang_from_eye_level_up_and_look_level_there():
     assert tilts.max() < 35.1
     assert np.median(tilts[heights < 2.2]) < 7
     assert np.median(tilts[heights > 6]) > 12
+
+
+def test_two_of_five_sites_slope_and_their_mounts_stand_on_the_ground():
+    steep = [np.hypot(*sloping(Relief(0.1, seed)).slope) for seed in range(400)]
+    assert 0.33 < np.mean(np.array(steep) > 0) < 0.47
+    assert max(steep) <= STEEPEST_STREET + 1e-3
+    assert min(s for s in steep if s) >= 0.01 - 1e-3
+    sites = drawn(4)
+    assert max(np.hypot(*site.relief.slope) for site in sites) > 0.01
+    for site in sites:
+        feet = np.array([mount.position for mount in site.mounts])
+        np.testing.assert_allclose(feet[:, 2], site.ground(feet[:, :2]), atol=6e-4)

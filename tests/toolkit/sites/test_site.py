@@ -75,3 +75,16 @@ def test_a_site_that_differs_in_one_field_is_another(change, small_site):
     assert small_site() == small_site()
     assert replace(small_site(), **change) != small_site()
     assert replace(small_site(), height=3.5 + 1e-12) == small_site()
+
+
+def test_the_ground_slopes_about_the_origin_and_is_as_uneven_on_it():
+    level, steep = (
+        Site("s", np.array([0.0, 0, 1, 1]), relief=Relief(0.08, 3, slope)) for slope in ((0.0, 0.0), (0.06, -0.02))
+    )
+    xy = np.random.default_rng(0).uniform(-50, 50, (40, 2))
+    np.testing.assert_allclose(steep.plane(xy), xy @ [0.06, -0.02])
+    np.testing.assert_allclose(steep.ground(xy) - level.ground(xy), xy @ [0.06, -0.02], atol=1e-12)
+    assert not level.plane(xy).any()
+    assert steep != level
+    with pytest.raises(ValueError, match=r"relief\.slope must be its rise along x and along y"):
+        Relief(slope=(0.5, 0.0))

@@ -9,7 +9,6 @@ from typing import Literal, Protocol, runtime_checkable
 import h5py
 import numpy as np
 
-from toolkit.boxes import count_points
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import Channel
 from toolkit.datasets.doctor.hypotheses import (
@@ -20,8 +19,9 @@ from toolkit.datasets.doctor.hypotheses import (
     suspect_sensor,
     witnesses,
 )
-from toolkit.geometry import transform
+from toolkit.geometry import levelled, transform
 from toolkit.objects import Objects
+from toolkit.points import points_on
 from toolkit.runtime import hdf5_reader as hdf5
 from toolkit.sites.site import Site
 
@@ -226,8 +226,8 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
     """Boxes whose floor is not on the ground that was measured beside them."""
     gaps = []
     for objects, cloud in exam.clouds():
-        points = cloud[::4]
-        for x, y, z, length, width, height, _ in objects.boxes:
+        points = levelled(cloud[::4], exam.site.relief.slope)
+        for x, y, z, length, width, height, _ in levelled(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
             beside = points[(away > np.hypot(length, width) / 2) & (away < np.hypot(length, width) / 2 + 2), 2]
             if len(beside) >= 20:
@@ -250,7 +250,7 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
         if len(points):
             inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
             total += len(inside)
-            unseen += int((count_points(points, inside.boxes) == 0).sum())
+            unseen += int((points_on(points, inside.boxes, exam.site) == 0).sum())
     if total >= 10 and unseen > UNSEEN * total:
         evidence = f"{unseen} of {total} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"

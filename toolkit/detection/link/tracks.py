@@ -15,8 +15,8 @@ import numpy as np
 from toolkit.arrays import Float64, Int64
 from toolkit.objects import Detections
 
-GATE, WIDEST = 1.0, 8.0  # m between a detection and where its track is predicted: at least, and at most with `SIGMA`
-SIGMA = 2.5  # standard deviations of that position, which widen the gate
+GATE, WIDEST_GATE = 1.0, 8.0  # m between a detection and where its track is predicted
+SIGMA = 2.5  # standard deviations of that position, which widen the gate from the one to the other
 MEASURED = 0.15  # m, standard deviation of a detected centre
 ACCELERATION = 3.0  # m/s², standard deviation
 FIRST_SPEED = 8.0  # m/s, standard deviation before a second detection
@@ -86,7 +86,7 @@ class Tracks:
         apart[detections.labels[:, None] != self._labels[None]] = np.inf
         variance = np.diagonal(self._covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
         rows, taken = np.full(len(detections), -1), np.zeros(len(self), bool)
-        near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST))
+        near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
         for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:
             if rows[detection] < 0 and not taken[track]:
                 rows[detection], taken[track] = track, True

@@ -11,11 +11,13 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.geometry import LEVEL, Slope
 from toolkit.sites.opendrive.reference_line import ReferenceLine, cubics, number, reference_line
 
 FOOTWAY = ("sidewalk", "walking")
 UNPAVED = ("none", "border", "curb", "median", "rail", "tram", *FOOTWAY)  # all other types are carriageway
 STATIONS_EVERY = 1.0  # m between the corners of a lane
+SPREAD = 3.0  # m, deviation of road middles along a direction; where they spread less, it has no slope
 THINNEST_LANE = 0.05  # m, of a lane that is kept
 
 
@@ -96,6 +98,30 @@ def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
         inside = shapely.intersects_xy(window, road.line.at(s)[:, :2])
         slopes += list(abs(road.line.elevation.slope(s[inside])))
     return float(max(slopes))
+
+
+def plane(
+    roads_there: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]
+) -> tuple[Slope, float]:
+    """How the roads within `window` (map frame) rise along x and y of the site, by least squares over their middle
+    lines, and how far (m) they leave that plane. Level where they say nothing of one direction."""
+    rows = [np.zeros((0, 3))]
+    for road in roads_there:
+        s = np.linspace(0.0, road.line.length, int(road.line.length / STATIONS_EVERY) + 2)
+        xy = road.line.at(s)[:, :2]
+        inside = shapely.intersects_xy(window, xy)
+        rows.append(np.column_stack([xy, road.line.elevation.at(s)])[inside])
+    places = np.concatenate(rows)
+    if len(places) < 3:
+        return LEVEL, 0.0
+    xy = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
+    xy, z = xy - xy.mean(axis=0), places[:, 2] - places[:, 2].mean()
+    shortest = (SPREAD * np.sqrt(len(xy))) ** 2  # squared, of the sum over stations
+    values, axes = np.linalg.eigh(xy.T @ xy)
+    known = axes[:, values > shortest]
+    along = xy @ known
+    slope = known @ np.linalg.lstsq(along, z, rcond=None)[0] if known.size else np.zeros(2)
+    return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max())
 
 
 def in_site(shape: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]) -> shapely.Geometry:

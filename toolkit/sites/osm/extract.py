@@ -54,7 +54,7 @@ class Extract:
     places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]
 
 
-def read(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
+def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
     """The map in `path` (.osm, .osm.xml or either with .gz), in metres around `centre` (longitude, latitude), x along
     `heading` (rad counter-clockwise from east).
 

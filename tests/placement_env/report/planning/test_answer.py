@@ -6,9 +6,9 @@ import pytest
 from placement_env.fidelity.traffic import Traffic
 from placement_env.report.ground import visible_ground
 from placement_env.report.planning.answer import Terms, answer, best_first, detector_in_words
-from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
+from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Objects
 from toolkit.traffic.snapshots import Snapshot
 
@@ -18,7 +18,7 @@ def answered(street):
     def answered(**asked):
         question = Question(site=street.site, sensors=2, detector=street.detected.detector, **asked)
         sets = np.array([[1, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 0]], bool)
-        found = Finalists(sets, street.objective.scores(sets).ap, ((), (), ("greedy",)), 30)
+        found = Entrants(sets, street.objective.scores(sets).ap, ((), (), ("greedy",)), 30)
         picked = select(street.objective, found, street.judge, min_ap=question.min_ap)
         terms = Terms(question, found, picked, "surrogate", "general", ("The links exclude 1 of 5 candidates.",))
         members = np.flatnonzero(sets[picked.chosen])

@@ -40,8 +40,8 @@ def test_budget_and_network(street):
     assert "has no road network" in reason
     question = Question(site=street.site)
     assert without_objects(question, ["vehicle"], 1, "simulated") == (
-        "No vehicle comes into the detection area of site 'street' in 1 frame of simulated traffic: take more frames, "
-        "another seed, or a larger area.",
+        "No vehicle comes into the detection area of site 'street' in 1 frame of simulated traffic: say more --frames, "
+        "another --seed, or a larger area.",
     )
     assert without_objects(question, ["cyclist", "heavy"], 3, "judging")[0].startswith("No cyclist and no heavy comes")
 

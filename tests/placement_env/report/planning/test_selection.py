@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from placement_env.report.content import Judgement, PlanOption
-from placement_env.report.planning.finalists import Finalists
 from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
+from placement_env.search.portfolio.entrants import Entrants
 
 
 def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean_ap=None):
@@ -73,7 +73,7 @@ def test_the_front_is_of_ap_kbit_and_price():
 
 def test_sets_of_each_size_race_and_the_best_are_judged(street):
     sets = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
-    found = Finalists(sets, street.objective.scores(sets).ap, (("greedy",), (), (), (), (), ()), 77)
+    found = Entrants(sets, street.objective.scores(sets).ap, (("greedy",), (), (), (), (), ()), 77)
     stages = []
     picked = select(street.objective, found, street.judge, progress=lambda *stage: stages.append(stage))
     assert (picked.chosen, picked.rule) == (5, "best")

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from toolkit.geometry import pose
-from toolkit.sites.opendrive.extract import in_map, in_site, lanes, roads_near, steepest, surfaces
+from toolkit.sites.opendrive.extract import in_map, in_site, lanes, plane, roads_near, steepest, surfaces
 
 WINDOW = shapely.box(-40, -40, 40, 40)
 
@@ -52,3 +52,18 @@ def test_frames_are_inverse():
     there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
     assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
     assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
+
+
+def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
+    path = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/>')
+    there = roads_near(path, WINDOW, 0.0, 5.0)
+    along, off = plane(there, WINDOW, pose(5.0, 2.0, 1.0))
+    assert along == pytest.approx((-0.04, 0.0))  # one road says nothing of the slope across it
+    assert off == pytest.approx(0.0, abs=1e-9)
+    turned, _ = plane(there, WINDOW, pose(yaw=np.pi / 2))
+    assert turned == pytest.approx((0.0, 0.04))
+    bent = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/><elevation s="50" a="1" b="0.0"/>')
+    slope, off = plane(roads_near(bent, WINDOW, 0.0, 5.0), WINDOW, np.eye(4))
+    assert -0.04 < slope[0] < 0.0
+    assert 0.05 < off < 1.0
+    assert plane([], WINDOW, np.eye(4)) == ((0.0, 0.0), 0.0)

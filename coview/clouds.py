@@ -1,0 +1,87 @@
+"""Recordings of clouds for the commands that take --layout."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import count, islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from coview.arguments import check_least, sensor_set
+from coview.detectors import sample_detector
+from coview.progress_bar import progress_bar
+
+if TYPE_CHECKING:
+    from toolkit.datasets.records.fields import Samples
+    from toolkit.datasets.sample import Sample
+    from toolkit.detection.codec import Codec
+    from toolkit.detection.samples.detected import Detected
+    from toolkit.detection.samples.evaluated import SampleEvaluation
+    from toolkit.detection.scheme import Scheme
+
+
+def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
+    """The samples of a recording of clouds; poses: a file of them, which only plain folders take."""
+    from toolkit.datasets.layouts.folder import folder
+    from toolkit.datasets.samples import open_samples
+
+    if poses is None and not inverted:
+        return open_samples(path, layout)
+    if layout != "folder":
+        raise ValueError(f"--poses and --inverted are for --layout folder: {layout} has its own")
+    return folder(path, poses=poses, inverted=inverted)
+
+
+def first_of(samples: Iterable[Sample], frames: int | None) -> Iterator[Sample]:
+    """The first so many, all for None."""
+    return islice(samples, frames)
+
+
+def watched(found: Iterable[Detected], progress: Callable[[int], None]) -> Iterator[Detected]:
+    """Detections as they come by; the bar moves, and the first thing to be said of the ground is."""
+    said = False
+    for done, each in enumerate(found, 1):
+        if each.warning is not None and not said:
+            warnings.warn(f"{each.sample.name}: {each.warning}", stacklevel=2)
+            said = True
+        progress(done)
+        yield each
+
+
+def score_clouds(
+    path: Path,
+    layout: str,
+    detector: str,
+    *,
+    schemes: Sequence[Scheme],
+    codec: Codec,
+    sensors: Sequence[str],
+    classes: Sequence[str] | None,
+    iou: Sequence[float] | None,
+    level: Literal["map", "plane", "none"],
+    still: bool,
+    area: tuple[float, float, float, float] | None,
+    frames: int | None,
+    hidden: bool,
+) -> SampleEvaluation:
+    """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
+    from toolkit.detection.samples.evaluated import evaluate_samples
+    from toolkit.objects import known_labels
+
+    check_least("--frames", frames, 1, "leave it out for all")
+    if len(sensors) != 1:
+        raise ValueError(f"with --layout there is one set of sensors, got {len(sensors)}: say them as a,b,c")
+    chosen = sensor_set(sensors[0])
+    samples = open_clouds(path, layout)
+    network, middle, half = sample_detector(detector, area)
+    total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
+    steps = count(1)
+    with progress_bar("cloud", total, hidden=hidden) as bar:
+        return evaluate_samples(
+            partial(first_of, samples, frames), network, schemes=schemes, codec=codec,
+            classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
+            middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
+            seen=partial(watched, progress=lambda _: bar.to(next(steps))),
+        )  # fmt: skip

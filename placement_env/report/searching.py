@@ -1,0 +1,207 @@
+"""Searching: one search as the command line asks for it, from its settings to what is printed and handed over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.preparation import check_fidelity_for
+from placement_env.fidelity.protocol import FidelityName
+from placement_env.objective import Objective, Score, Stages, Weights
+from placement_env.report.planning.refusals import check_present, exclusions
+from placement_env.report.planning.sentences import money
+from placement_env.report.search_answer import ANSWER_FILES, write_answer
+from placement_env.search.description import (
+    described_assessment,
+    described_doubts,
+    described_empty,
+    described_score,
+    described_sensors,
+)
+from placement_env.search.methods import check_search, search_of
+from placement_env.search.portfolio.curve import budget_curve
+from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
+from placement_env.search.result import Result
+from placement_env.search.verification import verified_best
+from toolkit.detection.scheme import Scheme
+from toolkit.objects import Detector
+from toolkit.runtime.json_files import finite
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
+from toolkit.sites.site import Site
+
+PORTFOLIO = "portfolio"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchOrder:
+    """What is to be searched, and how. method: of `placement_env.search.methods`; verify: fidelity by which an answer
+    and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
+    sensors, for what detects; limits: seconds and evaluations; demand: what a method beside these is asked for;
+    currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up to the
+    budget, by a portfolio; settings: of `Objective` beside these.
+
+    Raises ValueError and ImportError, before anything is rendered, where these do not fit.
+    """
+
+    site: Site
+    candidates: Candidates
+    method: str
+    budget: int
+    scheme: Scheme | str = "early"
+    fidelity: FidelityName = "surrogate"
+    verify: Literal["detector"] | None = None
+    judge: FidelityName = "detector"
+    confidence: float = 0.95
+    weights: Weights = field(default_factory=Weights)
+    frames: int = 200
+    errors: ErrorProfile | str = PAPER_ERRORS
+    detector: Detector | None = None
+    surrogate: Path | None = None
+    table: Path | None = None
+    limits: Mapping[str, Any] = field(default_factory=dict)
+    demand: Mapping[str, Any] = field(default_factory=dict)
+    currency: str = ""
+    curve: bool = False
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_search(self.method, self.fidelity, self.candidates)
+        place, pool, scheme = self.site, self.candidates, self.scheme
+        asked: dict[str, Any] = {"iou": self.settings.get("iou", 0.7), "detector": self.detector}
+        if "classes" in self.settings:
+            asked["classes"] = self.settings["classes"]
+        check_fidelity_for(place, pool, scheme, self.fidelity, **asked, surrogate=self.surrogate, table=self.table)
+        if self.verify is not None:
+            check_fidelity_for(place, pool, scheme, self.verify, **asked)
+        if self.method == PORTFOLIO:
+            own: dict[str, Any] = {"surrogate": self.surrogate} if self.judge == "surrogate" else {}
+            check_fidelity_for(place, pool, scheme, self.judge, **asked, **own)
+
+    @property
+    def detects(self) -> bool:
+        """Whether the detector scores anything."""
+        judge = self.judge if self.method == PORTFOLIO else None
+        return "detector" in (self.fidelity, self.verify, judge)
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What a search comes to. summary: for JSON; lines: to print; met: whether any sensor is to be built."""
+
+    summary: dict[str, Any]
+    lines: tuple[str, ...]
+    met: bool
+
+
+def answered(order: SearchOrder, *, out: Path | None = None, progress: Stages | None = None) -> Answered:
+    """Search, check what was found and write it to a folder, None for nowhere."""
+    objective = _objective(order, order.fidelity, progress)
+    check_present(objective)
+    if not objective.allowed([]).any():
+        reasons = exclusions(objective, currency=order.currency)
+        return Answered({"sensors": [], "reasons": reasons}, (f"none may be built: {' '.join(reasons)}",), False)
+    own = _judging(order, objective, progress) if order.method == PORTFOLIO else dict(order.demand)
+    if order.curve:
+        return _curve(order, objective, own)
+    seed = order.settings.get("seed", 0)
+    result = search_of(order.method)(objective, order.budget, seed=seed, **order.limits, **own)
+    summary, lines = _summary(objective, result), _lines(objective, result)
+    if not result.best.subset:
+        why = result.certificate.note if order.demand else described_empty(objective)
+        return Answered(summary, (f"no sensors: {why}",), False)
+    chosen = result.best.subset
+    if order.verify is not None:
+        exact = _objective(order, order.verify, progress)
+        checked, sets = verified_best(objective, exact, result)
+        chosen = checked.subset
+        summary["verified"] = _verified(objective, exact, checked)
+        lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
+        lines += [*(f"  {objective.names[c]}" for c in chosen), described_score(checked)]
+    if out is not None:
+        write_answer(out, objective, result, finite(summary), chosen=chosen)
+        lines.append(f"written to {out}: {', '.join(ANSWER_FILES)}")
+    return Answered(summary, tuple(line for line in lines if line), True)
+
+
+def _objective(order: SearchOrder, fidelity: FidelityName, progress: Stages | None) -> Objective:
+    """Of the search, or of its check; what does not detect knows no errors but the sensors' own noise."""
+    errors = order.errors if fidelity == "detector" else PAPER_ERRORS
+    files: dict[str, Any] = {} if fidelity != order.fidelity else {"surrogate": order.surrogate, "table": order.table}
+    if order.detector is not None:
+        files["detector"] = order.detector
+    return Objective(
+        order.site, order.frames, order.scheme, fidelity, order.weights, candidates=order.candidates, errors=errors,
+        progress=progress, **files, **order.settings,
+    )  # fmt: skip
+
+
+def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) -> dict[str, Any]:
+    """What a portfolio needs to know beside the objective."""
+    made = objective.preparation
+    if made is None:
+        raise ValueError("a portfolio needs an objective made from a site: Objective(site, ...)")
+    detects = order.judge == "detector"
+    surrogate = order.surrogate if order.judge == "surrogate" else None
+    errors = profile_of(order.errors) if detects else PAPER_ERRORS
+    return {
+        "confidence": order.confidence,
+        "judge": order.judge,
+        "race_frames": min(RACE_FRAMES, order.frames),
+        "final_frames": min(JUDGED_FRAMES, order.frames),
+        "preparation": replace(made, errors=errors, surrogate=surrogate),
+        "progress": progress,
+    }
+
+
+def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Answered:
+    """The budget curve: a row for each number of sensors."""
+    points = budget_curve(objective, order.budget, seed=order.settings.get("seed", 0), **order.limits, **own)
+    rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
+    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance}
+    if not points:
+        return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
+    lines = [f"best set of each number of sensors, by the {order.judge} on traffic that neither searches nor race saw:"]
+    for point in points:
+        names = ", ".join(objective.names[c] for c in point.subset)
+        lines.append(
+            f"  {point.sensors} for {money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} to "
+            f"{point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: {names}"
+        )
+    return Answered(summary, tuple(lines), True)
+
+
+def _summary(objective: Objective, result: Result) -> dict[str, Any]:
+    sensors = described_sensors([objective.names[c] for c in result.best.subset], result.sensors)
+    summary = {
+        **asdict(result.best),
+        "sensors": sensors,
+        "certificate": asdict(result.certificate),
+        "evaluations": result.evaluations,
+        "seconds": result.seconds,
+        "provenance": objective.provenance,
+        "doubts": described_doubts(objective, result.best.subset),
+    }
+    if result.assessment is not None:
+        said = asdict(result.assessment) | {"curse": result.assessment.curse}
+        for row, contender in zip(said["contenders"], result.assessment.contenders, strict=True):
+            row |= {"sensors": [objective.names[c] for c in contender.subset], "curse": contender.curse}
+        summary["assessment"] = said
+    return summary
+
+
+def _lines(objective: Objective, result: Result) -> list[str]:
+    sensors = described_sensors([objective.names[c] for c in result.best.subset], result.sensors)
+    judged = [] if result.assessment is None else described_assessment(result.assessment)
+    score = f"{'searched by: ' if judged else ''}{described_score(result.best)}"
+    doubts = described_doubts(objective, result.best.subset)
+    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score, *doubts]
+    return lines + [f"front: {described_score(score)} {score.subset}" for score in result.front]
+
+
+def _verified(objective: Objective, exact: Objective, checked: Score) -> dict[str, Any]:
+    there = [objective.names[c] for c in checked.subset]
+    return {**asdict(checked), "sensors": there, "provenance": exact.provenance}

@@ -1,0 +1,65 @@
+"""What greedy proves when the objective is monotone submodular, as coverage is and AP is not.
+
+With every candidate on its own mount greedy reaches 1 - 1/e of the optimum (Nemhauser, Wolsey, Fisher 1978). Where
+poses share mounts, "one per mount and at most k" is a matroid and greedy is only sure of 1/2 (Fisher, Nemhauser, Wolsey
+1978). A bound from the data is usually far tighter (Leskovec et al., KDD 2007, "online bound"): for the answer S and
+any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) - f(S)], so no T has more than f(S) and
+the k largest gains, of which each mount gives one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_env.objective import Objective
+from placement_env.search.progress import Progress, rows_of, with_each
+from placement_env.search.result import Certificate
+
+TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
+
+
+def is_submodular(objective: Objective) -> bool:
+    """Whether AP is known to be monotone submodular here: coverage by at least one view, nothing else, and of several
+    classes the mean, not the worst."""
+    additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
+    return additive and objective.fidelity == "coverage" and getattr(objective.scored_by, "views", None) == 1
+
+
+def guarantee(objective: Objective) -> float:
+    """The share of the optimum that greedy reaches on a monotone submodular objective without cost weights."""
+    mount = objective.candidates.mount[objective.allowed([])]
+    return 1 - 1 / np.e if len(np.unique(mount)) == len(mount) else 0.5
+
+
+def online_bound(progress: Progress, chosen: list[int]) -> float:
+    """No feasible set has more AP than this, if AP is monotone submodular here; inf where the limits leave it unknown.
+
+    Cost weights only lower a reward below its AP, so it bounds rewards too. Scores every candidate that may stand.
+    """
+    candidates = progress.objective.candidates
+    options = np.flatnonzero(progress.objective.allowed([]))
+    subsets = np.vstack([rows_of([chosen], progress.size), with_each(chosen, options, progress.size)])
+    ap = progress.figures(subsets).ap
+    if np.isnan(ap).any():
+        return np.inf
+    gain = np.zeros(len(candidates.mounts))
+    np.maximum.at(gain, candidates.mount[options], ap[1:] - ap[0])
+    return float(ap[0] + np.sort(gain)[::-1][: progress.budget].sum())
+
+
+def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
+    """Greedy's certificate for an objective said to be monotone submodular.
+
+    ratio: the share of the optimum it is sure of, which cost weights void; rise: how much a gain was seen to grow.
+    """
+    if rise > TOLERANCE and not _costs(progress.objective):
+        return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
+    ratio = 0.0 if _costs(progress.objective) else ratio
+    bound = online_bound(progress, chosen)
+    promise = f", and at least {ratio:.3f} of the optimum" if ratio else ""
+    note = f"if AP is monotone submodular here, as coverage is: the online bound of Leskovec et al. 2007{promise}"
+    return Certificate("bound", progress.reward, bound, ratio, note)
+
+
+def _costs(objective: Objective) -> bool:
+    return objective.weights.comm > 0 or objective.weights.price > 0

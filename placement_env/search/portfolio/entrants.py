@@ -1,0 +1,220 @@
+"""Entrants: the sensor sets that are worth a detector's judgement, found by several searches with a fast fidelity.
+
+No fast score is right everywhere, and a search goes where its score is wrong. So different searches answer by different
+scores: greedy and swap by the objective, swap by perception entropy (Ma, Liu, Li), CP-SAT by coverage where OR-Tools is
+installed, every set where the candidates are few, and where prices differ a thrifty search for sets that cost less. To
+their answers come neighbours: the best by the objective, and those that no other beats in the objective's reward,
+perception entropy and coverage at once.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.published_surrogates import PerceptionEntropy
+from placement_env.objective import Objective, Stages, Weights
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.result import Result
+from placement_env.search.verification import neighbours
+from toolkit.arrays import Bool, Float64
+from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.code_digest import code_digest
+
+ENTRANTS = 9  # of each number of sensors, beside the searches' own answers
+SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
+EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
+SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
+THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
+NEIGHBOURS_AT_ONCE = 50_000
+FRONT_OF = 400  # neighbours of an answer, the best by reward, of which the front is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Entrants:
+    """sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the
+    searches; searches: those that answered with each; considered: how many sets were scored in all."""
+
+    sets: Bool[np.ndarray, "n C"]
+    predicted: Float64[np.ndarray, " n"]
+    searches: tuple[tuple[str, ...], ...]
+    considered: int
+
+    def arrays(self) -> Arrays:
+        """What a cache keeps of them."""
+        names = np.array([json.dumps(each) for each in self.searches], np.str_)
+        return self.sets, self.predicted, names, np.array([self.considered])
+
+    @staticmethod
+    def of(arrays: Arrays) -> Entrants:
+        """From what `arrays` gave."""
+        sets, predicted, names, considered = arrays
+        searches = tuple(tuple(json.loads(str(each))) for each in names)
+        return Entrants(sets, predicted, searches, int(considered[0]))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much the searches may do. sizes: most sensors of each run of the searches, such as 1, 2, 3; seconds,
+    evaluations: of each search at each size, None for as much as it does by itself; neighbours: that join the answers
+    of each size."""
+
+    sizes: tuple[int, ...]
+    seconds: float | None = None
+    evaluations: int | None = None
+    neighbours: int = ENTRANTS
+
+
+def kept_entrants(
+    objective: Objective,
+    effort: Effort,
+    cache: Cache | None,
+    *,
+    depends_on: str,
+    seed: int = 0,
+    progress: Stages | None = None,
+) -> Entrants:
+    """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
+    beside its candidates and settings, such as the traffic."""
+    code = code_digest(__name__)
+    key = key_of("entrants", code, depends_on, objective.provenance, objective.most_price, vars(effort), seed)
+    kept = None if cache is None else cache.get([key])[0]
+    if kept is not None:
+        return Entrants.of(kept)
+    found = entrants(objective, effort, seed=seed, progress=progress)
+    if cache is not None:
+        cache.put({key: found.arrays()})
+    return found
+
+
+def entrants(objective: Objective, effort: Effort, *, seed: int = 0, progress: Stages | None = None) -> Entrants:
+    """The entrants of all sizes; none where nothing may be built."""
+    answers: dict[bytes, list[str]] = {}
+    rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
+    considered = 0
+    for done, size in enumerate(effort.sizes, 1):
+        own: list[bytes] = []
+        for name, result in _searches(objective, size, effort, seed):
+            considered += result.evaluations
+            row = objective.row(list(result.best.subset))
+            if row.any() and objective.feasible(row[None])[0]:
+                key = np.packbits(row).tobytes()
+                rows[key] = row
+                answers.setdefault(key, []).append(name)
+                own.append(key)
+        if not own:
+            break
+        different = np.array([rows[key] for key in dict.fromkeys(own)])
+        near, count = _neighbours(objective, different, effort.neighbours)
+        considered += count
+        for row in near:
+            rows.setdefault(np.packbits(row).tobytes(), row)
+        if progress is not None:
+            progress("searching", done, len(effort.sizes))
+    if not rows:
+        return Entrants(np.zeros((0, len(objective.candidates)), bool), np.zeros(0), (), considered)
+    keys = list(rows)
+    sets = np.array([rows[key] for key in keys])
+    order = np.argsort(sets.sum(axis=1), kind="stable")
+    searches = tuple(tuple(dict.fromkeys(answers.get(keys[i], ()))) for i in order)
+    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
+
+
+def _searches(objective: Objective, size: int, effort: Effort, seed: int) -> Iterator[tuple[str, Result]]:
+    """The answers of the searches for at most `size` sensors."""
+    limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
+    count = len(objective.candidates)
+    if count <= exhaustive.LARGEST and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS:
+        yield "exhaustive", exhaustive.search(objective, size, **limits)
+    yield "greedy", greedy.search(objective, size, **limits)
+    yield "swap", _swapped(objective, size, effort, seed)
+    by_entropy = entropy_objective(objective)
+    if by_entropy is not None:
+        yield "swap by perception entropy", _swapped(by_entropy, size, effort, seed)
+    if objective.visibility is not None and find_spec("ortools"):
+        solving = 600.0 if effort.seconds is None else effort.seconds
+        yield "cpsat", cpsat.search(objective, size, seed=seed, seconds=solving, effort=SOLVING)
+    prices = objective.candidates.prices
+    if np.ptp(prices) > 0:
+        thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
+        yield "thrifty swap", _swapped(thrifty, size, effort, seed)
+
+
+def _swapped(objective: Objective, size: int, effort: Effort, seed: int) -> Result:
+    most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
+    return swap.search(objective, size, seed=seed, starts=swap.STARTS, seconds=effort.seconds, evaluations=most)
+
+
+def entropy_objective(objective: Objective) -> Objective | None:
+    """The same candidates, weights and budget by the published perception entropy of what they see; None where it is
+    not known what they see."""
+    seen = objective.visibility
+    if seen is None:
+        return None
+    entropy = PerceptionEntropy(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
+    terms: dict[str, Any] = {
+        "site": objective.site,
+        "visibility": seen,
+        "codec": objective.codec,
+        "most_price": objective.most_price,
+    }
+    return Objective.of(objective.candidates, entropy, objective.scheme, objective.weights, **terms)
+
+
+def _neighbours(
+    objective: Objective, answers: Bool[np.ndarray, "n C"], count: int
+) -> tuple[Bool[np.ndarray, "k C"], int]:
+    """The best feasible neighbours of some answers, at most one for each change of mount, and how many were scored. Up
+    to half of them are of the front of several scores, where it is known what candidates see."""
+    best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
+    considered = 0
+    for answer in answers:
+        sets = neighbours(np.flatnonzero(answer), len(answer))[1:][:NEIGHBOURS_AT_ONCE]
+        sets = sets[objective.feasible(sets)]
+        considered += len(sets)
+        if not len(sets):
+            continue
+        reward = objective.scores(sets).reward
+        order = np.argsort(-reward, kind="stable")[:FRONT_OF]
+        best += [(float(reward[i]), sets[i]) for i in order]
+    best.sort(key=lambda pair: -pair[0])
+    ranked = [row for _, row in best]
+    kept = _one_a_mount(objective, ranked, {}, count)
+    if objective.visibility is not None and ranked:
+        kept = _one_a_mount(objective, ranked, {}, count - count // 2)
+        kept = _one_a_mount(objective, _front(objective, np.array(ranked)), kept, count)
+        kept = _one_a_mount(objective, ranked, kept, count)
+    return np.array(list(kept.values()), np.bool_).reshape(len(kept), answers.shape[1]), considered
+
+
+def _one_a_mount(
+    objective: Objective,
+    rows: Iterable[Bool[np.ndarray, " C"]],
+    kept: dict[bytes, Bool[np.ndarray, " C"]],
+    most: int,
+) -> dict[bytes, Bool[np.ndarray, " C"]]:
+    """The sets kept, and the first of the rows on other mounts than any before, up to `most`."""
+    kept = dict(kept)
+    for row in rows:
+        if len(kept) >= most:
+            break
+        kept.setdefault(np.packbits(objective.candidates.per_mount(row[None])[0] > 0).tobytes(), row)
+    return kept
+
+
+def _front(objective: Objective, sets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, "k C"]:
+    """Those that no other beats in reward, perception entropy and coverage at once, by reward."""
+    by_entropy, seen = entropy_objective(objective), objective.visibility
+    if by_entropy is None or seen is None:
+        return sets[:0]
+    coverage = Coverage(seen, objective.scheme, codec=objective.codec, classes=objective.classes)
+    figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
+    return sets[exhaustive.undominated(-np.stack(figures, axis=1))]

@@ -1,0 +1,195 @@
+"""Evaluators: sensor sets scored on fresh traffic, with resamples of blocks of frames that are drawn alike for all.
+
+`DetectorEvaluator` detects; `FastEvaluator` has another fidelity, such as the surrogate, score batches of the frames,
+where there is no detector. Frames of one block of `BLOCK_FRAMES` show the same objects, so that blocks are drawn whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks
+from placement_env.analysis.tally import Tally
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.protocol import Fidelity
+from placement_env.fidelity.visibility import Visibility, see
+from toolkit.arrays import Bool, Float64, Int64
+
+BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
+
+
+class Evaluated(NamedTuple):
+    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets."""
+
+    ap: Float64[np.ndarray, " n"]
+    kbit: Float64[np.ndarray, " n"]
+    resamples: Float64[np.ndarray, "n resamples"]
+
+
+@runtime_checkable
+class Evaluator(Protocol):
+    """Scores sets of candidates on frames of traffic that no search saw."""
+
+    @property
+    def name(self) -> str:
+        """Of the fidelity."""
+        ...
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        ...
+
+    @property
+    def objects(self) -> int:
+        """How many are to be found in all frames."""
+        ...
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames. progress: called with how many frames are done."""
+        ...
+
+
+def evaluator_of(preparation: Preparation, fidelity: str, *, seed: int = 0) -> Evaluator:
+    """The evaluator for a preparation's traffic by the fidelity of a name; seed: of the resamples."""
+    if fidelity == "detector":
+        detected = preparation.fidelity(fidelity)
+        if not isinstance(detected, Detected):
+            raise TypeError("fidelity detector must be Detected")
+        return DetectorEvaluator(detected, seed)
+    return FastEvaluator(preparation, fidelity, seed)
+
+
+def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
+    """The frames of a race: one of every block, in random order, then a second of every block, and so on, so that the
+    first few show as different traffic as can be."""
+    rng = np.random.default_rng(seed)
+    blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
+    rounds = [blocks * BLOCK_FRAMES + place for place in rng.permutation(BLOCK_FRAMES)]
+    order = np.concatenate(rounds).astype(np.int64)
+    return order[order < frames]
+
+
+@dataclass(frozen=True, eq=False)
+class DetectorEvaluator:
+    """By detection; what was detected is kept where `detected` keeps it. seed: of the resamples."""
+
+    detected: Detected
+    seed: int = 0
+    name: str = "detector"
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return self.detected.frames
+
+    @property
+    def objects(self) -> int:
+        """How many are to be found in all frames."""
+        return int(sum(self.detected.scored(k).sum() for k in range(self.frames)))
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames."""
+        detected, classes = self.detected, self.detected.classes
+        rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+        outcomes = detected.outcomes(dict.fromkeys(rows), frames.tolist(), progress)
+        at = detected.ious.index(detected.iou)
+        draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
+        truths = [
+            np.array([detected.to_find(k, label).sum() for k in frames.tolist()], np.int64) for label in classes.labels
+        ]
+        ap, resamples, kbit = np.zeros(len(sets)), np.zeros((len(sets), len(draws))), np.zeros(len(sets))
+        for n, row in enumerate(rows):
+            tallies = [
+                Tally.of([outcome.of_class(label) for outcome in outcomes[row]], there, at)
+                for label, there in zip(classes.labels, truths, strict=True)
+            ]
+            ap[n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
+            resamples[n] = classes.combined(np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1))
+            kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[row]]) / 1000
+        return Evaluated(ap, kbit, resamples)
+
+
+class FastEvaluator:
+    """By a fidelity that scores what candidates see: nothing but the sets asked for is rendered.
+
+    The AP is that of all frames together; its resamples are means over batches of blocks drawn with replacement, moved
+    so that their mean is that AP. seed: of the resamples.
+    """
+
+    def __init__(self, preparation: Preparation, fidelity: str, seed: int = 0) -> None:
+        self.name, self._preparation, self._seed = fidelity, preparation, seed
+        self.frames = len(preparation.traffic)
+        self._seen: dict[bytes, Visibility] = {}
+
+    @property
+    def objects(self) -> int:
+        """How many are to be found in all frames."""
+        return sum(self._look(np.array([0])).labels.shape)
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames."""
+        used = np.flatnonzero(sets.any(axis=0))
+        used = used if len(used) else np.array([0])
+        whole = self._scored_by(used, frames)(sets[:, used])
+        blocks = frames // BLOCK_FRAMES
+        different = np.unique(blocks)
+        batch = np.searchsorted(different, blocks) * min(BATCHES, len(different)) // len(different)
+        parts = np.stack(
+            [self._scored_by(used, frames[batch == b])(sets[:, used]).ap for b in np.unique(batch)], axis=1
+        )
+        draws = draws_of_blocks(np.arange(parts.shape[1]), seed=self._seed) / parts.shape[1]
+        resamples = parts @ draws.T
+        if progress is not None:
+            progress(len(frames))
+        return Evaluated(whole.ap, whole.kbit, resamples - (parts.mean(axis=1) - whole.ap)[:, None])
+
+    def _scored_by(self, used: Int64[np.ndarray, " u"], frames: Int64[np.ndarray, " k"]) -> Fidelity:
+        made = self._preparation
+        seen = of_frames(self._look(used), np.sort(frames))
+        return made.at(made.candidates.select(used), seen).fidelity(self.name)
+
+    def _look(self, used: Int64[np.ndarray, " u"]) -> Visibility:
+        key = used.tobytes()
+        if key not in self._seen:
+            made = self._preparation
+            self._seen[key] = see(
+                made.traffic, made.candidates.select(used), labels=made.classes.labels, workers=made.workers,
+                ray=made.ray, cache=made.disk_cache,
+            )  # fmt: skip
+        return self._seen[key]
+
+
+def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
+    """What is seen in some of the frames, ascending."""
+    own = np.isin(visibility.frame, frames)
+    return replace(
+        visibility,
+        points=visibility.points[:, own],
+        distance=visibility.distance[:, own],
+        frame=np.searchsorted(frames, visibility.frame[own]),
+        boxes=visibility.boxes[own],
+        sent=visibility.sent[:, frames],
+        far=visibility.far[:, frames],
+        labels=visibility.labels[own],
+    )

@@ -1,0 +1,199 @@
+"""Portfolio: several searches, whose answers and neighbours race by the detector on traffic that no search saw.
+
+Three parts of traffic: the searches see the objective's own, the entrants race on the second until it is sure enough
+which is the best (`placement_env.racing.race_until`), and what is said of the answer is from the third. So the AP
+stated carries neither the optimism of the searches nor that of the race: picking the best of many by noisy or biased
+scores overrates it (the winner's curse), by as much as `Contender.curse` says of each search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from placement_env.analysis.intervals import percentiles
+from placement_env.checks import check_whole
+from placement_env.fidelity.preparation import Preparation
+from placement_env.objective import Objective, Stages
+from placement_env.racing import Contest, Resampled, race_until
+from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
+from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, evaluator_of, race_order
+from placement_env.search.progress import Limits
+from placement_env.search.result import Assessment, Certificate, Contender, Result
+from toolkit.arrays import Bool, Float64, Int64
+
+RACE_FRAMES, JUDGED_FRAMES = 96, 120
+AP_TOLERANCE = 0.01  # AP by which another entrant may be better without being asked for
+FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
+SET_FRAMES = 1600.0  # that a race may score
+INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
+SEARCHING = 0.5  # share of the seconds that searches may take together
+SEARCHES = 5  # that share it
+
+
+def search(
+    objective: Objective,
+    budget: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    confidence: float = 0.95,
+    judge: str = "detector",
+    race_frames: int = RACE_FRAMES,
+    final_frames: int = JUDGED_FRAMES,
+    neighbours: int = ENTRANTS,
+    preparation: Preparation | None = None,
+    evaluators: tuple[Evaluator, Evaluator] | None = None,
+    progress: Stages | None = None,
+) -> Result:
+    """The winner of the race. `Result.best` is its score by the objective, `Result.assessment` what the third part of
+    traffic says of it and of each search's own answer.
+
+    seconds: of searches and race, which then ends after the rung it is in; the assessment comes after; evaluations: of
+    each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
+    fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
+    neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
+    must be of a site; evaluators: of race and assessment, in place of all these. Raises ValueError where these do not
+    fit.
+    """
+    check_whole("budget", budget, least=1)
+    if not 0 < confidence < 1:
+        raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
+    limits = Limits(seconds, evaluations)
+    racing, final = evaluators or evaluators_of(objective, preparation, judge, (race_frames, final_frames), seed=seed)
+    each = None if seconds is None else seconds * SEARCHING / SEARCHES
+    found = found_entrants(objective, Effort((budget,), each, evaluations, neighbours), seed, progress)
+    limits.count = found.considered
+    if not len(found.sets):
+        return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
+    ran = contest(
+        objective, found.sets, racing, confidence=confidence, seed=seed, progress=progress,
+        stop=lambda: limits.elapsed >= limits.seconds,
+    )  # fmt: skip
+    if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
+        note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
+        return _without(objective, found.considered, limits, note)
+    winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
+    limits.record(winner.reward)
+    searched = limits.elapsed
+    assessment = _assessed(objective, found, ran, racing, final, asked=confidence, progress=progress)
+    note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
+    certificate = Certificate("none", winner.reward, note=note)
+    history = limits.history(winner.reward)
+    return Result("portfolio", winner, history, certificate, found.considered, searched, assessment=assessment)
+
+
+def _without(objective: Objective, considered: int, limits: Limits, note: str) -> Result:
+    """The answer that nothing is to be built."""
+    best = objective.score([])
+    certificate = Certificate("none", best.reward, note=note)
+    return Result("portfolio", best, limits.history(best.reward), certificate, considered, limits.elapsed)
+
+
+def contest(
+    objective: Objective,
+    sets: Bool[np.ndarray, "n C"],
+    evaluator: Evaluator,
+    *,
+    confidence: float = 0.95,
+    seed: int = 0,
+    most: float = SET_FRAMES,
+    stop: Callable[[], bool] = lambda: False,
+    progress: Stages | None = None,
+) -> Contest:
+    """The race of some sets by their reward with the AP that an evaluator says. most: set-frames to be scored."""
+
+    def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
+        report = None if progress is None else partial(_done, progress, "racing", len(frames))
+        found = evaluator.evaluate(rows, frames, report)
+        cost = costs_of(objective, rows, found.kbit)
+        return Resampled(found.ap - cost, found.resamples - cost[:, None])
+
+    order = race_order(evaluator.frames, seed=seed)
+    first = min(FIRST, evaluator.frames)
+    return race_until(
+        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, most=most, stop=stop
+    )
+
+
+def costs_of(
+    objective: Objective, sets: Bool[np.ndarray, "n C"], kbit: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, " n"]:
+    """What communication and building of sets cost, in AP; kbit: that each sends in all."""
+    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
+    return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
+
+
+def evaluators_of(
+    objective: Objective, preparation: Preparation | None, judge: str, frames: tuple[int, int], *, seed: int = 0
+) -> tuple[Evaluator, Evaluator]:
+    """Of race and assessment, on parts of traffic with seeds of their own, after that of the preparation (None: the
+    objective's own). judge: fidelity; frames: of each. Raises ValueError where there is no preparation."""
+    made = objective.preparation if preparation is None else preparation
+    if made is None:
+        raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site, ...)")
+    race, final = (
+        evaluator_of(replace(made, seed=made.seed + part, frames=count), judge, seed=seed)
+        for part, count in enumerate(frames, 1)
+    )
+    return race, final
+
+
+def found_entrants(objective: Objective, effort: Effort, seed: int, progress: Stages | None) -> Entrants:
+    """The entrants, from the cache of the objective's preparation where it keeps them."""
+    made = objective.preparation
+    cache = None if made is None else made.disk_cache
+    depends_on = "" if made is None else made.traffic.digest()
+    return kept_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, progress=progress)
+
+
+def _assessed(
+    objective: Objective,
+    found: Entrants,
+    ran: Contest,
+    racing: Evaluator,
+    final: Evaluator,
+    *,
+    asked: float,
+    progress: Stages | None,
+) -> Assessment:
+    """The winner and the answer of each search on the third part of the traffic."""
+    winner = int(ran.ranking[0])
+    rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
+    report = None if progress is None else partial(_done, progress, "judging", final.frames)
+    judged = final.evaluate(found.sets[rows], np.arange(final.frames), report)
+    contenders = tuple(
+        _contender(found, int(row), judged, place) for place, row in enumerate(rows) if found.searches[row]
+    )
+    own = _contender(found, winner, judged, 0)
+    return Assessment(
+        by=final.name,
+        ap=own.ap,
+        low=own.low,
+        high=own.high,
+        kbit=float(judged.kbit[0]),
+        objects=final.objects,
+        frames=final.frames,
+        predicted=own.predicted,
+        confidence=ran.confidence,
+        asked=asked,
+        tolerance=AP_TOLERANCE,
+        entrants=len(found.sets),
+        raced=int(ran.frames[0]),
+        contenders=contenders,
+    )
+
+
+def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Contender:
+    ap = float(judged.ap[place])
+    low, high = percentiles(judged.resamples[place], confidence=INTERVAL_SHARE)
+    members = tuple(np.flatnonzero(found.sets[row]).tolist())
+    return Contender(found.searches[row], members, float(found.predicted[row]), ap, min(low, ap), max(high, ap))
+
+
+def _done(progress: Stages, stage: str, total: int, done: int) -> None:
+    progress(stage, done, total)

@@ -1,0 +1,78 @@
+"""coview detect: on a frame of a simulated recording as a plain folder of clouds."""
+
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.records.boxes_file import read_entries
+from toolkit.datasets.samples import read, write_samples
+
+
+@pytest.fixture(scope="session")
+def clouds(recording, tmp_path_factory):
+    """One frame of the recording, as a folder of clouds, its labels beside them."""
+    folder = tmp_path_factory.mktemp("clouds")
+    write_samples([next(read(recording, "hdf5"))], folder, "folder")
+    return folder
+
+
+def test_cars_are_found_in_a_folder_of_clouds(clouds, tmp_path, run):
+    out = tmp_path / "boxes.json"
+    area = ("--area", -40, -20, 40, 20)
+    code, said, _ = run("detect", clouds, "--level", "plane", *area, "--out", out, "--json")
+    assert code == 0
+    summary = json.loads(said)
+    assert summary["samples"] == 1
+    found = read_entries(out)["000000"]["objects"]
+    assert len(found) == summary["detections"] > 0
+    truth = next(read(clouds, "folder", classes=["vehicle"])).objects.boxes
+    places = np.array([[each["x"], each["y"]] for each in found if each["label"] == "vehicle"])
+    near = np.linalg.norm(places[:, None] - truth[:, :2], axis=2).min(axis=1) < 1.0
+    assert near.mean() > 0.5
+
+
+def test_kitti_and_openlabel_text(clouds, tmp_path, run):
+    cloud = sorted(clouds.glob("*/000000.pcd"))[0]
+    for form in ("kitti", "openlabel"):
+        code, said, _ = run("detect", cloud, "--format", form, "--level", "none", "--out", tmp_path / form)
+        assert code == 0
+        assert "detections in 1 clouds" in said
+        assert len(list((tmp_path / form).iterdir())) == 1
+    assert "exists" in run("detect", cloud, "--format", "kitti", "--out", tmp_path / "kitti")[2]
+
+
+def test_what_is_refused(clouds, tmp_path, refused):
+    out = tmp_path / "b.json"
+    assert "give clouds" in refused("detect", "--out", out)
+    assert "no such recording" in refused("detect", tmp_path / "none", "--out", out)
+    assert "no layout 'kiti'" in refused("detect", clouds, "--layout", "kiti", "--out", out)
+    assert "for --layout folder" in refused("detect", clouds, "--layout", "kitti", "--poses", "p.json", "--out", out)
+    assert "is empty" in refused("detect", clouds, "--area", 1, 1, 0, 0, "--out", out)
+    assert "needs a site" in refused("detect", clouds, "--weights", "voxelnet", "--out", out)
+    assert "--frames must be at least 1" in refused("detect", clouds, "--frames", 0, "--out", out)
+    assert not out.exists()
+
+
+def test_evaluate_takes_the_same_folder(clouds, tmp_path, run):
+    area = ("--area", -40, -20, 40, 20)
+    code, said, _ = run("evaluate", clouds, "--layout", "folder", *area, "--level", "none", "--out", tmp_path / "e")
+    assert code == 0
+    for protocol in ("vehicle, ours", "vehicle, KITTI R40", "vehicle, nuScenes", "20-35 m", "5-19 points"):
+        assert protocol in said
+    table = json.loads((tmp_path / "e/table.json").read_text())
+    bev = [
+        row["ap"]
+        for row in table["rows"]
+        if (row["label"], row["measure"], row["among"]) == ("vehicle", "BEV 0.5", "all")
+    ]
+    assert bev[0] > 0.5
+
+
+def test_what_evaluate_refuses_of_clouds(clouds, tmp_path, refused):
+    with_layout = ("evaluate", clouds, "--layout", "folder", "--out", tmp_path / "e")
+    assert "--metric is not for --layout" in refused(*with_layout, "--metric", "bev")
+    assert "--site is not for --layout" in refused(*with_layout, "--site", "tjunction")
+    assert "one set of sensors" in refused(*with_layout, "--sensors", "a", "b")
+    assert "no sensor 'x'" in refused(*with_layout, "--sensors", "x")
+    assert "needs --layout" in refused("evaluate", clouds, "--still", "--out", tmp_path / "e")

@@ -1,0 +1,115 @@
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.visibility import Visibility
+from placement_env.objective import Objective
+from placement_env.search import greedy
+from placement_env.search.exact import cpsat
+
+pytest.importorskip("ortools")
+
+
+def most(seen, mount, budget, views):
+    """Coverage of the best set, by trying all."""
+    best = 0
+    for size in range(1, budget + 1):
+        for chosen in combinations(range(len(seen)), size):
+            if len(set(mount[list(chosen)])) == size:
+                best = max(best, int((seen[list(chosen)].sum(axis=0) >= views).sum()))
+    return best
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000), mounts=st.integers(1, 5), poses=st.integers(1, 3), budget=st.integers(1, 4),
+    views=st.integers(1, 3), density=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
+)  # fmt: skip
+def test_equals_trying_all(seed, mounts, poses, budget, views, density):
+    rng = np.random.default_rng(seed)
+    mount = np.repeat(np.arange(mounts), poses)
+    seen = rng.random((len(mount), 25)) < density
+    cover = cpsat.cover_most(seen, mount, budget, views=views)
+    assert cover.optimal
+    assert cover.covered == cover.bound == most(seen, mount, budget, views)
+    assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
+
+
+def test_what_may_not_stand_does_not(make):
+    seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
+    cover = cpsat.cover_most(seen, np.arange(3), 1, may_stand=np.array([False, True, True]))
+    assert cover.covered == 1
+    assert 0 not in cover.chosen
+
+
+def test_stopped_early_it_still_has_the_start_and_a_bound():
+    rng = np.random.default_rng(0)
+    seen, mount = rng.random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
+    start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
+    cover = cpsat.cover_most(seen, mount, 5, seconds=1e-3)
+    assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.covered >= (seen[start].sum(axis=0) > 0).sum()
+    assert cover.covered <= cover.bound <= 400
+    assert not cover.optimal
+
+
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("seed", range(5))
+def test_bound_holds_wherever_it_is_taken(seed, views):
+    rng = np.random.default_rng(seed)
+    seen, mount = rng.random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
+    weight = np.ones(30, np.int64)
+    for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
+        assert cpsat.bound_at(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
+
+
+def test_merging_keeps_every_object():
+    seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
+    objects, weight = cpsat.merged(seen, np.arange(2), views=1)
+    assert sorted(zip(objects.T.tolist(), weight.tolist(), strict=True)) == [
+        ([False, True], 1),
+        ([True, False], 2),
+        ([True, True], 1),
+    ]
+    assert cpsat.merged(seen, np.zeros(2, np.int64), views=2)[1].size == 0
+
+
+def visible(objective, seed=0, objects=80):
+    rng = np.random.default_rng(seed)
+    n = len(objective.candidates)
+    points = np.where(rng.random((n, objects)) < 0.3, rng.integers(20, 400, (n, objects)), 5).astype(np.float32)
+    sent = np.full((n, 4), 500.0, np.float32)
+    frame = np.repeat(np.arange(4), objects // 4)
+    return Visibility(points, points * 0 + 20, frame, np.zeros((objects, 7)), sent, sent)
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_search_beats_greedy_and_proves_it(make, views):
+    parts = make(6, 2)
+    seen = visible(parts)
+    objective = Objective.of(parts.candidates, Coverage(seen, views=views), "early", visibility=seen)
+    found = cpsat.search(objective, 3, views=views)
+    assert found.certificate.kind == "optimal"
+    assert found.certificate.measure == "coverage"
+    assert found.certificate.gap == 0
+    assert found.best.reward == found.certificate.value == found.history.reward[-1]
+    assert found.best.reward >= greedy.search(objective, 3).best.reward
+
+
+def test_another_objective_gets_the_score_of_the_best_coverage(make):
+    objective = make(6, 2)
+    seen = visible(objective)
+    found = cpsat.search(objective, 3, visibility=seen)
+    assert found.best.reward == objective.score(found.best.subset).reward
+    with pytest.raises(ValueError, match="pass visibility="):
+        cpsat.search(objective, 3)
+
+
+def test_same_seed_same_answer(make):
+    objective = make(8, 3)
+    seen = visible(objective)
+    first, again = (cpsat.search(objective, 3, visibility=seen, seed=3).best.subset for _ in range(2))
+    assert first == again

@@ -1,0 +1,84 @@
+"""Sets worth a judgement: feasible, of every size, within the money, the same again."""
+
+import numpy as np
+import pytest
+
+from placement_env.objective import Objective
+from placement_env.search.portfolio.entrants import Effort, Entrants, entrants, kept_entrants
+from toolkit.runtime.cache import Cache
+
+TWO = Effort((1, 2))
+
+
+def test_every_size_has_the_best_set_of_all(street):
+    found = entrants(street.objective, Effort((1, 2, 3)))
+    assert street.objective.feasible(found.sets).all()
+    sizes = found.sets.sum(axis=1)
+    assert (np.diff(sizes) >= 0).all()
+    best = {size: found.predicted[sizes == size].max() for size in (1, 2, 3)}
+    assert best == {1: 0.5, 2: 0.75, 3: 1.0}
+    assert len(np.unique(found.sets, axis=0)) == len(found.sets)
+    three = int(np.flatnonzero(sizes == 3)[found.predicted[sizes == 3].argmax()])
+    assert {"exhaustive", "greedy"} <= set(found.searches[three])
+    assert found.considered > 14
+    assert np.array_equal(found.predicted, street.objective.scores(found.sets).ap)
+
+
+def test_money_is_kept_to(street):
+    # the sets cost 11, 11, 10.5 and 23
+    tight = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=22.0)
+    found = entrants(tight, Effort((1, 2, 3, 4)))
+    assert tight.price(found.sets).max() == 22.0
+    assert found.sets.sum(axis=1).max() == 2
+
+
+def test_the_same_again(street):
+    first, again = (
+        entrants(street.objective, Effort((1, 2)), seed=3),
+        entrants(street.objective, Effort((1, 2)), seed=3),
+    )
+    assert np.array_equal(first.sets, again.sets)
+    assert (first.searches, first.considered) == (again.searches, again.considered)
+
+
+def test_nothing_to_build(street):
+    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
+    found = entrants(poor, Effort((1, 2)))
+    assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
+
+
+def test_large_pools(make):
+    stages = []
+    found = entrants(
+        make(mounts=6, poses=4), Effort((1, 2), neighbours=3), progress=lambda *stage: stages.append(stage)
+    )
+    assert stages == [("searching", 1, 2), ("searching", 2, 2)]
+    assert not any("exhaustive" in names for names in found.searches)
+    assert 4 <= len(found.sets) <= 14
+
+
+def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
+    cache = Cache()
+    first = kept_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
+    assert first.searches == entrants(street.objective, TWO, seed=1).searches
+    rich = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=900.0)
+    monkeypatch.setattr("placement_env.search.portfolio.entrants.entrants", lambda *_, **__: pytest.fail("searched"))
+    again = kept_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
+    assert np.array_equal(first.sets, again.sets)
+    assert np.array_equal(first.predicted, again.predicted)
+    assert (first.searches, first.considered) == (again.searches, again.considered)
+    for objective, effort, changes in (
+        (street.objective, Effort((1, 2, 3)), {}),
+        (street.objective, Effort((1, 2), evaluations=9), {}),
+        (street.objective, TWO, {"depends_on": "b"}),
+        (street.objective, TWO, {"seed": 2}),
+        (rich, TWO, {}),
+    ):
+        with pytest.raises(pytest.fail.Exception, match="searched"):
+            kept_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
+
+
+def test_none_are_kept_too():
+    none = Entrants(np.zeros((0, 4), bool), np.zeros(0), (), 3)
+    assert Entrants.of(none.arrays()).searches == ()
+    assert Entrants.of(none.arrays()).sets.shape == (0, 4)

@@ -1,0 +1,125 @@
+"""Sets on some frames: the AP that the fidelity says of them, and resamples drawn alike for all sets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.candidates.pool import paper_candidates
+from placement_env.classes import Classes
+from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.visibility import see
+from placement_env.search.portfolio.evaluators import (
+    DetectorEvaluator,
+    FastEvaluator,
+    evaluator_of,
+    of_frames,
+    race_order,
+)
+from toolkit.detection.schemes import scheme_of
+
+SETS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
+
+
+@pytest.fixture
+def prepared(small_traffic):
+    made = Preparation(
+        site=small_traffic.site,
+        candidates=paper_candidates(small_traffic.site),
+        frames=len(small_traffic),
+        scheme=scheme_of("early"),
+    )
+    vars(made).update(traffic=small_traffic, network="general")
+    return made
+
+
+def test_detection_of_some_frames(street):
+    evaluator = DetectorEvaluator(street.detected, seed=3)
+    frames = np.array([5, 1, 2])
+    found = evaluator.evaluate(SETS, frames)
+    expected = street.detected.partial(SETS, frames.tolist())
+    assert found.ap == pytest.approx(expected.ap)
+    assert found.kbit == pytest.approx(expected.kbit)
+    assert found.resamples.shape == (3, 1000)
+    assert found.resamples == pytest.approx(np.repeat(found.ap[:, None], 1000, axis=1))  # all frames are alike
+    assert (evaluator.frames, evaluator.objects, evaluator.name) == (8, 32, "detector")
+
+
+def test_resamples_are_of_blocks_and_the_same_for_every_set(street):
+    class Blind:
+        """Sees nothing in the first block of four frames."""
+
+        def __init__(self, street):
+            self.__dict__.update(vars(street))
+            self.street = street
+
+        def clouds(self, k, c):
+            return self.street.clouds(k, c)[: 0 if k < 4 else None]
+
+        def objects(self, k):
+            return self.street.objects(k)
+
+    blind = Detected(Blind(street.detected.renders), street.detected.detector, "early")
+    found = DetectorEvaluator(blind, seed=1).evaluate(SETS[:2], np.arange(8))
+    assert found.ap == pytest.approx([0.25, 0.375])
+    assert set(found.resamples[0].round(6)) == {0.0, 0.25, 0.5}
+    assert found.resamples[1] == pytest.approx(1.5 * found.resamples[0])
+
+
+def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, small_traffic):
+    evaluator = FastEvaluator(prepared, "coverage", seed=2)
+    sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
+    found = evaluator.evaluate(sets, np.arange(5))
+    seen = see(small_traffic, prepared.candidates)
+    assert found.ap == pytest.approx(Coverage(seen)(sets).ap)
+    assert found.kbit == pytest.approx(Coverage(seen)(sets).kbit)
+    assert found.resamples.mean(axis=1) == pytest.approx(found.ap, abs=0.03)
+    assert found.resamples[0].std() > 0
+    some = evaluator.evaluate(sets, np.array([4, 0]))
+    assert some.ap == pytest.approx(Coverage(of_frames(seen, np.array([0, 4])))(sets).ap)
+    assert evaluator.objects == seen.points.shape[1]
+
+
+def test_what_is_seen_of_some_frames(prepared, small_traffic):
+    seen = see(small_traffic, prepared.candidates)
+    part = of_frames(seen, np.array([1, 4]))
+    assert part.frames == 2
+    assert set(part.frame.tolist()) == {0, 1}
+    assert np.array_equal(part.boxes[part.frame == 1], seen.boxes[seen.frame == 4])
+    assert np.array_equal(part.points[:, part.frame == 0], seen.points[:, seen.frame == 1])
+    assert np.array_equal(part.sent, seen.sent[:, [1, 4]])
+
+
+def test_the_evaluator_for_a_fidelity(prepared, street):
+    assert isinstance(evaluator_of(prepared, "coverage"), FastEvaluator)
+    knowing = replace(prepared, detector=street.detected.detector)
+    vars(knowing).update(traffic=prepared.traffic, network="general")
+    assert isinstance(evaluator_of(knowing, "detector"), DetectorEvaluator)
+
+
+def test_several_classes_are_combined(street):
+    both = Classes(("vehicle", "pedestrian"), combine="worst")
+
+    class Knowing:
+        labels = ("vehicle", "pedestrian")
+        digest = "knowing"
+
+        def __call__(self, points, /):
+            return street.detected.detector(points)
+
+    detected = Detected(street.detected.renders, Knowing(), "early", classes=both)
+    found = DetectorEvaluator(detected).evaluate(SETS, np.arange(8))
+    assert found.ap.tolist() == [0.0, 0.0, 0.0]  # nobody detects the walker
+
+
+@pytest.mark.parametrize("frames", [1, 7, 96])
+def test_a_race_begins_with_a_frame_of_every_block(frames):
+    order = race_order(frames, seed=5)
+    assert sorted(order.tolist()) == list(range(frames))
+    blocks = -(-frames // 4)
+    if not frames % 4:
+        assert sorted((order[:blocks] // 4).tolist()) == list(range(blocks))
+        assert len({*(order[:blocks] % 4)}) == 1
+    assert order.tolist() == race_order(frames, seed=5).tolist()

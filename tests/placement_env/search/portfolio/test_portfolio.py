@@ -1,0 +1,132 @@
+"""A portfolio: searches that are deceived, a race that is not, and an AP that neither has seen."""
+
+import time
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.protocol import Estimate
+from placement_env.objective import Objective, Weights
+from placement_env.search.portfolio import portfolio
+from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated
+
+VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
+
+
+class Truth:
+    """AP of a set: the sum of its sensors' values, in frames with noise."""
+
+    name = "detector"
+
+    def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
+        self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
+        self.objects, self.seconds = 7 * frames, seconds
+
+    def evaluate(self, sets, frames, progress=None):
+        self.asked.append((sets.copy(), len(frames)))
+        time.sleep(self.seconds)
+        ap = sets @ VALUE + self.shift
+        draws = np.random.default_rng(4).standard_normal(500) * self.noise / np.sqrt(len(frames))
+        if progress is not None:
+            progress(len(frames))
+        return Evaluated(ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws))
+
+
+class Deceived:
+    """Takes the first sensor for the best."""
+
+    name = "surrogate"
+
+    def __call__(self, subsets):
+        ap = subsets @ np.array([0.5, 0.2, 0.15, 0.1])
+        return Estimate(ap, ap.copy(), 100.0 * subsets.sum(axis=1))
+
+
+@pytest.fixture
+def deceived(street):
+    return Objective.of(street.candidates, Deceived(), "late")
+
+
+def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(deceived):
+    stages = []
+    race, final = Truth(), Truth(frames=80, shift=-0.05)
+    found = portfolio.search(
+        deceived, 2, evaluators=(race, final), confidence=0.9, progress=lambda *stage: stages.append(stage)
+    )
+    said = found.assessment
+    assert (found.method, found.best.subset) == ("portfolio", (1, 2))  # a neighbour of what all searches answered
+    assert (said.by, said.frames, said.objects) == ("detector", 80, 560)
+    assert said.ap == pytest.approx(0.55 - 0.05)
+    assert said.low <= said.ap <= said.high
+    assert said.kbit == pytest.approx(200.0)
+    assert said.predicted == pytest.approx(0.35)
+    assert said.curse == pytest.approx(0.35 - 0.5)
+    assert said.confidence >= said.asked == 0.9
+    assert said.entrants == len(race.asked[0][0])
+    assert said.raced == race.asked[-1][1] == 12
+    (own,) = said.contenders
+    assert own.searches == ("exhaustive", "greedy", "swap", "thrifty swap")
+    assert own.subset == (0, 1)
+    assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.35, 0.35))
+    assert [len(sets) for sets, _ in final.asked] == [2]
+    assert {stage[0] for stage in stages} == {"searching", "racing", "judging"}
+    assert found.certificate.note == f"raced by the detector: of the {said.entrants} entrants, not of all sets"
+
+
+def test_what_sets_cost_counts_in_the_race(street):
+    poor = Objective.of(street.candidates, Deceived(), "late", Weights(price=0.01))
+    ran = portfolio.contest(poor, np.eye(4, dtype=bool), Truth())
+    prices = poor.price(np.eye(4, dtype=bool))
+    assert ran.ranking[0] == (VALUE - 0.01 * prices).argmax()
+    assert ran.figures[0] == pytest.approx((VALUE - 0.01 * prices).max())
+    linked = Objective.of(street.candidates, Deceived(), "late", Weights(comm=0.001))
+    sets = np.array([[0, 1, 1, 0]], bool)
+    assert portfolio.costs_of(linked, sets, np.array([400.0])) == pytest.approx([0.2])
+
+
+def test_nothing_pays_or_nothing_may_be_built(street):
+    costly = Objective.of(street.candidates, Deceived(), "late", Weights(price=1.0))
+    found = portfolio.search(costly, 2, evaluators=(Truth(), Truth()))
+    assert (found.best.subset, found.assessment) == ((), None)
+    poor = Objective.of(street.candidates, Deceived(), "late", most_price=1.0)
+    assert portfolio.search(poor, 2, evaluators=(Truth(), Truth())).best.subset == ()
+    barely = Objective.of(street.candidates, Deceived(), "late", Weights(price=0.01))
+    worse = Truth(shift=-1.0)
+    lost = portfolio.search(barely, 1, evaluators=(worse, worse))
+    assert (lost.best.subset, lost.assessment) == ((), None)
+    assert "none of the" in lost.certificate.note
+
+
+def test_seconds_end_the_race_and_its_confidence_says_so(deceived):
+    race = Truth(noise=50.0, seconds=0.6)
+    found = portfolio.search(deceived, 2, evaluators=(race, Truth()), seconds=0.6)
+    assert len(race.asked) == 1
+    assert found.assessment.confidence < 0.95
+    assert found.assessment.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
+
+
+def test_it_detects_on_a_real_evaluator(street):
+    evaluator = DetectorEvaluator(street.detected)
+    found = portfolio.search(street.objective, 3, evaluators=(evaluator, evaluator))
+    ap = street.detected.partial(street.objective.row(found.best.subset)[None], 8).ap[0]
+    assert found.assessment.ap == pytest.approx(ap)
+    assert found.assessment.ap == pytest.approx(0.8)
+
+
+def test_it_refuses_what_does_not_fit(deceived):
+    with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
+        portfolio.search(deceived, 2)
+    with pytest.raises(ValueError, match="confidence must lie between 0 and 1, got 1"):
+        portfolio.search(deceived, 2, confidence=1.0)
+    with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
+        portfolio.search(deceived, 0, evaluators=(Truth(), Truth()))
+
+
+def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
+    objective = Objective("tjunction", 2, fidelity="coverage", cache=tmp_path)
+    asked = {"judge": "coverage", "race_frames": 3, "final_frames": 2}
+    first, again = (portfolio.search(objective, 2, seed=1, **asked) for _ in range(2))
+    assert first.assessment == again.assessment
+    assert (first.assessment.by, first.assessment.frames) == ("coverage", 2)
+    fresh = Objective("tjunction", 2, fidelity="coverage", seed=2)
+    assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)

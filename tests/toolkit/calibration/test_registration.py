@@ -1,0 +1,190 @@
+import numpy as np
+import pytest
+
+from toolkit.calibration.registration import (
+    LEVER,
+    Surface,
+    after_motion,
+    motion_between,
+    one_each,
+    register,
+    resistance,
+    tukey,
+)
+from toolkit.geometry import invert, look, pose, transform
+from toolkit.sensors.errors.pose_errors import rotation_about
+
+
+def plane(rng, origin, one, two, count):
+    """Points on a parallelogram, and its normal for each."""
+    one, two = np.array(one, float), np.array(two, float)
+    points = np.array(origin) + rng.random((count, 1)) * one + rng.random((count, 1)) * two
+    normal = np.cross(one, two)
+    return points, np.tile(normal / np.linalg.norm(normal), (count, 1))
+
+
+def surface_of(*planes):
+    points, normals = (np.concatenate(parts) for parts in zip(*planes, strict=True))
+    return Surface(points, normals, np.zeros(len(points)))
+
+
+def corner(rng, count=4000):
+    """Ground, and two walls at a corner."""
+    return surface_of(
+        plane(rng, [-10, -10, 0], [30, 0, 0], [0, 30, 0], 4 * count),
+        plane(rng, [-10, 20, 0], [30, 0, 0], [0, 0, 6], count),
+        plane(rng, [20, -10, 0], [0, 30, 0], [0, 0, 6], count),
+    )
+
+
+def off(deg, metres, rng):
+    axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
+    error = np.eye(4)
+    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad(deg) * axis), metres * way
+    return error
+
+
+def turned(a, b):
+    return np.rad2deg(np.linalg.norm((a[:3, :3] @ b[:3, :3].T - np.eye(3)).ravel()) / np.sqrt(2))
+
+
+TRUE = look((0.0, 0.0, 5.0), heading=0.7, tilt=0.3)
+
+
+@pytest.mark.parametrize(("deg", "metres"), [(1.0, 0.1), (3.0, 0.22), (5.0, 0.5)])
+def test_a_crooked_sensor_is_put_right(deg, metres):
+    rng = np.random.default_rng(0)
+    reference, seen = corner(rng), corner(rng, 1500)
+    points = transform(invert(TRUE), seen.points) + 0.01 * rng.standard_normal(seen.points.shape)
+    found = register(points, reference, TRUE @ off(deg, metres, rng))
+    assert turned(found.pose, TRUE) < 0.02
+    assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.005
+    assert len(found.unobserved) == 0
+    assert found.overlap > 0.4
+    assert found.scatter < 0.02
+    assert np.isfinite(found.deviations).all()
+    assert (found.deviations[3:] < 0.01).all()
+
+
+def test_a_bare_plane_leaves_two_moves_and_a_turn_as_they_were_believed():
+    rng = np.random.default_rng(1)
+    ground = surface_of(plane(rng, [-20, -20, 0], [40, 0, 0], [0, 40, 0], 20000))
+    true = pose(1.0, 2.0, 5.0, yaw=0.4)
+    points = transform(invert(true), ground.points[::5]) + 0.01 * rng.standard_normal((4000, 3))
+    believed = pose(1.0, 2.0, 5.2, yaw=0.4, pitch=0.02, roll=-0.01)
+    found = register(points, ground, believed)
+    assert len(found.unobserved) == 3
+    hidden = np.abs(found.unobserved).max(axis=0)
+    assert hidden[[0, 1, 5]].max() < 0.05
+    assert hidden[[2, 3, 4]].min() > 0.5
+    assert np.isinf(found.deviations).tolist() == [False, False, True, True, True, False]
+    assert found.pose[2, 3] == pytest.approx(5.0, abs=0.005)
+    assert turned(found.pose, true) < 0.1
+    assert np.abs(found.pose[:2, 3] - [1.0, 2.0]).max() < 0.03
+
+
+def test_a_single_wall_leaves_the_move_along_it():
+    rng = np.random.default_rng(2)
+    street = surface_of(
+        plane(rng, [-20, -5, 0], [40, 0, 0], [0, 15, 0], 12000), plane(rng, [-20, 10, 0], [40, 0, 0], [0, 0, 6], 6000)
+    )
+    points = transform(invert(TRUE), street.points[::4])
+    found = register(points, street, TRUE @ off(0.5, 0.05, rng))
+    assert len(found.unobserved) == 1
+    np.testing.assert_allclose(np.abs(found.unobserved[0]), [0, 0, 0, 1, 0, 0], atol=0.05)
+    assert found.pose[1, 3] == pytest.approx(0.0, abs=0.01)
+
+
+def test_what_is_not_in_the_reference_does_not_pull():
+    """Two in five points lie on parked cars that the reference does not have."""
+    rng = np.random.default_rng(3)
+    reference, seen = corner(rng), corner(rng, 1000)
+    cars = rng.uniform([0, 0, 0.1], [12, 12, 1.6], (4000, 3))
+    points = transform(invert(TRUE), np.concatenate([seen.points, cars]))
+    found = register(points, reference, TRUE @ off(1.0, 0.1, rng))
+    assert turned(found.pose, TRUE) < 0.05
+    assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
+
+
+def test_noisy_points_count_less():
+    rng = np.random.default_rng(4)
+    reference, seen = corner(rng), corner(rng, 1000)
+    world = seen.points.copy()
+    far = world[:, 0] > 12
+    world[far] += 0.08 * rng.standard_normal((int(far.sum()), 3)) + np.array([[0.06, 0, 0.06]])
+    points = transform(invert(TRUE), world)
+    equal = register(points, reference, TRUE)
+    weighed = register(points, reference, TRUE, deviation=np.where(far, 0.3, 0.01))
+    error = [np.linalg.norm(each.pose[:3, 3] - TRUE[:3, 3]) for each in (equal, weighed)]
+    assert error[1] < error[0]
+
+
+def test_the_motion_of_the_world_moves_what_is_found():
+    rng = np.random.default_rng(5)
+    reference, seen = corner(rng), corner(rng, 1000)
+    points, believed = transform(invert(TRUE), seen.points), TRUE @ off(1.0, 0.1, rng)
+    motion = pose(30.0, -12.0, 4.0, yaw=0.5)
+    moved_surface = Surface(
+        transform(motion, reference.points), reference.normals @ motion[:3, :3].T, reference.roughness
+    )
+    one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
+    np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
+
+
+def test_points_far_from_the_reference_are_refused():
+    rng = np.random.default_rng(6)
+    reference = corner(rng, 500)
+    with pytest.raises(ValueError, match=r"0 of \d+ points lie within 3 m of the reference, 50 are needed"):
+        register(rng.uniform(400, 410, (500, 3)), reference, np.eye(4))
+    with pytest.raises(ValueError, match="0 of 0 points"):
+        register(np.zeros((0, 3)), reference, np.eye(4))
+
+
+def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
+    rng = np.random.default_rng(7)
+    points, normals = rng.uniform(-20, 20, (40, 3)), rng.standard_normal((40, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    local = transform(invert(TRUE), points)
+    rows = resistance(points, TRUE[:3, 3], normals)
+    for k in range(6):
+        motion = np.zeros(6)
+        motion[k] = 1e-6
+        along = ((transform(after_motion(TRUE, motion), local) - points) * normals).sum(axis=1)
+        np.testing.assert_allclose(along / 1e-6, rows[:, k], atol=1e-4)
+
+
+def test_a_turn_counts_as_the_move_of_a_point_at_the_levers_end():
+    after = after_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
+    assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
+    assert after[:3, 3].tolist() == [1, 2, 3]
+
+
+def test_the_motion_between_poses_is_the_one_that_was_made():
+    motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
+    np.testing.assert_allclose(motion_between(TRUE, after_motion(TRUE, motion)), motion, atol=1e-12)
+    assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
+
+
+def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
+    """Walls a metre and a half apart look alike; only the right place has all of them."""
+    rng = np.random.default_rng(8)
+    ground = plane(rng, [-10, -10, 0], [30, 0, 0], [0, 30, 0], 12000)
+    fins = [plane(rng, [x, 12, 0], [0, 2, 0], [0, 0, 3], 800) for x in np.arange(-4, 9, 1.5)]
+    end = plane(rng, [9.0, 5, 0], [0, 9, 0], [0, 0, 5], 2500)
+    back = plane(rng, [-10, 14.5, 0], [20, 0, 0], [0, 0, 5], 2500)
+    reference = surface_of(ground, *fins, end, back)
+    points = transform(invert(TRUE), reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape))
+    turned_off = after_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
+    found = register(points, reference, turned_off)
+    assert turned(found.pose, TRUE) < 0.05
+    assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
+
+
+def test_tukeys_weights_end_at_the_limit():
+    assert tukey(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
+
+
+def test_one_point_of_each_cube_stays():
+    points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
+    assert one_each(points, 1.0).tolist() == [0, 2, 3, 4]
+    assert one_each(points[:0], 1.0).tolist() == []

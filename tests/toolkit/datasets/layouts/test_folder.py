@@ -1,0 +1,108 @@
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.layouts.folder import epoch_of, folder
+from toolkit.geometry import pose
+
+
+def put(path, points=((1.0, 0, 0),)):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, np.array(points))
+
+
+def test_clouds_in_the_folder_itself_are_one_sensors(tmp_path):
+    put(tmp_path / "b.npy")
+    put(tmp_path / "a.npy")
+    samples = list(folder(tmp_path))
+    assert [sample.name for sample in samples] == ["a", "b"]
+    assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["lidar"], ["lidar"]]
+    assert len(samples[0].objects) == 0
+
+
+def test_sensors_share_names_of_files(tmp_path):
+    for name in ("north/0.npy", "south/0.npy", "south/1.npy"):
+        put(tmp_path / name)
+    samples = list(folder(tmp_path))
+    assert [[cloud.name for cloud in sample.clouds] for sample in samples] == [["north", "south"], ["south"]]
+
+
+def test_sensors_with_other_times_go_by_their_order(tmp_path):
+    for name in ("north/100.npy", "north/200.npy", "south/101.npy", "south/201.npy"):
+        put(tmp_path / name)
+    assert [(sample.name, len(sample.clouds)) for sample in folder(tmp_path)] == [("100", 2), ("200", 2)]
+
+
+def test_poses_of_sensors_and_of_moving_ones(tmp_path):
+    for name in ("north/0.npy", "car/0.npy", "car/1.npy"):
+        put(tmp_path / name)
+    poses = {
+        "north": pose(10.0).ravel().tolist(),
+        "car/0": pose(20.0).ravel().tolist(),
+        "1": pose(30.0).ravel().tolist(),
+    }
+    (tmp_path / "poses.json").write_text(json.dumps(poses))
+    first, second = folder(tmp_path)
+    assert first.points()[:, 0].tolist() == [21, 11]
+    assert second.points()[:, 0].tolist() == [31]
+
+
+def test_another_pose_file_and_one_that_is_inverted(tmp_path):
+    put(tmp_path / "clouds/0.npy")
+    (tmp_path / "p.json").write_text(json.dumps({"lidar": pose(10.0).ravel().tolist()}))
+    (sample,) = folder(tmp_path / "clouds", poses=tmp_path / "p.json")
+    assert sample.points()[0, 0] == 11
+    (sample,) = folder(tmp_path / "clouds", poses=tmp_path / "p.json", inverted=True)
+    assert sample.points()[0, 0] == -9
+    (tmp_path / "q.json").write_text(json.dumps({"other": pose(10.0).ravel().tolist()}))
+    with pytest.raises(ValueError, match="has poses other, but the sensors are lidar"):
+        folder(tmp_path / "clouds", poses=tmp_path / "q.json")
+
+
+def test_a_sensor_without_a_pose_is_named(tmp_path):
+    put(tmp_path / "north/0.npy")
+    put(tmp_path / "south/0.npy")
+    (tmp_path / "poses.json").write_text(json.dumps({"north": pose(1.0).ravel().tolist()}))
+    with pytest.raises(ValueError, match="no pose of south/0: the pose file has north"):
+        list(folder(tmp_path))
+
+
+def test_labels_beside_the_clouds(tmp_path):
+    put(tmp_path / "0.npy")
+    row = {
+        "label": "cyclist",
+        "x": 1,
+        "y": 2,
+        "z": 3,
+        "length": 2,
+        "width": 1,
+        "height": 1.5,
+        "yaw_deg": 90,
+        "points": 4,
+    }
+    labels = {"coview": "boxes", "version": 1, "samples": [{"name": "0", "objects": [row]}]}
+    (tmp_path / "labels.json").write_text(json.dumps(labels))
+    (sample,) = folder(tmp_path)
+    np.testing.assert_allclose(sample.objects.boxes, [[1, 2, 3, 2, 1, 1.5, np.pi / 2]])
+    assert sample.objects.labels.tolist() == [1]
+    assert sample.counts.tolist() == [4]
+
+
+def test_one_file_is_a_recording_too(tmp_path):
+    put(tmp_path / "one.npy")
+    put(tmp_path / "two.npy")
+    assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
+
+
+@pytest.mark.parametrize(
+    ("name", "time"),
+    [("1646667310.044", 1646667310.044), ("1646667310044", 1646667310.044), ("1646667310044000000", 1646667310.044)],
+)
+def test_names_that_are_times(name, time):
+    assert epoch_of(name) == pytest.approx(time)
+
+
+@pytest.mark.parametrize("name", ["000017", "17", "a", "1e30", "nan"])
+def test_names_that_are_none(name):
+    assert np.isnan(epoch_of(name))

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from toolkit.datasets.sample import Everywhere, ImageWedge, Rectangle, Region, Sample, SensorCloud
+from toolkit.geometry import pose
+from toolkit.objects import Objects
+
+POINTS = np.array([[1.0, 0, 0], [2, 0, 0]], np.float32)
+
+
+def test_points_of_some_sensors_in_the_world():
+    clouds = (SensorCloud("a", POINTS, pose(10.0, yaw=np.pi / 2)), SensorCloud("b", POINTS, pose(99.0), "world"))
+    sample = Sample("0", clouds, Objects.empty())
+    np.testing.assert_allclose(sample.points(), [[10, 1, 0], [10, 2, 0], [1, 0, 0], [2, 0, 0]], atol=1e-9)
+    assert sample.seen_by(["b"]).points().tolist() == [[1, 0, 0], [2, 0, 0]]
+    assert sample.seen_by([]).points().shape == (0, 3)
+    with pytest.raises(ValueError, match="no sensor 'c': it has a, b"):
+        sample.seen_by(["c"])
+    assert sample.points().dtype == np.float64
+
+
+def test_map_coordinates_keep_their_millimetres():
+    cloud = SensorCloud("a", np.array([[0.001, 0, 0]], np.float32), pose(5e6))
+    assert cloud.in_world()[0, 0] - 5e6 == pytest.approx(0.001, abs=1e-8)
+
+
+def test_some_of_the_objects():
+    boxes = np.tile([0, 0, 0, 1, 1, 1, 0.0], (3, 1))
+    sample = Sample("0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7]))
+    some = sample.of(np.array([True, False, True]))
+    assert some.objects.labels.tolist() == [0, 2]
+    assert some.categories == ("a", "c")
+    assert some.counts.tolist() == [5, 7]
+
+
+@pytest.mark.parametrize(
+    ("made", "names"),
+    [
+        (lambda: SensorCloud("a", POINTS, np.diag([1.0, 1, -1, 1])), "pose of 'a' must be a rotation"),
+        (lambda: SensorCloud("a", POINTS, np.eye(4), time=np.zeros(3)), "time of 'a' must be of 2 points"),
+        (lambda: Sample("0", (SensorCloud("a", POINTS, np.eye(4)),) * 2, Objects.empty()), "different names"),
+        (lambda: Sample("0", (), Objects.empty(), ("a",)), "0 objects but 1 categories"),
+        (lambda: Sample("0", (), Objects.empty(), (), np.array([1])), "0 objects but 1 counts"),
+    ],
+)
+def test_what_does_not_fit_is_refused(made, names):
+    with pytest.raises((ValueError, TypeError), match=f"{names}|Type-check"):
+        made()
+
+
+def test_regions():
+    boxes = np.array([[0, 0, 0, 1, 1, 1, 0], [5, 0, 0, 1, 1, 1, 0.0]])
+    assert Everywhere().covers(boxes).tolist() == [True, True]
+    assert Rectangle((-1.0, -1.0, 4.0, 1.0)).covers(boxes).tolist() == [True, False]
+    assert isinstance(Rectangle((0.0, 0.0, 1.0, 1.0)), Region)
+
+
+def test_the_rectangle_of_a_box_in_an_image():
+    """A camera at the origin that looks along z: a box of 2 m at 10 m is 200 pixels wide at its nearer face."""
+    wedge = ImageWedge(np.array([[900.0, 0, 500, 0], [0, 900, 400, 0], [0, 0, 1, 0]]), 1000, 800)
+    boxes = np.array([[0, 0, 10, 2, 2, 2, 0], [0, 0, -10, 2, 2, 2, 0.0], [9.0, 0, 10, 20, 2, 2, 0]])
+    left, top, right, bottom = wedge.rectangles(boxes)[0]
+    assert (left, top, right, bottom) == (400, 300, 600, 500)
+    assert wedge.rectangles(boxes)[1].tolist() == [0, 0, 0, 0]
+    assert wedge.rectangles(boxes)[2].tolist() == [400, 300, 999, 500]
+    assert wedge.rectangles(np.zeros((0, 7))).shape == (0, 4)
+    assert wedge.covers(boxes).tolist() == [True, False, False]
+    half = ImageWedge(wedge.projection, 1000, 800, ((300.0, 200.0, 499.0, 600.0),))
+    assert half.covers(boxes[:1]).tolist() == [True]
+    most = ImageWedge(wedge.projection, 1000, 800, ((300.0, 200.0, 501.0, 600.0),))
+    assert most.covers(boxes[:1]).tolist() == [False]

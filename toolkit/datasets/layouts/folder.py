@@ -1,0 +1,130 @@
+"""Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json where there are some.
+
+World frame: that of the poses, world_SE3_sensor; without a pose file the clouds are taken to be in it already.
+
+- Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
+- Sensors' files of one name are one sample; where no two sensors share a name and all have equally many, the k-th of
+  each are, in the order of their names.
+- A pose goes by the name of the sensor, or of SENSOR/NAME or NAME where it moves.
+- labels.json is `toolkit.datasets.records.boxes_file`, by the names of the samples.
+- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.datasets.cloud_files import Pose, read_poses
+from toolkit.datasets.records.boxes_file import boxes_record, objects_in, read_entries, write_boxes
+from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
+from toolkit.datasets.records.fields import Listing
+from toolkit.datasets.records.labels import no_labels
+from toolkit.datasets.sample import Sample
+from toolkit.runtime.files import write_text
+
+POSES = ("poses.json", "poses.txt", "poses.csv")
+LABELS_FILE = "labels.json"
+ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
+_EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
+
+
+def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> Listing:
+    """The samples of a folder, or of one cloud file; poses: a file of poses, the folder's own when None; inverted: it
+    gives world → sensor. Raises FileNotFoundError where there are no clouds."""
+    names = _named({ALONE: [path]} if path.is_file() else _clouds(path))
+    if not names:
+        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: give --layout?")
+    base = path.parent if path.is_file() else path
+    own = next((base / each for each in POSES if (base / each).is_file()), None)
+    given = poses or own
+    placed = {} if given is None else read_poses(given, inverted=inverted)
+    sensors = {sensor for files in names.values() for sensor in files}
+    if poses and not placed.keys() & _keys(names):
+        raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {', '.join(sorted(sensors))}")
+    labels = base / LABELS_FILE
+    entries = read_entries(labels) if labels.is_file() else {}
+
+    def load(name: str) -> Sample:
+        problems: dict[str, int] = {}
+        clouds = tuple(
+            read_cloud(file, sensor, _pose(placed, sensor, file), problems) for sensor, file in names[name].items()
+        )
+        found = objects_in(labels, entries[name], problems) if name in entries else no_labels()
+        return Sample(name, clouds, *found, time=epoch_of(name), problems=problems)
+
+    return Listing(tuple(names), load)
+
+
+def _clouds(path: Path) -> dict[str, list[Path]]:
+    if not path.is_dir():
+        raise FileNotFoundError(f"no such folder or cloud file: {path}")
+    below = {each.name: _files(each) for each in sorted(path.iterdir()) if each.is_dir()}
+    return {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(
+        file for file in path.iterdir()
+        if file.suffix.lower() in ENDINGS and file.name not in POSES and not file.name.startswith(".")
+    )  # fmt: skip
+
+
+def _named(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
+    by_stem: dict[str, dict[str, Path]] = {}
+    for sensor, files in clouds.items():
+        for file in files:
+            by_stem.setdefault(file.stem.removesuffix(".pcd"), {})[sensor] = file
+    apart = len(clouds) > 1 and all(len(files) == 1 for files in by_stem.values())
+    if apart and len({len(files) for files in clouds.values()}) == 1:
+        first = next(iter(clouds.values()))
+        return {file.stem: {s: files[k] for s, files in clouds.items()} for k, file in enumerate(first)}
+    return dict(sorted(by_stem.items()))
+
+
+def _keys(names: Mapping[str, Mapping[str, Path]]) -> set[str]:
+    files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
+    return {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}
+
+
+def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
+    stem = file.stem.removesuffix(".pcd")
+    for key in (f"{sensor}/{stem}", stem, sensor):
+        if key in placed:
+            return placed[key]
+    if placed and len(placed) == 1 and next(iter(placed)) == "0":
+        return placed["0"]  # the one pose of a file without names
+    if placed:
+        raise ValueError(f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}")
+    return np.eye(4)
+
+
+def epoch_of(name: str) -> float:
+    """Seconds since 1970 that a name says, NaN where it says none.
+
+    >>> epoch_of("1646667310.044"), epoch_of("1646667310044000000")
+    (1646667310.044, 1646667310.044)
+    """
+    try:
+        value = float(name)
+    except ValueError:
+        return float("nan")
+    return next((value * unit for least, unit in _EPOCH if least <= value < 1e20), float("nan"))
+
+
+def write_folder(samples: Iterable[Sample], path: Path) -> int:
+    """Write samples as SENSOR/000000.pcd and on, with labels.json and the pose of every cloud. How many."""
+    entries, lines = [], []
+    for k, sample in enumerate(samples):
+        name = f"{k:06d}"
+        for cloud in sample.clouds:
+            placed = cloud.world_SE3_sensor if cloud.frame == "sensor" else np.eye(4)
+            write_cloud(path / cloud.name / f"{name}.pcd", cloud)
+            lines.append(f"{cloud.name}/{name} " + " ".join(f"{value:.17g}" for value in placed[:3].ravel()))
+        entries.append(boxes_record(name, sample.time, sample.objects, counts=sample.counts))
+    if entries:
+        write_boxes(path / LABELS_FILE, entries)
+        write_text(path / "poses.txt", "\n".join(lines) + "\n")
+    return len(entries)

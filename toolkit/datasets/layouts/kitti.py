@@ -1,0 +1,186 @@
+"""KITTI's object detection: velodyne/*.bin, label_2/*.txt, calib/*.txt, in the folder or in training/ below it.
+
+World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground.
+
+- A label is `type truncated occluded alpha left top right bottom h w l x y z ry [score]`: sizes in the order height,
+  width, length; x y z is the centre of the **floor** in the **rectified camera's** frame (x right, y down, z forward);
+  ry turns about its y, which points down, from its x, so that a car ahead with ry = 0 faces right.
+- Rectified camera ← lidar is R0_rect · Tr_velo_to_cam, and neither rotation is exactly one.
+- Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the image in which nobody
+  labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
+- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.datasets.records.clouds import intensity_of, read_cloud
+from toolkit.datasets.records.fields import Listing, as_number, named_damage, numbers, rigid, rigid_matrix, text_of
+from toolkit.datasets.records.labels import labelled, no_labels
+from toolkit.datasets.sample import ImageWedge, Region, Sample
+from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
+from toolkit.objects import LABELS, Detections
+from toolkit.runtime.files import write_bytes, write_text
+
+IMAGE = 1242, 375  # pixels, where there is no image to say
+_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
+_FOCAL = 721.5377  # of the camera that is written where a recording has none
+
+
+class _Calibration(NamedTuple):
+    camera_SE3_lidar: np.ndarray
+    projection: np.ndarray  # (3, 4) of camera 2, rectified camera → pixels
+
+
+def kitti(path: Path) -> Listing:
+    """The samples of a folder. Raises FileNotFoundError where it is none of KITTI's."""
+    folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
+    if folder is None:
+        raise FileNotFoundError(f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/")
+    names = tuple(sorted(file.stem for file in (folder / "velodyne").glob("*.bin")))
+    if not names:
+        raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
+    return Listing(names, lambda name: _sample(folder, name))
+
+
+def _sample(folder: Path, name: str) -> Sample:
+    problems: dict[str, int] = {}
+    cloud = read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
+    labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
+    if not labels.is_file():
+        return Sample(name, (cloud,), *no_labels(), problems=problems)
+    with named_damage(calib, "calibration"):
+        calibration = _calibration(text_of(calib))
+    with named_damage(labels, "list of labels"):
+        rows = [line.split() for line in text_of(labels).splitlines() if line.strip()]
+        values = np.array([_values(row) for row in rows]).reshape(-1, 14)
+        real = np.array([row[0] != "DontCare" for row in rows], bool)
+        boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
+    found = labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
+    wedge = ImageWedge(
+        calibration.projection @ calibration.camera_SE3_lidar,
+        *_image_size(folder / "image_2" / f"{name}.png"),
+        tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist()),
+    )
+    return Sample(name, (cloud,), *found, complete=wedge, problems=problems)
+
+
+def _values(row: list[str]) -> list[float]:
+    if len(row) not in (15, 16):
+        raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
+    return [as_number(cell) for cell in row[1:15]]
+
+
+def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarray, "n 7"]:
+    height, width, length = values[:, 7:10].T
+    centre = values[:, 10:13] - np.stack([0 * height, height / 2, 0 * height], axis=1)
+    # ry = 0 is the camera's x: turned about y, which points down, forward is (cos ry, 0, -sin ry)
+    turn = values[:, 13]
+    ahead = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1) @ lidar_SE3_camera[:3, :3].T
+    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
+
+
+def _calibration(text: str) -> _Calibration:
+    lines = [line.split() for line in text.splitlines() if line.strip()]
+    entries = {words[0].removesuffix(":"): words[1:] for words in lines}
+
+    def named(*names: str) -> list[str]:
+        for name in names:
+            if name in entries:
+                return entries[name]
+        raise ValueError(f"it has no {names[0]}")
+
+    rectification = rigid(named("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
+    camera_SE3_lidar = rectification @ rigid_matrix(named("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
+    projection = numbers(named("P2"), 12, "P2").reshape(3, 4)
+    if not np.isfinite(projection).all():
+        raise ValueError("P2 holds NaN or infinite numbers")
+    return _Calibration(camera_SE3_lidar, projection)
+
+
+def _image_size(image: Path) -> tuple[int, int]:
+    """Width and height in the header of a PNG, the usual ones where there is none."""
+    head = image.open("rb").read(24) if image.is_file() else b""
+    if len(head) == 24 and head[:8] == b"\x89PNG\r\n\x1a\n":
+        width, height = struct.unpack(">II", head[16:24])
+        return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE
+    return IMAGE
+
+
+def write_kitti(samples: Iterable[Sample], folder: Path) -> int:
+    """Write samples as training/ of KITTI, 000000 and on; the clouds of a sample become one, in its world frame.
+
+    The camera is that of the sample's labels, else one at the origin that looks along x. How many were written.
+    """
+    written = 0
+    for written, sample in enumerate(samples, 1):
+        name, place = f"{written - 1:06d}", folder / "training"
+        points = [np.column_stack([cloud.in_world(), intensity_of(cloud)]) for cloud in sample.clouds]
+        cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
+        camera_SE3_lidar = invert(BODY_SE3_CAMERA)
+        wedge, projection = _camera(sample.complete, camera_SE3_lidar)
+        write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
+        write_text(place / "label_2" / f"{name}.txt", kitti_text(sample, camera_SE3_lidar, wedge))
+        write_text(place / "calib" / f"{name}.txt", _calib_text(camera_SE3_lidar, projection))
+    return written
+
+
+def kitti_text(
+    sample: Sample,
+    camera_SE3_lidar: np.ndarray | None = None,
+    wedge: ImageWedge | None = None,
+    *,
+    found: Detections | None = None,
+) -> str:
+    """The labels of a sample as label_2 has them, or what was found in it, with scores, in the frame of a camera: one
+    at the origin that looks along x if none is given."""
+    camera = invert(BODY_SE3_CAMERA) if camera_SE3_lidar is None else camera_SE3_lidar
+    wedge = _camera(sample.complete, camera)[0] if wedge is None else wedge
+    shown = sample.objects if found is None else found
+    own = sample.categories if found is None else ()
+    names = [_NAMES[LABELS[label]] for label in shown.labels]
+    names = [category if category in _OWN else name for category, name in zip(own or names, names, strict=True)]
+    ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
+    rows = zip(shown.boxes, names, wedge.rectangles(shown.boxes), ends, strict=True)
+    lines = [kitti_line(box, name, camera, rectangle) + end for box, name, rectangle, end in rows]
+    for left, top, right, bottom in wedge.ignored if found is None else ():
+        lines.append(f"DontCare -1 -1 -10 {left:.2f} {top:.2f} {right:.2f} {bottom:.2f} -1 -1 -1 -1000 -1000 -1000 -10")
+    return "".join(line + "\n" for line in lines)
+
+
+_OWN = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc"}
+
+
+def kitti_line(box: np.ndarray, name: str, camera_SE3_lidar: np.ndarray, rectangle: np.ndarray) -> str:
+    """One box as a line of label_2, its rectangle in the image given."""
+    *_, length, width, height, yaw = box
+    x, y, z = transform(camera_SE3_lidar, box[None, :3])[0]
+    ahead = camera_SE3_lidar[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
+    turn = np.arctan2(-ahead[2], ahead[0])
+    alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
+    image = " ".join(f"{edge:.2f}" for edge in rectangle)
+    sizes = f"{height:.6f} {width:.6f} {length:.6f}"
+    return f"{name} 0 0 {alpha:.6f} {image} {sizes} {x:.6f} {y + height / 2:.6f} {z:.6f} {turn:.6f}"
+
+
+def _camera(complete: Region, camera_SE3_lidar: np.ndarray) -> tuple[ImageWedge, np.ndarray]:
+    """The wedge of the labels and its projection from the camera: the sample's own, or a camera that looks along x."""
+    if isinstance(complete, ImageWedge):
+        return complete, complete.projection @ invert(camera_SE3_lidar)
+    width, height = IMAGE
+    own = np.array([[_FOCAL, 0, width / 2, 0], [0, _FOCAL, height / 2, 0], [0, 0, 1, 0]])
+    return ImageWedge(own @ camera_SE3_lidar, width, height), own
+
+
+def _calib_text(camera_SE3_lidar: np.ndarray, projection: np.ndarray) -> str:
+    entries = {f"P{k}": projection for k in range(4)}
+    entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": camera_SE3_lidar[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
+    return "".join(f"{k}: {' '.join(f'{v:.12e}' for v in m.ravel())}\n" for k, m in entries.items())

@@ -1,0 +1,163 @@
+"""ASAM OpenLABEL as the TUM Traffic (A9) sets write it: one JSON file per cloud, *.pcd beside or below.
+
+World frame: that of the cuboids, which in TUM Traffic is the lidar's own, z roughly up; where the file's coordinate
+systems say where a sensor stands, clouds are placed by that.
+
+- A cuboid's `val` is x y z, then the quaternion **x y z w**, then length, width, height; x y z is the centre. The
+  standard also has 9 numbers, with Euler angles about x, y and z in place of the quaternion.
+- `cuboid` is one object in TUM Traffic and a list in the standard.
+- The class is object_data.type in TUM Traffic and `type` of the object itself in the standard, whose `objects` at the
+  top say it for all frames.
+- num_points among the attributes is the set's own count, -1 where nobody counted.
+- One object seen by two lidars has a label in each lidar's file: they are different samples here, not doubled labels.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
+from toolkit.datasets.records.fields import Listing, as_number, entry, json_of, named_damage, numbers, rigid_matrix
+from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.sample import Sample
+from toolkit.geometry import pose
+from toolkit.objects import LABELS, Detections, Objects
+from toolkit.runtime.files import write_text
+
+_NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
+
+
+def openlabel(path: Path) -> Listing:
+    """The samples of all label files below a folder, or of one file. Raises FileNotFoundError where there are none."""
+    files = [path] if path.is_file() else sorted(path.rglob("*.json"))
+    if not files:
+        raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
+    root = path.parent if path.is_file() else path
+    clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in ENDINGS}
+    frames: dict[str, tuple[Path, str]] = {}
+    for file in files:
+        with named_damage(file, "OpenLABEL file"):
+            keys = list(entry(json_of(file), "openlabel", "frames"))
+        stem = file.relative_to(root).with_suffix("").as_posix()
+        frames |= {stem if len(keys) == 1 else f"{stem}#{key}": (file, key) for key in keys}
+    return Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
+
+
+def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Sample:
+    problems: dict[str, int] = {}
+    with named_damage(file, "OpenLABEL file"):
+        content = entry(json_of(file), "openlabel")
+        frame = entry(content, "frames", key)
+        properties = frame.get("frame_properties", {})
+        time = properties.get("timestamp")
+        seconds = float("nan") if time is None else as_number(time, "timestamp")
+        names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in ENDINGS]
+        files = [clouds[Path(str(each)).name] for each in names if Path(str(each)).name in clouds]
+        poses = [_pose(content, _sensor(each, properties, k)) for k, each in enumerate(files)]
+        boxes, kinds, ids, counts = [], [], [], []
+        for track, each in frame.get("objects", {}).items():
+            kind = entry(content, "objects", track, "type") if "type" not in entry(each, "object_data") else None
+            for cuboid in _cuboids(each["object_data"]):
+                boxes.append(_box(cuboid["val"]))
+                kinds.append(str(kind or each["object_data"]["type"]))
+                ids.append(track)
+                counts.append(_points(cuboid))
+    found = labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
+    measured = tuple(
+        read_cloud(each, _sensor(each, properties, k), where, problems)
+        for k, (each, where) in enumerate(zip(files, poses, strict=True))
+    )
+    return Sample(name, measured, *found, time=seconds, problems=problems)
+
+
+def _sensor(file: Path, properties: dict[str, Any], place: int) -> str:
+    """The sensor of a cloud: the stream that the frame names in its place, else the folder it lies in."""
+    streams = list(properties.get("streams", {}))
+    return streams[place] if place < len(streams) else file.parent.name
+
+
+def _pose(content: dict[str, Any], sensor: str) -> np.ndarray:
+    """Where a sensor stands, if the coordinate systems say so by its name."""
+    system = content.get("coordinate_systems", {}).get(sensor, {})
+    if not system.get("pose_wrt_parent"):
+        return np.eye(4)
+    return rigid_matrix(entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
+
+
+def _cuboids(data: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    cuboid = data.get("cuboid", [])
+    yield from cuboid if isinstance(cuboid, list) else [cuboid]
+
+
+def _box(value: Any) -> np.ndarray:
+    if np.size(np.array(value, dtype=object)) == 9:
+        x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
+        turned = pose(roll=roll, pitch=pitch, yaw=yaw)
+    else:
+        x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
+        finite = np.isfinite([qx, qy, qz, qw]).all()
+        turned = quaternion_pose(np.array([qw, qx, qy, qz]), np.zeros(3)) if finite else np.full((4, 4), np.nan)
+    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
+
+
+def _points(cuboid: dict[str, Any]) -> int:
+    for each in cuboid.get("attributes", {}).get("num", []):
+        if each.get("name") == "num_points":
+            return int(as_number(each["val"], "num_points"))
+    return -1
+
+
+def write_openlabel(samples: Iterable[Sample], folder: Path) -> int:
+    """Write samples, a label file and the clouds of each, every sensor's in its own frame. How many were written."""
+    written = 0
+    for written, sample in enumerate(samples, 1):
+        name = f"{written - 1:06d}"
+        content = openlabel_content(sample)
+        frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
+        for cloud in sample.clouds:
+            place = f"{name}_{cloud.name}.pcd"
+            write_cloud(folder / "point_clouds" / cloud.name / place, cloud)
+            placed = cloud.world_SE3_sensor if cloud.frame == "sensor" else np.eye(4)
+            systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [],
+                                   "pose_wrt_parent": {"matrix4x4": placed.ravel().tolist()}}  # fmt: skip
+            systems["world"]["children"].append(cloud.name)
+            frame["frame_properties"]["point_cloud_file_names"].append(place)
+            frame["frame_properties"]["streams"][cloud.name] = {}
+        write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
+    return written
+
+
+def openlabel_content(sample: Sample, found: Detections | None = None) -> dict[str, Any]:
+    """One OpenLABEL document: the sample's objects, or what was detected in it, with scores as attributes."""
+    shown: Objects | Detections = sample.objects if found is None else found
+    ids = sample.objects.ids if found is None else np.arange(len(found))
+    counts = sample.counts if found is None else None
+    objects = {}
+    for k, (box, label) in enumerate(zip(shown.boxes, shown.labels, strict=True)):
+        nums = [] if counts is None else [{"name": "num_points", "val": int(counts[k])}]
+        if found is not None:
+            nums.append({"name": "score", "val": float(found.scores[k])})
+        data = {"name": f"{_NAMES[LABELS[label]]}_{ids[k]}", "type": _NAMES[LABELS[label]],
+                "cuboid": {"name": "shape3D", "val": _value(box), "attributes": {"num": nums}}}  # fmt: skip
+        objects[str(ids[k])] = {"object_data": data}
+    properties: dict[str, Any] = {"point_cloud_file_names": [], "streams": {}}
+    if np.isfinite(sample.time):
+        properties["timestamp"] = sample.time
+    return {
+        "openlabel": {
+            "metadata": {"schema_version": "1.0.0"},
+            "coordinate_systems": {"world": {"type": "scene_cs", "parent": "", "children": [], "pose_wrt_parent": {}}},
+            "frames": {"0": {"frame_properties": properties, "objects": objects}},
+        }
+    }
+
+
+def _value(box: np.ndarray) -> list[float]:
+    half = box[6] / 2
+    return [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]

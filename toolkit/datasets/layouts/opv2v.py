@@ -1,0 +1,184 @@
+"""OPV2V, V2XSet and V2X-Real: SCENARIO/AGENT/00068.yaml and 00068.pcd, one folder per vehicle or roadside unit.
+
+World frame: level, its origin at the first agent's lidar, x where that lidar faces; `map_SE3_world` is its place.
+
+- OPV2V and V2XSet come from CARLA, whose world is **left-handed** (y right), and so are the points of their .pcd: here
+  y is negated in both. V2X-Real is measured: its points and poses are right-handed and stay (layout `v2xreal`).
+- lidar_pose is x y z **roll yaw pitch**, angles in **degrees**, turned as Unreal does; it may be a 4×4 matrix.
+- vehicles[id]: `extent` are **half** sizes, `angle` is roll yaw pitch, `center` is added to `location` unturned.
+- Only objects that this agent's lidar hit are listed: an object that another agent alone hit is in that agent's file.
+  The agents' lists are put together by id.
+- A roadside unit's folder has a negative number; intensity is in the first of a .pcd's colours.
+- YAML 1.1 reads 1e-05 as a string.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
+from toolkit.datasets.records.fields import Listing, entry, heading, named_damage, numbers, rigid, rigid_matrix, text_of
+from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.geometry import invert, pose, transform
+from toolkit.objects import LABELS
+from toolkit.runtime.files import write_text
+
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}
+
+
+def opv2v(path: Path, *, left_handed: bool = True) -> Listing:
+    """The samples of all scenarios below a folder, of all agents together. Raises FileNotFoundError without any."""
+    names: dict[str, list[Path]] = {}
+    for file in sorted(path.rglob("*.yaml")):
+        if any(file.with_suffix(ending).is_file() for ending in ENDINGS):
+            names.setdefault((file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []).append(file)
+    if not names:
+        raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
+    agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
+    return Listing(tuple(agents), lambda name: _sample(name, agents[name], MIRROR if left_handed else np.eye(4)))
+
+
+v2xreal = partial(opv2v, left_handed=False)
+
+
+def _agent(file: Path) -> tuple[int, int | str]:
+    """Vehicles by number, then roadside units, then what has another name."""
+    name = file.parent.name
+    if not name.removeprefix("-").isdigit():
+        return 2, name
+    return int(name.startswith("-")), abs(int(name))
+
+
+def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Sample:
+    problems: dict[str, int] = {}
+    contents, poses = [], []
+    for file in files:
+        with named_damage(file, "YAML file of an agent"):
+            contents.append(_yaml(file))
+            poses.append(_pose(contents[-1].get("lidar_pose"), mirror))
+    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(heading(poses[0], 0.0)))
+    clouds: list[SensorCloud] = []
+    rows: dict[Any, np.ndarray] = {}
+    kinds: dict[Any, str] = {}
+    for file, content, placed in zip(files, contents, poses, strict=True):
+        recorded = next(file.with_suffix(end) for end in ENDINGS if file.with_suffix(end).is_file())
+        cloud = read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
+        clouds.append(_mirrored(cloud, mirror))
+        with named_damage(file, "YAML file of an agent"):
+            for track, each in (content.get("vehicles") or {}).items():
+                rows.setdefault(track, _box(each, mirror))
+                kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
+    boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
+    world_SE3_map = invert(map_SE3_world)
+    with np.errstate(all="ignore"):
+        centres, yaw = transform(world_SE3_map, boxes[:, :3]), heading(world_SE3_map, boxes[:, 6])
+    found = labelled(np.column_stack([centres, boxes[:, 3:6], yaw]), list(kinds.values()), list(rows), problems)
+    return Sample(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
+
+
+def _yaml(file: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        content = yaml.load(text_of(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())[:160]) from None
+    if not isinstance(content, dict):
+        raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
+    return content
+
+
+def _pose(value: Any, mirror: np.ndarray) -> np.ndarray:
+    if value is None:
+        raise ValueError("it has no entry lidar_pose")
+    if np.array(value, dtype=object).size == 16:
+        placed = rigid_matrix(value, "lidar_pose")
+    else:
+        x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
+        placed = unreal_pose(roll, yaw, pitch)
+        placed = rigid(placed[:3, :3], [x, y, z], "lidar_pose")
+    if not np.isfinite(placed).all():
+        raise ValueError("lidar_pose holds NaN or infinite numbers")
+    return mirror @ placed @ mirror
+
+
+def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "4 4"]:
+    """The rotation of Unreal's angles in its own left-handed axes: yaw about z, then pitch, which lifts x, then roll.
+
+    >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()
+    [0.0, 1.0, 0.0]
+    >>> unreal_pose(0.0, 0.0, 90.0)[:3, 0].round(6).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
+
+
+def _box(vehicle: Any, mirror: np.ndarray) -> np.ndarray:
+    place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
+    roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
+    sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
+    turn = heading(mirror @ unreal_pose(roll, yaw, pitch) @ mirror, 0.0)
+    return np.array([*(mirror[:3, :3] @ place), *sizes, turn])
+
+
+def _mirrored(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
+    points = cloud.points * np.diag(mirror)[:3].astype(np.float32)
+    return SensorCloud(cloud.name, points, cloud.world_SE3_sensor, cloud.frame, cloud.time, cloud.intensity)
+
+
+def write_opv2v(samples: Iterable[Sample], folder: Path, *, left_handed: bool = True) -> int:
+    """Write samples as a scenario, an agent per sensor, numbered from 0, each listing all objects. How many."""
+    import yaml
+
+    mirror, written = MIRROR if left_handed else np.eye(4), 0
+    for written, sample in enumerate(samples, 1):
+        name = f"{written - 1:05d}"
+        for agent, cloud in enumerate(sample.clouds):
+            local = cloud if cloud.frame == "sensor" else _in_sensor(cloud)
+            placed = mirror @ sample.map_SE3_world @ cloud.world_SE3_sensor @ mirror
+            content = {"lidar_pose": [*placed[:3, 3].tolist(), *_angles(placed)], "vehicles": _vehicles(sample, mirror)}
+            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirrored(local, mirror))
+            write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
+    return written
+
+
+write_v2xreal = partial(write_opv2v, left_handed=False)
+
+
+def _in_sensor(cloud: SensorCloud) -> SensorCloud:
+    points = transform(invert(cloud.world_SE3_sensor), cloud.in_world()).astype(np.float32)
+    return SensorCloud(cloud.name, points, cloud.world_SE3_sensor, "sensor", cloud.time, cloud.intensity)
+
+
+def _angles(placed: np.ndarray) -> list[float]:
+    """Roll, yaw and pitch (degrees) as Unreal has them."""
+    yaw, pitch = np.arctan2(placed[1, 0], placed[0, 0]), np.arcsin(np.clip(placed[2, 0], -1, 1))
+    roll = np.arctan2(-placed[2, 1], placed[2, 2])
+    return [float(np.rad2deg(angle)) for angle in (roll, yaw, pitch)]
+
+
+def _vehicles(sample: Sample, mirror: np.ndarray) -> dict[int, dict[str, Any]]:
+    flat = mirror @ sample.map_SE3_world
+    rows = zip(sample.objects.ids.tolist(), sample.objects.boxes, sample.objects.labels, strict=True)
+    return {
+        track: {
+            "angle": [
+                0.0,
+                float(np.rad2deg(np.arctan2(*(flat[:3, :3] @ [np.cos(box[6]), np.sin(box[6]), 0])[1::-1]))),
+                0.0,
+            ],
+            "center": [0.0, 0.0, 0.0],
+            "extent": (box[3:6] / 2).tolist(),
+            "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
+            "obj_type": _NAMES[LABELS[label]],
+        }
+        for track, box, label in rows
+    }

@@ -1,0 +1,86 @@
+"""RCooper: data/SCENE/AGENT/SEQUENCE/lidar/*.pcd, label/SCENE/AGENT/SEQUENCE/*.json, calib/lidar2world/AGENT.json.
+
+World frame: that of lidar2world, in which all agents (poles) of a scene stand; right-handed, z up. Each agent's labels
+are in its own lidar's frame and say what that agent sees; label/SCENE/coop is not read. Tracks are numbered by each
+agent for itself: boxes of one class that two agents list and that overlap are one object, the first agent's.
+
+- SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by milliseconds between
+  agents: the k-th of one belongs to the k-th of the others.
+- Labels are as those of DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
+- lidar2world turns by a matrix that is not quite a rotation.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Int64
+from toolkit.boxes import iou_bev
+from toolkit.datasets.layouts.dair import read_annotations, read_transform
+from toolkit.datasets.records.clouds import ENDINGS, read_cloud
+from toolkit.datasets.records.fields import Listing
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.objects import Objects
+
+SAME_OBJECT = 0.3  # BEV IoU of two agents' labels of one class, above which they are one object
+
+
+def rcooper(path: Path) -> Listing:
+    """The samples of the whole set, a sample of all agents each. Raises FileNotFoundError where it is none."""
+    names: dict[str, list[tuple[str, Path]]] = {}
+    for scene in sorted((path / "data").glob("*")):
+        agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
+        for sequence in sorted({each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}):
+            files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
+            for k in range(min((len(some) for _, some in files), default=0)):
+                names[f"{scene.name}/{sequence}/{k:05d}"] = [(name, some[k]) for name, some in files]
+    if not names:
+        raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
+    return Listing(tuple(names), lambda name: _sample(path, name, names[name]))
+
+
+def _clouds(folder: Path) -> list[Path]:
+    return sorted((file for file in folder.glob("*") if file.suffix.lower() in ENDINGS), key=_time)
+
+
+def _time(file: Path) -> tuple[float, str]:
+    try:
+        return float(file.stem), file.stem
+    except ValueError:
+        return float("inf"), file.stem
+
+
+def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Sample:
+    problems: dict[str, int] = {}
+    scene, sequence, _ = name.split("/")
+    clouds: list[SensorCloud] = []
+    parts: list[Objects] = []
+    categories: list[str] = []
+    for agent, file in files:
+        pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
+        clouds.append(read_cloud(file, agent, pose, problems))
+        labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
+        found = read_annotations(labels if labels.is_file() else None, pose, problems)
+        parts.append(found.objects)
+        categories += found.categories
+    objects, rows = merged(parts)
+    time = _time(files[0][1])[0]
+    return Sample(name, tuple(clouds), objects, tuple(categories[k] for k in rows),
+                  time=time if np.isfinite(time) else float("nan"), problems=problems)  # fmt: skip
+
+
+def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
+    """What several agents list as one list, and which rows of all of them it has."""
+    boxes = np.concatenate([np.zeros((0, 7)), *(part.boxes for part in parts)])
+    labels = np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)])
+    ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in parts)])
+    agent = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    same = (iou_bev(boxes, boxes) > SAME_OBJECT) & (labels[:, None] == labels) & (agent[:, None] != agent)
+    kept: list[int] = []
+    for k in range(len(boxes)):
+        if not same[k, kept].any():
+            kept.append(k)
+    rows = np.array(kept, np.int64)
+    return Objects(boxes[rows], labels[rows], ids[rows]), rows

@@ -1,0 +1,236 @@
+"""ROS bags: ROS 1 (.bag), ROS 2 (a folder with metadata.yaml, or one .mcap or .db3 file): PointCloud2 topics with tf.
+
+World frame: the root of the tf tree that the clouds' frames hang from; a cloud whose frame no tf mentions stays in its
+own, and is counted.
+
+- All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud.
+- Between two transforms of a moving frame the pose is interpolated; before the first and after the last it is theirs.
+- A sample is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
+- A point's fields lie anywhere in its point_step bytes, in either byte order; `t`, `time` or `timestamp` is its time.
+- There are no labels in a bag. Reading needs the package rosbags.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.layouts.nuscenes import quaternion_of
+from toolkit.datasets.records.clouds import cloud_of
+from toolkit.datasets.records.labels import add_problem
+from toolkit.datasets.sample import Sample
+from toolkit.objects import Objects
+from toolkit.point_fields import attributes_of
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
+NO_TF = "clouds in a frame that no tf mentions"
+MOST_LINKS = 64  # from a sensor's frame to the root, beyond which tf runs in a circle
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+@dataclass(frozen=True)
+class Bag:
+    """The samples of a bag, read from its beginning each time they are asked for."""
+
+    path: Path
+    rounds: int
+    frames: Mapping[str, _Moving]
+
+    def __len__(self) -> int:
+        return self.rounds
+
+    def __iter__(self) -> Iterator[Sample]:
+        clouds: dict[str, Any] = {}
+        number = 0
+        for topic, message in _messages(self.path, CLOUD):
+            if topic in clouds:
+                yield self._sample(number, clouds)
+                clouds, number = {}, number + 1
+            clouds[topic] = message
+        if clouds:
+            yield self._sample(number, clouds)
+
+    def _sample(self, number: int, messages: dict[str, Any]) -> Sample:
+        problems: dict[str, int] = {}
+        clouds = []
+        with _damage(self.path):
+            stamps = [_stamp(message.header) for message in messages.values()]
+            for (topic, message), stamp in sorted(
+                zip(messages.items(), stamps, strict=True), key=lambda each: each[0][0]
+            ):
+                frame = str(message.header.frame_id).lstrip("/")
+                add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
+                attributes = attributes_of(columns_of(message))
+                clouds.append(cloud_of(attributes, topic.strip("/"), pose_at(self.frames, frame, stamp), problems))
+        return Sample(f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """One frame in its parent's: at some times (ns), where; of a static one a single pose."""
+
+    parent: str
+    times: np.ndarray
+    poses: np.ndarray
+
+    def at(self, time: int) -> np.ndarray:
+        later = int(np.searchsorted(self.times, time))
+        if later == 0 or later == len(self.times):
+            return self.poses[min(later, len(self.times) - 1)]
+        share = (time - self.times[later - 1]) / max(1, self.times[later] - self.times[later - 1])
+        return between(self.poses[later - 1], self.poses[later], float(share))
+
+
+def rosbag(path: Path) -> Bag:
+    """The samples of a bag. Raises FileNotFoundError, and ValueError where it is damaged or has no PointCloud2."""
+    last: set[str] = set()
+    rounds = 0
+    for topic in _topics(path, CLOUD):
+        if topic in last or not rounds:
+            rounds, last = rounds + 1, set()
+        last.add(topic)
+    if not rounds:
+        raise ValueError(f"{path} holds no messages of {CLOUD}: is it the right bag?")
+    return Bag(path, rounds, _frames(path))
+
+
+def _frames(path: Path) -> dict[str, _Moving]:
+    moving: dict[str, dict[int, tuple[str, np.ndarray]]] = {}
+    for _, message in _messages(path, TF, OLD_TF):
+        with _damage(path):
+            for each in message.transforms:
+                where, turned = each.transform.translation, each.transform.rotation
+                pose = quaternion_pose(
+                    np.array([turned.w, turned.x, turned.y, turned.z]), np.array([where.x, where.y, where.z])
+                )
+                child = str(each.child_frame_id).lstrip("/")
+                moving.setdefault(child, {})[_stamp(each.header)] = str(each.header.frame_id).lstrip("/"), pose
+    frames = {}
+    for child, by_time in moving.items():
+        times = sorted(by_time)
+        poses = np.stack([by_time[time][1] for time in times])
+        frames[child] = _Moving(by_time[times[-1]][0], np.array(times, np.int64), poses)
+    roots = {each.parent for each in frames.values()} - frames.keys()
+    return frames | {root: _Moving("", np.zeros(1, np.int64), np.eye(4)[None]) for root in roots}
+
+
+def pose_at(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
+    """Where a frame is at a time (ns), in the root of its tree. Raises ValueError where tf runs in a circle."""
+    pose = np.eye(4)
+    for _ in range(MOST_LINKS):
+        if frame not in frames:
+            return pose
+        pose, frame = frames[frame].at(time) @ pose, frames[frame].parent
+    raise ValueError(f"its tf runs in a circle, through {frame!r}")
+
+
+def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share: float) -> Float64[np.ndarray, "4 4"]:
+    """The pose that lies at a share of the way from one to another: along the line, and turning evenly.
+
+    >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[:2, 0].round(6).tolist()
+    [0.0, 1.0]
+    """
+    first, last = quaternion_of(a), quaternion_of(b)
+    if first @ last < 0:
+        last = -last
+    angle = float(np.arccos(np.clip(first @ last, -1, 1)))
+    if angle < 1e-9:
+        turned = last
+    else:
+        turned = (np.sin((1 - share) * angle) * first + np.sin(share * angle) * last) / np.sin(angle)
+    return quaternion_pose(turned, a[:3, 3] + share * (b[:3, 3] - a[:3, 3]))
+
+
+def columns_of(message: Any) -> dict[str, np.ndarray]:
+    """The fields of a PointCloud2, a row per point. Raises ValueError where they do not fit its bytes."""
+    order = ">" if message.is_bigendian else "<"
+    count, step = int(message.width) * int(message.height), int(message.point_step)
+    data = np.asarray(message.data, np.uint8)
+    names, formats, offsets = [], [], []
+    for field in message.fields:
+        if field.datatype not in _TYPES or field.name in names or field.count not in (0, 1):
+            continue  # padding, or a field of several numbers
+        kind = np.dtype(order + _TYPES[field.datatype])
+        if not 0 <= field.offset <= step - kind.itemsize:
+            raise ValueError(f"field {field.name} does not fit a point of {step} bytes")
+        names.append(str(field.name))
+        formats.append(kind)
+        offsets.append(int(field.offset))
+    if (
+        step < 1
+        or int(message.row_step) < int(message.width) * step
+        or len(data) < int(message.height) * int(message.row_step)
+    ):
+        raise ValueError(f"a cloud of {message.height} rows of {message.width} points has {len(data)} bytes only")
+    rows = data[: int(message.height) * int(message.row_step)].reshape(int(message.height), int(message.row_step))
+    packed = np.ascontiguousarray(rows[:, : int(message.width) * step]).reshape(-1)
+    point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+    table = np.frombuffer(packed.tobytes(), point, count)
+    columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
+    if not {"x", "y", "z"} <= columns.keys():
+        raise ValueError(f"a cloud has no x, y and z, but {', '.join(names)}")
+    return columns
+
+
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ImportError("reading bags needs rosbags: pip install rosbags") from None
+    with _damage(path):
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """What rosbags, and the parsers it stands on, raise on damaged bags is of any kind."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{path} is no bag that can be read: {reason}") from None
+
+
+def _messages(path: Path, *kinds: str) -> Iterator[tuple[str, Any]]:
+    return _each(path, kinds, lambda reader, connection, data: reader.deserialize(data, connection.msgtype))
+
+
+def _topics(path: Path, kind: str) -> Iterator[str]:
+    return (topic for topic, _ in _each(path, (kind,), lambda *_: None))
+
+
+def _each(path: Path, kinds: tuple[str, ...], made: Callable[[Any, Any, bytes], Any]) -> Iterator[tuple[str, Any]]:
+    with _reader(path) as reader:
+        wanted = [each for each in reader.connections if each.msgtype in kinds]
+        if not wanted:
+            return
+        messages = reader.messages(connections=wanted)
+        while True:
+            with _damage(path):
+                try:
+                    connection, _, data = next(messages)
+                except StopIteration:
+                    return
+                message = made(reader, connection, data)
+            yield connection.topic, message

@@ -1,0 +1,77 @@
+"""SUSTechPOINTS, the labelling tool's own folders: lidar/*.pcd (or .bin), label/*.json.
+
+World frame: the lidar's, as recorded; z up, which way is forward differs between recordings.
+
+- A label is {"obj_id", "obj_type", "psr": {"position", "rotation", "scale"}}: position is the centre of the box, scale
+  x y z its length, width and height, rotation x y z in radians, of which z is the yaw; x and y are hardly ever not 0
+  and are dropped.
+- obj_id is a string, and the same through a scene.
+- Frames nobody has labelled yet have no file: their objects are unknown, not none.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.datasets.records.clouds import ENDINGS, one_cloud, read_cloud, write_cloud
+from toolkit.datasets.records.fields import Listing, entry, json_of, named_damage, records, xyz
+from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.sample import Sample
+from toolkit.objects import LABELS
+from toolkit.runtime.files import write_text
+
+_NAMES = {"vehicle": "Car", "cyclist": "Bicycle", "pedestrian": "Pedestrian", "heavy": "Truck"}
+
+
+def sustech(path: Path) -> Listing:
+    """The samples of a scene's folder. Raises FileNotFoundError where it is none."""
+    files = {file.stem: file for file in sorted((path / "lidar").glob("*")) if file.suffix.lower() in ENDINGS}
+    if not files:
+        raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
+    return Listing(tuple(files), lambda name: _sample(path, name, files[name]))
+
+
+def _sample(folder: Path, name: str, file: Path) -> Sample:
+    problems: dict[str, int] = {}
+    cloud = read_cloud(file, "lidar", np.eye(4), problems)
+    labels = folder / "label" / f"{name}.json"
+    boxes: list[list[float]] = []
+    names: list[str] = []
+    ids: list[Any] = []
+    if labels.is_file():
+        with named_damage(labels, "list of labels"):
+            for each in records(json_of(labels)):
+                psr = entry(each, "psr")
+                boxes.append([*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]])
+                names.append(str(entry(each, "obj_type")))
+                ids.append(each.get("obj_id", len(ids)))
+    found = labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
+    return Sample(name, (cloud,), *found, problems=problems)
+
+
+def write_sustech(samples: Iterable[Sample], folder: Path) -> int:
+    """Write samples as a scene, 000000 and on; the clouds of a sample become one, in its world frame. How many."""
+    written = 0
+    for written, sample in enumerate(samples, 1):
+        name = f"{written - 1:06d}"
+        write_cloud(folder / "lidar" / f"{name}.pcd", one_cloud(sample))
+        rows = zip(sample.objects.boxes.tolist(), sample.objects.labels, sample.objects.ids.tolist(), strict=True)
+        content = [
+            {
+                "obj_id": str(track),
+                "obj_type": _NAMES[LABELS[label]],
+                "psr": {
+                    "position": dict(zip("xyz", box[:3], strict=True)),
+                    "rotation": {"x": 0.0, "y": 0.0, "z": box[6]},
+                    "scale": dict(zip("xyz", box[3:6], strict=True)),
+                },
+            }
+            for box, label, track in rows
+        ]
+        write_text(folder / "label" / f"{name}.json", json.dumps(content, indent=1))
+    return written

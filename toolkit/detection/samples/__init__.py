@@ -1,0 +1,1 @@
+"""Detection in recordings of clouds, sample by sample, and what it is worth."""

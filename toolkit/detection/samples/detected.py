@@ -1,0 +1,117 @@
+"""A detector in samples of clouds: points put on level ground about the sensors, detected in, boxes put back.
+
+A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. So the ground is
+found first (`toolkit.calibration.ground`), in every sample or, where the sensors stand still, once. Detectors work in
+float32 about an origin near by: points are counted from the middle of the area to be detected in, and boxes are
+brought back into the sample's world frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.calibration.ground import Ground, level, level_warning
+from toolkit.datasets.sample import Sample
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.samples.views import sample_view
+from toolkit.detection.scheme import Scheme
+from toolkit.objects import Detections, Detector
+
+Level = Literal["map", "plane", "none"]
+DETECTION_REACH = 50.0  # m
+LEVELS: tuple[Level, ...] = ("map", "plane", "none")
+
+
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """What was found in one sample, world frame.
+
+    ground: below its points, counted from the middle; None where it was not levelled. level_ms, detect_ms: what finding
+    the ground and detecting took. warning: of ground that is not at z = 0. kbit_per_sensor: what a fusion scheme sent,
+    NaN without one.
+    """
+
+    sample: Sample
+    detections: Detections
+    ground: Ground | None
+    middle: Float64[np.ndarray, "2"]
+    level_ms: float
+    detect_ms: float
+    warning: str | None = None
+    kbit_per_sensor: float = float("nan")
+
+
+def detect_samples(
+    samples: Iterable[Sample],
+    detector: Detector,
+    *,
+    levelling: Level = "map",
+    middle: Sequence[float] | None = None,
+    still: bool = False,
+    sensors: Sequence[str] | None = None,
+    scheme: Scheme | None = None,
+    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH),
+    codec: Codec = PAPER,
+) -> Iterator[Detected]:
+    """What the detector finds in each sample, one after the other.
+
+    detector: sees points counted from the middle; middle: x and y, world frame, of where it detects, the sensors' own
+    when None; still: the sensors do not move, the ground is found once; sensors: only the clouds of these (names).
+    scheme: how the sensors share what they see, all clouds at once when None; half: of the sides of the area (m) that
+    schemes crop to, about the middle; codec: of what they send.
+    A sample without points has no detections, one without ground is detected in as it is, with a warning.
+    Raises ValueError for a levelling that there is not.
+    """
+    if levelling not in LEVELS:
+        raise ValueError(f"levelling must be one of {', '.join(LEVELS)}, got {levelling!r}")
+    kept: Ground | None = None
+    for every in samples:
+        centre = middle_of(every) if middle is None else np.array(middle, np.float64)
+        sample = every if sensors is None else every.seen_by(sensors)
+        points = sample.points() - [*centre, 0.0]
+        start = perf_counter()
+        ground, warning = (kept, None) if kept is not None else _levelled(points, levelling)
+        if still:
+            kept = ground
+        middle_time = perf_counter()
+        if scheme is None:
+            upright = points if ground is None or not len(points) else ground.points(points)
+            found, kbit = detector(upright.astype(np.float32)) if len(points) else Detections.empty(), float("nan")
+        else:
+            view = sample_view(sample, detector, ground, centre, np.array([-half[0], -half[1], *half]), codec=codec)
+            fused = scheme.fuse(view, range(len(sample.clouds)))
+            found, kbit = fused.detections, fused.kbit_per_sensor
+        end = perf_counter()
+        boxes = found.boxes if ground is None or not len(found) else ground.boxes_back(found.boxes)
+        placed = Detections(boxes + np.array([*centre, 0, 0, 0, 0, 0]), found.scores, found.labels)
+        times = 1e3 * (middle_time - start), 1e3 * (end - middle_time)
+        yield Detected(sample, placed, ground, centre, *times, warning, kbit)
+
+
+def middle_of(sample: Sample) -> Float64[np.ndarray, "2"]:
+    """The middle of the sensors' places, world frame, to the metre; the origin where there is no sensor.
+
+    >>> from toolkit.objects import Objects
+    >>> middle_of(Sample("0", (), Objects.empty())).tolist()
+    [0.0, 0.0]
+    """
+    places = [cloud.world_SE3_sensor[:2, 3] for cloud in sample.clouds]
+    return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
+
+
+def _levelled(points: np.ndarray, levelling: Level) -> tuple[Ground | None, str | None]:
+    """The ground below points, and what is to be said of it."""
+    if not len(points):
+        return None, None
+    if levelling == "none":
+        return None, level_warning(points)
+    try:
+        return level(points, method=levelling), None
+    except ValueError as error:
+        return None, f"not levelled: {error}"
