@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     )
     from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
     from toolkit.detection.hybrid import Hybrid as Hybrid
-    from toolkit.detection.link.channel import Channel as Channel
+    from toolkit.detection.link.channel import LinkChannel as LinkChannel
     from toolkit.detection.link.codecs import codec_named as codec_named
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
@@ -117,7 +117,7 @@ else:
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
             "detection.fusion": ("early", "hybrid", "late"),
             "detection.hybrid": ("Hybrid",),
-            "detection.link.channel": ("Channel",),
+            "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.detection.link.channel import PERFECT, Channel
+from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.sensors.errors.clock import ClockOffset
 from toolkit.sensors.errors.pose_errors import Calibration
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -42,7 +42,7 @@ class Condition:
     kind: str
     level: str
     errors: ErrorProfile = PAPER_ERRORS
-    channel: Channel = PERFECT
+    channel: LinkChannel = PERFECT
     tracks: bool = False
     silent: tuple[int, ...] = ()
     blinded: tuple[int, ...] = ()
@@ -89,19 +89,21 @@ def _frozen(names: Sequence[str]) -> list[Condition]:
 
 
 def _delay(names: Sequence[str]) -> list[Condition]:
-    return _twice([("delay", f"{delay:g} s", Channel(delay=delay, jitter=delay / 10)) for delay in DELAYS])
+    return _twice([("delay", f"{delay:g} s", LinkChannel(delay=delay, jitter=delay / 10)) for delay in DELAYS])
 
 
 def _loss(names: Sequence[str]) -> list[Condition]:
     named = [(share, burst, "" if burst is None else f" in bursts of {burst:g}") for share, burst in LOSSES]
-    return _twice([("loss", f"{share:.0%}{words}", Channel(loss=share, burst=burst)) for share, burst, words in named])
+    return _twice(
+        [("loss", f"{share:.0%}{words}", LinkChannel(loss=share, burst=burst)) for share, burst, words in named]
+    )
 
 
 def _rate(names: Sequence[str]) -> list[Condition]:
-    return _twice([("rate", f"every {every} frames", Channel(every=every)) for every in RATES])
+    return _twice([("rate", f"every {every} frames", LinkChannel(every=every)) for every in RATES])
 
 
-def _twice(made: Sequence[tuple[str, str, Channel]]) -> list[Condition]:
+def _twice(made: Sequence[tuple[str, str, LinkChannel]]) -> list[Condition]:
     """Without tracks and with them."""
     return [
         Condition(kind, f"{level}{', tracks' if tracks else ''}", channel=channel, tracks=tracks)

@@ -175,11 +175,11 @@ def _look(
         if codec.digest not in views:
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
         fused = tally.system.scheme.fuse(views[codec.digest], sending)
-        age, detections = float(lagged.ages[sending].mean()) if sending else np.nan, fused.detections
-        if condition.tracks:
-            detections = tally.tracked(detections, frame.time, age, begins=not lagged.since)
+        ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
+        if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
+            detections = tally.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
         if scored:
-            tally.add(frame, recording, detections, fused.kbit_per_sensor, age)
+            tally.add(frame, recording, detections, fused.kbit_per_sensor, float(ages.mean()))
 
 
 class _Tally:

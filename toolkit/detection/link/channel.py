@@ -1,4 +1,4 @@
-"""`Channel`: delay, jitter, losses and rate of the messages of one sensor, drawn one after another.
+"""`LinkChannel`: delay, jitter, losses and rate of the messages of one sensor, drawn one after another.
 
 Losses come singly or in bursts: the two states of Gilbert and Elliott, of which one loses every message and the other
 none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
@@ -16,7 +16,7 @@ STALE = 1.0  # s, from which on a message is too old to be shown
 
 
 @dataclass(frozen=True)
-class Channel:
+class LinkChannel:
     """delay: of every message (s); jitter: standard deviation of what comes on top, never below 0 (s); loss: share of
     messages that are lost; burst: of how many in the mean a loss consists, None for losses that are independent; every:
     the sensor sends each so-many-th frame.
@@ -51,13 +51,13 @@ class Channel:
         return 1 / (1 - self.loss) if self.burst is None else self.burst
 
 
-PERFECT = Channel()
+PERFECT = LinkChannel()
 
 
 class Line:
     """The messages of one sensor through a channel, in the order they are sent; seed: of all that is drawn."""
 
-    def __init__(self, channel: Channel, seed: int | list[int]) -> None:
+    def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
         self._bad = bool(self._rng.random() < channel.loss)
 

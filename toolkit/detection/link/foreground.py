@@ -31,7 +31,8 @@ from toolkit.detection.link.message import (
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, fused
 from toolkit.detection.view import View
-from toolkit.points import area_of, height_of, inside, unproject
+from toolkit.geometry import Slope, levelled
+from toolkit.points import area_of, height_of, inside, slope_of, unproject
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 
@@ -84,8 +85,9 @@ class Foreground:
         stands_out = ~scene.shows(captured.measurement, self.sigmas).ravel()[captured.pixels]
         message = encode_foreground(captured.sending(captured.pixels[stands_out]), scene, step=self.step)
         restored = decode_foreground(message, scene)
-        bounds = tuple(area_of(captured.area).tolist())
-        drawn, pixels = _drawn(scene, captured.sensor, bounds, height_of(captured.area, captured.height))
+        place = captured.area
+        crop = tuple(area_of(place).tolist()), height_of(place, captured.height), slope_of(place)
+        drawn, pixels = _drawn(scene, captured.sensor, *crop)
         measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
         return np.concatenate([measured, drawn[~restored.sent.ravel()[pixels]]]), 8 * len(message)
 
@@ -127,9 +129,9 @@ def scene_number(scene: EmptyScene) -> int:
 
 @lru_cache(maxsize=64)
 def _drawn(
-    scene: EmptyScene, sensor: Sensor, bounds: tuple[float, ...], top: float
+    scene: EmptyScene, sensor: Sensor, bounds: tuple[float, ...], top: float, slope: Slope
 ) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
     """The points of the empty scene in the crop, and their pixels."""
     xyz, valid = unproject(sensor, scene.first)
-    pixels = np.flatnonzero(valid & inside(xyz.T, np.array(bounds), top))
+    pixels = np.flatnonzero(valid & inside(levelled(xyz.T, slope), np.array(bounds), top))
     return np.ascontiguousarray(xyz[:, pixels].T), pixels

@@ -16,7 +16,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.readings import Readable, read_frame
-from toolkit.detection.link.channel import PERFECT, STALE, Channel, Line
+from toolkit.detection.link.channel import PERFECT, STALE, Line, LinkChannel
 from toolkit.frame import Frame
 from toolkit.sensors.errors.clock import MOST_APART
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -34,7 +34,7 @@ class Lagged(NamedTuple):
 
 def lagged_frames(
     recording: Readable,
-    channels: Sequence[Channel] | Channel,
+    channels: Sequence[LinkChannel] | LinkChannel,
     *,
     frames: int | None = None,
     seed: int = 0,
@@ -58,7 +58,7 @@ def lagged_frames(
         now = read_frame(recording, k, errors=errors, noise_seed=noise_seed)
         begins = not history or not np.isin(now.objects.ids, history[-1].objects.ids).any()
         if begins:
-            each = [channels] * len(now.sensors) if isinstance(channels, Channel) else list(channels)
+            each = [channels] * len(now.sensors) if isinstance(channels, LinkChannel) else list(channels)
             history, arrived = [], [[] for _ in now.sensors]
             lines = [Line(channel, [seed, k, sensor]) for sensor, channel in enumerate(each)]
         elif any(line.channel != PERFECT for line in lines) and now.time - history[-1].time > MOST_APART:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.report.stress.conditions import IN_SEQUENCE, KINDS, conditions_of
-from toolkit.detection.link.channel import PERFECT, Channel
+from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.sensors.errors.pose_errors import Calibration
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 
@@ -37,9 +37,9 @@ def test_channels_come_without_tracks_and_with_them():
         ("0.2 s", 0.2, False),
         ("0.2 s, tracks", 0.2, True),
     ]
-    assert delays[0].channel == Channel(delay=0.1, jitter=0.01)
+    assert delays[0].channel == LinkChannel(delay=0.1, jitter=0.01)
     losses = [each.channel for each in conditions_of("loss", [])[::2]]
-    assert losses == [Channel(loss=0.1), Channel(loss=0.3), Channel(loss=0.3, burst=5.0)]
+    assert losses == [LinkChannel(loss=0.1), LinkChannel(loss=0.3), LinkChannel(loss=0.3, burst=5.0)]
     assert [each.level for each in conditions_of("loss", [])[-2:]] == [
         "30% in bursts of 5",
         "30% in bursts of 5, tracks",

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from toolkit.detection.link.channel import Channel, Line
+from toolkit.detection.link.channel import Line, LinkChannel
 
 
 def arrivals(channel, n=4000, seed=0):
@@ -14,11 +14,11 @@ def arrivals(channel, n=4000, seed=0):
 
 
 def test_a_perfect_channel_takes_no_time():
-    np.testing.assert_allclose(arrivals(Channel(), 50), 0, atol=1e-12)
+    np.testing.assert_allclose(arrivals(LinkChannel(), 50), 0, atol=1e-12)
 
 
 def test_delay_and_jitter_which_never_makes_it_earlier():
-    late = arrivals(Channel(delay=0.2, jitter=0.05))
+    late = arrivals(LinkChannel(delay=0.2, jitter=0.05))
     assert late.min() == pytest.approx(0.2)
     assert np.median(late) == pytest.approx(0.2, abs=0.003)
     assert np.quantile(late, 0.975) == pytest.approx(0.2 + 1.96 * 0.05, abs=0.01)
@@ -26,7 +26,7 @@ def test_delay_and_jitter_which_never_makes_it_earlier():
 
 @pytest.mark.parametrize("burst", [None, 5.0])
 def test_losses_are_as_many_and_as_long_as_said(burst):
-    channel = Channel(loss=0.3, burst=burst)
+    channel = LinkChannel(loss=0.3, burst=burst)
     lost = np.isinf(arrivals(channel, 40_000))
     assert lost.mean() == pytest.approx(0.3, abs=0.02)
     ends = np.flatnonzero(np.diff(lost.astype(int)) == -1)
@@ -37,14 +37,14 @@ def test_losses_are_as_many_and_as_long_as_said(burst):
 
 
 def test_a_lower_rate_sends_every_so_many():
-    sent = np.isfinite(arrivals(Channel(every=3), 9))
+    sent = np.isfinite(arrivals(LinkChannel(every=3), 9))
     assert sent.tolist() == [True, False, False] * 3
 
 
 def test_equal_seeds_draw_the_same_and_a_longer_delay_the_same_losses():
-    a, b = (arrivals(Channel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
+    a, b = (arrivals(LinkChannel(delay=delay, loss=0.2), 300, seed=4) for delay in (0.0, 0.3))
     np.testing.assert_array_equal(np.isinf(a), np.isinf(b))
-    assert not np.array_equal(np.isinf(a), np.isinf(arrivals(Channel(loss=0.2), 300, seed=5)))
+    assert not np.array_equal(np.isinf(a), np.isinf(arrivals(LinkChannel(loss=0.2), 300, seed=5)))
 
 
 @pytest.mark.parametrize(
@@ -60,4 +60,4 @@ def test_equal_seeds_draw_the_same_and_a_longer_delay_the_same_losses():
 )
 def test_nonsense_is_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
-        Channel(**wrong)
+        LinkChannel(**wrong)

@@ -16,10 +16,12 @@ from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
+from toolkit.points import frame_points
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sites.site import Relief, Site
 
 MODELS = [
     DepthCamera(width=40, height=30),
@@ -144,6 +146,17 @@ def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
     assert got.ms > 0
     assert Foreground().fuse(view, [0, 1]).bits.tolist() == got.bits.tolist()
     assert len(calls) == 3
+
+
+def test_where_the_ground_slopes_the_scene_is_cropped_as_the_points_are():
+    site = Site("hill", np.array(AREA), relief=Relief(slope=(0.05, 0.0)))
+    seen, (detector, calls) = frame(), watched()
+    scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
+    view = frame_view(seen, detector, site, scene=lambda k: scenes[k])
+    Early().fuse(view, [0, 1])
+    Foreground().fuse(view, [0, 1])
+    assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
+    assert 0 < len(calls[0]) < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
 
 
 def test_nothing_but_the_scene_costs_forty_bytes():

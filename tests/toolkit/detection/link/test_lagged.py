@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.channel import Channel
+from toolkit.detection.link.channel import LinkChannel
 from toolkit.detection.link.lagged import lagged_frames
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -31,14 +31,14 @@ def shown(channels, frames=None, **options):
 
 
 def test_without_delay_it_is_now():
-    which, lagged = shown(Channel())
+    which, lagged = shown(LinkChannel())
     assert which == [[k, k] for k in range(12)]
     assert [each.ages.tolist() for each in lagged] == [[0, 0]] * 12
     assert lagged[5].since == pytest.approx(0.5)
 
 
 def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
-    which, lagged = shown([Channel(delay=0.2), Channel(every=3)])
+    which, lagged = shown([LinkChannel(delay=0.2), LinkChannel(every=3)])
     assert which == [[max(k - 2, -1), k - k % 3] for k in range(12)]
     np.testing.assert_allclose(lagged[7].ages, [0.2, 0.1])
     assert np.isnan(lagged[1].ages[0])
@@ -47,31 +47,31 @@ def test_each_sensor_has_its_own_channel_and_the_truth_is_of_now():
 
 
 def test_what_is_lost_leaves_the_one_before_until_it_is_stale():
-    which, _ = shown([Channel(loss=0.9, burst=200.0), Channel()], recording(40), seed=3)
+    which, _ = shown([LinkChannel(loss=0.9, burst=200.0), LinkChannel()], recording(40), seed=3)
     first = [row[0] for row in which]
     kept = first.index(-1) if first[0] >= 0 else 0
     assert set(first[kept:]) <= {-1, *range(40)}
     assert [row[1] for row in which] == list(range(40))
-    stale, _ = shown([Channel(every=30), Channel()], recording(25))
+    stale, _ = shown([LinkChannel(every=30), LinkChannel()], recording(25))
     assert [row[0] for row in stale] == [0] * 11 + [-1] * 14
 
 
 def test_traffic_that_begins_anew_forgets_the_messages_before():
-    which, lagged = shown(Channel(delay=0.1), recording(anew=(6,)))
+    which, lagged = shown(LinkChannel(delay=0.1), recording(anew=(6,)))
     assert which == [[-1, -1], *([k, k] for k in range(5)), [-1, -1], *([k, k] for k in range(6, 11))]
     assert [round(each.since, 1) for each in lagged] == [0, 0.1, 0.2, 0.3, 0.4, 0.5] * 2
 
 
 def test_a_frozen_sensor_repeats_its_first_image_and_says_it_is_of_now():
-    which, lagged = shown(Channel(), frozen=(1,))
+    which, lagged = shown(LinkChannel(), frozen=(1,))
     assert which == [[k, 0] for k in range(12)]
     assert lagged[9].ages.tolist() == [0, 0]
 
 
 def test_frames_far_apart_cannot_be_late_but_can_be_as_they_are():
     far = recording(apart=5.0)
-    assert shown(Channel(), far)[0] == [[k, k] for k in range(12)]
+    assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
     with pytest.raises(ValueError, match="frames 5 s apart cannot show"):
-        shown(Channel(delay=0.1), far)
-    assert len(shown(Channel(), frames=recording(), seed=1)[0]) == 12
-    assert len(list(lagged_frames(recording(), Channel(), frames=3))) == 3
+        shown(LinkChannel(delay=0.1), far)
+    assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
+    assert len(list(lagged_frames(recording(), LinkChannel(), frames=3))) == 3
