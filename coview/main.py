@@ -19,6 +19,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "convert": "recordings",
     "fuse": "recordings",
     "doctor": "recordings",
+    "calibrate": "recordings",
     "site": "recordings",
     "pack": "recordings",
     "train": "detection",

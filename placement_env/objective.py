@@ -25,7 +25,7 @@ from placement_env.racing import Race, race
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin, settings_origin
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -36,7 +36,7 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.preparation import Preparation
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
@@ -103,7 +103,7 @@ class Objective:
     processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
     errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
     count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
-    ones.
+    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -132,6 +132,7 @@ class Objective:
         classes: Classes | Iterable[str] = VEHICLES,
         surrogate: str | Path | None = None,
         table: str | Path | None = None,
+        rendering: Rendering = "auto",
     ) -> None:
         from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
@@ -156,6 +157,7 @@ class Objective:
             classes=classes_of(classes),
             surrogate=surrogate,
             table=table,
+            rendering=rendering,
         )
         preparation.check(fidelity)
         visibility = None if fidelity == "table" else preparation.look(progress)
@@ -198,7 +200,7 @@ class Objective:
             raise ValueError(f"most_price must be 0 or more, got {most_price}: leave it out for any price")
         self.most_price = float(most_price)
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
-        self.scheme, self.codec, self._scored = scheme, codec, 0
+        self.scheme, self.codec, self._scored = scheme, codec_for(scheme, codec), 0
         self.classes: Classes = getattr(scored_by, "classes", VEHICLES)
         several = len(self.classes.names) if isinstance(scored_by, ByClass) else 1
         self._width = 3 if several == 1 else 3 + several

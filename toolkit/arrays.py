@@ -15,10 +15,11 @@ if TYPE_CHECKING or find_spec("jaxtyping"):
     from jaxtyping import Int32 as Int32
     from jaxtyping import Int64 as Int64
     from jaxtyping import Shaped as Shaped
+    from jaxtyping import UInt8 as UInt8
 else:
 
     class _Unchecked:
         def __class_getitem__(cls, array_and_shape: tuple[Any, str]) -> Any:
             return array_and_shape[0]
 
-    Bool = Float = Float32 = Float64 = Int = Int32 = Int64 = Shaped = _Unchecked
+    Bool = Float = Float32 = Float64 = Int = Int32 = Int64 = Shaped = UInt8 = _Unchecked

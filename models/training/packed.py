@@ -171,6 +171,12 @@ class Rig:
     ) -> Float32[np.ndarray, "n 3"]:
         """Noisy points in the crop where the pixels `changed` measure `measured` (0: nothing) and the others what is
         always there."""
+        return self.measured(s, changed, measured, rng)[0]
+
+    def measured(
+        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
+    ) -> tuple[Float32[np.ndarray, "n 3"], Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """These points, their pixels, and what these measure."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
@@ -180,7 +186,8 @@ class Rig:
         if rng is not None:
             depth += rng.standard_normal(len(depth), dtype=np.float32) * self.sensors[s].model.deviation(depth)
         points = self.world(s, pixels, depth)
-        return points[self.in_crop(points)]
+        kept = self.in_crop(points)
+        return points[kept], pixels[kept], depth[kept]
 
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,21 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import paper_candidates, pool
 from toolkit.arrays import Bool
+from toolkit.sensors.model import SensorModel
 from toolkit.sites.site import Site
 
 MOST_POSES = 8  # of the pool in one set
 
 
-def own_and_random(site: Site, poses: int, rng: np.random.Generator) -> Candidates:
-    """The site's own sensors, if any, each on a mount of its own, and after them some random poses of its pool.
+def own_and_random(
+    site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
+) -> Candidates:
+    """The site's own sensors, if any, each on a mount of its own, and after them some random poses of its pool, with
+    any of the models, the paper's camera where there is none.
 
     Raises ValueError where the pool has fewer poses, or there would be no sensor.
     """
-    more, least = pool(site), 0 if site.sensors else 1
+    more, least = (pool(site, models=tuple(models)) if models else pool(site)), 0 if site.sensors else 1
     if not least <= poses <= len(more):
         raise ValueError(f"poses must be {least} to the {len(more)} of the pool of {site.name!r}, got {poses}")
     more = more.select(np.sort(rng.choice(len(more), poses, replace=False)))

@@ -13,6 +13,7 @@ import numpy as np
 from placement_env.checks import check_iou, check_range, check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.protocol import FidelityName, check_fidelity
+from placement_env.fidelity.visibility import Rendering, check_rendering
 from placement_env.objective import AP_ONLY, Objective, Weights
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
@@ -32,7 +33,7 @@ class EnvConfig:
     failures: how many candidates have failed. Of several sites and schemes each episode draws one, of a budget or
     failures given as (lowest, highest) it draws the number, and then which candidates have failed, all by the
     environment's own generator; options of `reset` go before. fidelity, frames, weights, candidates, detector, codec,
-    iou, seed, classes, surrogate: of `placement_env.objective.Objective`.
+    iou, seed, classes, surrogate, rendering: of `placement_env.objective.Objective`.
 
     Raises ValueError for a setting that does not fit.
     """
@@ -51,6 +52,7 @@ class EnvConfig:
     seed: int = 0
     classes: Classes | Iterable[str] = VEHICLES
     surrogate: str | Path | None = None
+    rendering: Rendering = "auto"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "classes", classes_of(self.classes))
@@ -65,6 +67,7 @@ class EnvConfig:
             raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
         check_iou(self.iou)
         check_codec(self.codec)
+        check_rendering(self.rendering)
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
 

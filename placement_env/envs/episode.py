@@ -141,6 +141,7 @@ class Scenarios:
             candidates=self.sites.candidates(conditions.site), detector=config.detector, codec=config.codec,
             iou=config.iou, seed=config.seed, cache=config.cache, workers=config.workers, ray=config.ray,
             classes=config.counted, surrogate=config.surrogate, table=config.table,
+            rendering=config.rendering,
         )  # fmt: skip
 
 

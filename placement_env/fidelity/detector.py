@@ -32,11 +32,12 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float32, Float64, Shaped
+from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import scheme_of
-from toolkit.detection.view import Cloud, View, detect_on_slope, together
+from toolkit.detection.view import Captured, Cloud, View, detect_on_slope, together
 from toolkit.objects import LABELS, Detections, Detector, Objects, check_known
 from toolkit.points import slope_of
 from toolkit.runtime.cache import Arrays, Cache, key_of
@@ -69,6 +70,20 @@ class Measured(Protocol):
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k."""
+        ...
+
+
+@runtime_checkable
+class MeasuredImages(Protocol):
+    """What schemes and codecs that send images need beside."""
+
+    @property
+    def scene(self) -> Callable[[int], EmptyScene]:
+        """Gives the empty scene of candidate c."""
+        ...
+
+    def captured(self, k: int, c: int) -> Captured:
+        """The image behind the points of candidate c in frame k."""
         ...
 
 
@@ -293,8 +308,13 @@ class _Frame:
         self._detected: dict[bytes, Detections] = {}
         self.new: dict[bytes, Arrays] = {}
         renders = rules.renders
-        measure = partial(renders.clouds, k)
-        self._view = View(renders.site, renders.sensors, measure=measure, run=self._detections, codec=rules.codec)
+        images: dict[str, Any] = {}
+        if isinstance(renders, MeasuredImages):
+            images = {"capture": partial(renders.captured, k), "scene": renders.scene}
+        self._view = View(
+            renders.site, renders.sensors, measure=partial(renders.clouds, k), run=self._detections, codec=rules.codec,
+            **images,
+        )  # fmt: skip
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:
         """What the sensors of a set detect together, and what they sent."""

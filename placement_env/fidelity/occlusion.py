@@ -70,7 +70,7 @@ class _Scene:
     """The sensors of a block at the empty site, and buffers for one frame."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self._site, self._views, self._radius = site, SensorRays(renderer, sensors), site.hybrid_radius
+        self._site, self._views = site, SensorRays(renderer, sensors)
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
@@ -117,13 +117,8 @@ class _Scene:
     def _worth(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0."""
-        above = levelled(points, self._site.relief.slope)
-        within, z = inside(above, self._site.area, self._site.height, -np.inf), above[:, 2]
-        spread = np.maximum(np.abs(rays[:, 2]) * self._deviation(depth, sensors), 1e-6)
-        sent = within * _normal(np.clip(z / spread, -8, 8))
-        offset = points[:, :2] - self._positions[:, :2].take(sensors, axis=0)
-        return sent, sent * (np.einsum("ij,ij->i", offset, offset) > self._radius**2)
+        spread = np.abs(rays[:, 2]) * self._deviation(depth, sensors)
+        return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
 
     def _deviation(self, depth: np.ndarray, sensors: np.ndarray) -> np.ndarray | np.float32:
         """Standard deviation of the noise of each measurement, by the model of its sensor."""
@@ -134,6 +129,21 @@ class _Scene:
             own = which == k
             deviation[own] = self._models[k].deviation(depth[own])
         return deviation
+
+
+def worth(
+    points: Float32[np.ndarray, "n 3"],
+    spread: Float32[np.ndarray, " n"],
+    positions: Float32[np.ndarray, "n 2"],
+    site: Site,
+) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+    """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0. spread: standard
+    deviation of its height; positions: of the sensor that measures it."""
+    above = levelled(points, site.relief.slope)
+    within, z = inside(above, site.area, site.height, -np.inf), above[:, 2]
+    sent = within * _normal(np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8))
+    offset = points[:, :2] - positions
+    return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)
 
 
 def _normal(x: Float32[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:

@@ -12,7 +12,7 @@ from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.objects import Detector, check_known
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -22,9 +22,10 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.hits.hit_model import HitModel
+    from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.visibility import Rendering, Visibility
     from toolkit.runtime.cache import Cache
 
 
@@ -62,6 +63,7 @@ class Preparation:
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
+    rendering: Rendering = "auto"
 
     @cached_property
     def traffic(self) -> Traffic:
@@ -97,20 +99,49 @@ class Preparation:
                 ray=self.ray,
                 cache=self.disk_cache,
                 progress=report,
+                rendering=self.rendering,
             )
             vars(self)["visibility"] = seen
         return vars(self)["visibility"]
+
+    @cached_property
+    def live(self) -> LiveView | None:
+        """What sensors on the candidates' mounts see as they move, None where that is rendered in full: as
+        `rendering` says, and where the range of a candidate ends within the site."""
+        from placement_env.fidelity.panorama.live import LiveView
+        from placement_env.fidelity.panorama.panoramas import far_sighted, worthwhile
+
+        sensors = self.candidates.sensors
+        quick = self.rendering == "panorama" or (self.rendering == "auto" and worthwhile(sensors))
+        if not (quick and far_sighted(sensors, self.traffic).all()):
+            return None
+        return LiveView(self.traffic, self.classes.labels, self.disk_cache)
 
     @cached_property
     def network(self) -> str:
         """Which shipped network, or surrogate of it, scores the candidates."""
         return network_for(self.site, self.candidates.sensors)
 
+    @cached_property
+    def _hit_models(self) -> list[HitModel]:
+        """Those of the surrogate, one of each class, once they have been asked for."""
+        return []
+
+    @property
+    def hit_models(self) -> list[HitModel]:
+        """Those of the surrogate, one of each class, read once for all preparations made by `at`."""
+        if not self._hit_models:
+            settings: dict[str, Any] = {"classes": self.classes, "path": self.surrogate}
+            self._hit_models.extend(surrogate_models(self.scheme, self.iou, self.network, **settings))
+        return self._hit_models
+
     def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
         """The same traffic and network for other candidates, of which it is known what they see: scores of sensors that
         were moved compare with those of where they were."""
         there = replace(self, candidates=candidates)
-        vars(there).update(traffic=self.traffic, network=self.network, visibility=visibility)
+        vars(there).update(
+            traffic=self.traffic, network=self.network, visibility=visibility, _hit_models=self._hit_models
+        )
         return there
 
     def check(self, name: str) -> None:
@@ -137,9 +168,8 @@ class Preparation:
     def _surrogate(self) -> Fidelity:
         from placement_env.fidelity.surrogate import Surrogate
 
-        models = surrogate_models(self.scheme, self.iou, self.network, classes=self.classes, path=self.surrogate)
         settings: dict[str, Any] = {"radius": self.site.hybrid_radius, "codec": self.codec, "classes": self.classes}
-        return Surrogate(self.visibility, self.scheme, models, **settings)
+        return Surrogate(self.visibility, self.scheme, self.hit_models, **settings)
 
     def _detected(self) -> Fidelity:
         from models.detector import load_detector
@@ -208,13 +238,13 @@ def surrogate_models(
 ) -> tuple[HitModel, ...]:
     """A model for each class: of a file, None for those that are shipped for a network. Raises ValueError where one is
     missing, FileNotFoundError where the file is."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
+    from placement_env.fidelity.hits.hit_model import chosen_model, load_models, shipped_model
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
-        return tuple(shipped_model(scheme.name, at, network, label=name) for name, at in wanted)
+        return tuple(shipped_model(predicted_as(scheme), at, network, label=name) for name, at in wanted)
     models = load_models(path, schemes={*SCHEMES, scheme.name})
-    return tuple(chosen_model(models, scheme.name, at, name, source=str(path)) for name, at in wanted)
+    return tuple(chosen_model(models, predicted_as(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
 def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -69,6 +69,17 @@ class ByClass(Fidelity, Protocol):
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """Figures of each set for each class; combined they are what it says of the set."""
+
+
+@runtime_checkable
+class Doubting(Fidelity, Protocol):
+    """A fidelity that was fitted to something, and says how sure it is."""
+
+    def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        """Standard deviation of the AP of each set over resamples of what it was fitted to; NaN where not known."""
+
+    def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
+        """In what way it is asked about something else, a sentence each. sensors: kinds of their models."""
 
 
 def check_fidelity(fidelity: Any) -> None:

@@ -21,8 +21,11 @@ from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import FARTHEST, change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
+from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
+from toolkit.calibration.recording_scenes import RecordingScenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import read_frame, with_errors
+from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
@@ -62,6 +65,7 @@ class Renders:
         self._arguments = (traffic, candidates, cache)
         self._cache, self._noise_seed, self.errors = cache, noise_seed, errors
         self._packed: dict[int, _Packed] = {}
+        self._scenes: dict[int, EmptyScene] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(Renders, noise_seed=self._noise_seed, errors=self.errors), self._arguments
@@ -85,6 +89,30 @@ class Renders:
         if self._noise_seed is not None:
             rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
         return packed.rig.points(0, *packed.frame(k), rng)
+
+    def captured(self, k: int, c: int) -> Captured:
+        """The image behind these points: what it shows of the crop, all of it where errors need whole images."""
+        packed, sensor, snapshot = self._of_candidate(c), self.sensors[c], self.traffic.snapshots[k]
+        if self._whole:
+            return Captured(self._reading(packed, k, c), 0, self.site)
+        rng = None if self._noise_seed is None else np.random.default_rng([self._noise_seed, k, _seed(sensor)])
+        _, pixels, depth = packed.rig.measured(0, *packed.frame(k), rng)
+        image = np.zeros(sensor.model.shape, np.float32)
+        image.ravel()[pixels] = depth
+        frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)
+        return Captured(frame, 0, self.site, kept=pixels.astype(np.int64))
+
+    def scene(self, c: int) -> EmptyScene:
+        """The empty scene of candidate c: rendered, or learnt from its frames where it has errors."""
+        if c not in self._scenes:
+            packed, sensor = self._of_candidate(c), self.sensors[c]
+            learner = SceneLearner(sensor)
+            for k in range(self.frames) if self._whole else ():
+                learner.add(self._reading(packed, k, c).measurements[0])
+            still = np.zeros(sensor.model.shape, np.float32)
+            still.ravel()[packed.rig.pixels[0]] = packed.rig.depth[0]
+            self._scenes[c] = learner.scene() if self._whole else EmptyScene.of(sensor, still)
+        return self._scenes[c]
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""
@@ -154,6 +182,7 @@ class Recorded:
         self.recording, self.site, self.sensors = recording, recording.site, recording.sensors
         self.frames, self._noise_seed, self.errors = len(recording), noise_seed, errors
         self._last: Frame | None = None
+        self.scene = RecordingScenes(recording, errors=errors, noise_seed=noise_seed)
 
     @cached_property
     def digest(self) -> str:
@@ -170,6 +199,10 @@ class Recorded:
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of sensor c in frame k inside the crop, world frame."""
         return frame_points(self._frame(k), [c], area=self.site)[0]
+
+    def captured(self, k: int, c: int) -> Captured:
+        """The image behind these points."""
+        return Captured(self._frame(k), c, self.site)
 
     def objects(self, k: int) -> Objects:
         """All that is there in frame k, scored or not."""

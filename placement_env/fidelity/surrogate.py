@@ -9,19 +9,19 @@ down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.hit_model import HitModel, shipped_model
+from placement_env.fidelity.hits.hit_model import HitModel, shipped_model
 from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, bits_sent
+from toolkit.detection.scheme import Scheme, bits_sent, predicted_as
 from toolkit.detection.schemes import scheme_of
 from toolkit.sites.site import HYBRID_RADIUS
 
@@ -52,10 +52,12 @@ class Surrogate:
         scheme, self.classes = scheme_of(scheme), classes
         visibility = visibility.of_classes(classes.labels)
         if model is None:
-            model = [shipped_model(scheme.name, classes.iou_of(name, iou), label=name) for name in classes.names]
+            model = [
+                shipped_model(predicted_as(scheme), classes.iou_of(name, iou), label=name) for name in classes.names
+            ]
         models = [model] if isinstance(model, HitModel) else model
         for each in models:
-            if each.scheme != scheme.name:
+            if each.scheme not in (scheme.name, predicted_as(scheme)):
                 raise ValueError(f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one fitted to it")
         by_label = {each.label: each for each in models}
         if missing := [name for name in classes.names if name not in by_label]:
@@ -86,6 +88,42 @@ class Surrogate:
         ap, recall = (np.stack(each, axis=1) for each in zip(*figures, strict=True))
         return ClassEstimates(ap, recall, self._kbit(subsets))
 
+    def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], HitModel, float]]:
+        """n ^ norm of each candidate and object of each class, its model, and its weight in the mean. Raises ValueError
+        where what the centre gets makes them no sum over sensors."""
+        weights = np.array(self.classes.weights)
+        there = np.array([part.objects > 0 for part in self._parts])
+        shares = np.where(there, weights, 0.0) / max(float(weights[there].sum()), 1e-300)
+        return [
+            (part.powers(), model, float(share))
+            for part, model, share in zip(self._parts, self.models, shares, strict=True)
+            if part.objects
+        ]
+
+    def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        """How unsure the AP of each set is: its standard deviation over the resamples of the fit; NaN where a model has
+        none. Says nothing of what the models have not got a number for."""
+        count = min(len(model.resampled) for model in self.models)
+        if count < 2:
+            return np.full(len(subsets), np.nan)
+        drawn = []
+        for k in range(count):
+            models = [model.resamples[k] for model in self.models]
+            parts = [part.with_model(model) for part, model in zip(self._parts, models, strict=True)]
+            figures = np.stack([part.expected(subsets)[0] for part in parts], axis=1)
+            empty = np.array([not part.objects for part in parts])
+            drawn.append(self.classes.combined(np.where(empty, np.nan, figures)))
+        return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
+
+    def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
+        """In what way it is asked about something else than it was fitted to, a sentence each. sensors: kinds of their
+        models."""
+        said: dict[str, None] = {}
+        for part, model in zip(self._parts, self.models, strict=True):
+            if model.domain is not None:
+                said |= dict.fromkeys(model.domain.outside(part.visibility.points, part.visibility.distance, sensors))
+        return tuple(said)
+
     def _kbit(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         return np.asarray(subsets @ self._bits / (1000 * self._frames))
 
@@ -94,9 +132,20 @@ class _Part:
     """The objects of one class, and their model."""
 
     def __init__(self, visibility: Visibility, scheme: Scheme, radius: float, model: HitModel) -> None:
+        self.visibility, self._scheme, self._radius = visibility, scheme, radius
         self._model, self._evidence = model, Evidence(visibility, scheme, radius)
         self._sums = MemberSums(self._evidence.rows(model))
         self.objects = visibility.points.shape[1]
+
+    def powers(self) -> Float32[np.ndarray, "C O"]:
+        """n ^ norm of each candidate and object."""
+        if self._sums.rows.shape[1] != self.objects * (2 if self._model.floor > 0 else 1):
+            raise ValueError("in hybrid fusion evidence is no sum over sensors: say --scheme early or late")
+        return self._sums.rows[:, : self.objects].copy()
+
+    def with_model(self, model: HitModel) -> _Part:
+        """The same objects by another model."""
+        return _Part(self.visibility, self._scheme, self._radius, model)
 
     def expected(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """AP and recall of each set."""
@@ -106,9 +155,13 @@ class _Part:
         return ap, recall
 
     def _of_sums(self, sums: Float32[np.ndarray, "n w"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-        sums = self._evidence.joined(sums, self._model)
-        sums.sort(axis=1)
-        return expected_ap(self._model.probability(sums[:, ::-1]), self._model.false_alarms)
+        powers, raw = self._evidence.joined(sums, self._model)
+        if raw is None:
+            powers.sort(axis=1)
+            return expected_ap(self._model.probability(powers[:, ::-1]), self._model.false_alarms)
+        probability = self._model.probability(powers, raw)
+        probability.sort(axis=1)
+        return expected_ap(probability[:, ::-1], self._model.false_alarms)
 
 
 def expected_ap(
@@ -133,7 +186,8 @@ class Evidence:
     """What each candidate knows of each object, in numbers that add up over the members of a set.
 
     scheme: how sets fuse; radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the
-    model's Σ n_i ^ norm. Where points reach the centre beside boxes, it counts as one sensor more that holds them all.
+    model's Σ n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes, it counts
+    as one sensor more that holds them all.
     """
 
     def __init__(self, visibility: Visibility, scheme: Scheme, radius: float) -> None:
@@ -141,18 +195,30 @@ class Evidence:
         self._pooled = scheme.pooled_beside(visibility.distance, radius)
 
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
-        """n ^ norm of each candidate and object and, beside it, n where the centre gets the points too."""
+        """n ^ norm of each candidate and object and, beside it, n where the centre gets the points too; where the model
+        has a floor, the same of N."""
         seen = self._visibility
         points: np.ndarray = seen.points.astype(dtype)
+        raw = self._columns(points, model) if model.floor > 0 else []
         points *= (np.maximum(seen.distance, 1).astype(dtype) / 20) ** model.reach
         points *= np.exp(-model.oblique * np.abs(np.sin(2 * seen.boxes[:, 6]))).astype(dtype)
-        powers = np.minimum(points, MOST_POINTS) ** model.norm
-        if self._pooled is None:
-            return powers
-        return np.concatenate([powers, np.where(self._pooled, points, 0)], axis=1)
+        columns = [*self._columns(points, model), *raw]
+        return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
-    def joined(self, sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
-        """Σ n_i ^ norm of sets, from the sums of their members' rows."""
+    def _columns(self, points: np.ndarray, model: HitModel) -> list[np.ndarray]:
+        powers = np.minimum(points, MOST_POINTS) ** model.norm
+        return [powers] if self._pooled is None else [powers, np.where(self._pooled, points, 0)]
+
+    def joined(
+        self, sums: Float[np.ndarray, "n w"], model: HitModel
+    ) -> tuple[Float[np.ndarray, "n O"], Float[np.ndarray, "n O"] | None]:
+        """Σ n_i ^ norm of sets, and Σ N_i ^ norm where the model has a floor, from the sums of their members' rows."""
+        if model.floor > 0:
+            dense, raw = np.split(sums, 2, axis=1)
+            return self._with_centre(dense, model), self._with_centre(raw, model)
+        return self._with_centre(sums, model), None
+
+    def _with_centre(self, sums: Float[np.ndarray, "n w"], model: HitModel) -> Float[np.ndarray, "n O"]:
         if self._pooled is None:
             return sums
         near, centre = np.split(sums, 2, axis=1)

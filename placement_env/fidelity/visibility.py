@@ -12,11 +12,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.occlusion import Seen, look_at
+from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
@@ -28,6 +30,8 @@ from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
 from toolkit.sensors.sensor import Sensor
 
+Rendering = Literal["auto", "full", "panorama"]
+RENDERINGS: tuple[str, ...] = get_args(Rendering)
 BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
 
 Block = tuple[int, int]
@@ -127,8 +131,8 @@ class Visibility:
         every = np.concatenate([np.zeros((0, 7)), *boxes])
         on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
         frame_of = np.repeat(np.arange(count), [len(each) for each in boxes])
-        distances = _distances(recording.sensors, every)
-        return Visibility(on_objects, distances, frame_of, every, sent_each, far_each, np.concatenate(kinds))
+        columns = (frame_of, every, sent_each, far_each, np.concatenate(kinds))
+        return Visibility(on_objects, distances(recording.sensors, every), *columns)
 
 
 def see(
@@ -140,19 +144,57 @@ def see(
     ray: str | None = None,
     progress: Callable[[int], None] | None = None,
     cache: Cache | None = None,
+    rendering: Rendering = "auto",
 ) -> Visibility:
     """What the candidates see of the traffic.
 
+    rendering: "full" casts every ray of every candidate; "panorama" looks once from each place and counts the rays of
+    all that hangs there in what it saw, which is much faster where many candidates share a place and agrees within 3 %
+    or 8 points of an object nearly always; "auto" takes panoramas where at least four candidates share a place in the
+    mean, as in a pool. A candidate whose range ends within the site is rendered in full all the same;
     labels: classes (numbers) of the objects that count; workers, ray: see `toolkit.runtime.parallel.spread`; progress:
     called with how many candidates are done; cache: where the finished blocks of candidates are kept, so that what was
     broken off goes on there.
-    Raises ValueError without candidates.
+    Raises ValueError without candidates and for a rendering that there is not.
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     labels = tuple(sorted(labels))
-    job = _Job(traffic, candidates.sensors, cache, labels)
-    blocks = _blocks(candidates.sensors)
+    check_rendering(rendering)
+    settings: dict[str, Any] = {"workers": workers, "ray": ray, "progress": progress, "cache": cache}
+    sensors = candidates.sensors
+    quick = np.zeros(len(sensors), np.bool_)
+    if rendering == "panorama" or (rendering == "auto" and worthwhile(sensors)):
+        quick = far_sighted(sensors, traffic)
+    frame, boxes, kinds = scored_objects(traffic, labels)
+    shapes = ((len(sensors), len(frame)), *[(len(sensors), len(traffic))] * 2)
+    points, sent, far = (np.zeros(shape, np.float32) for shape in shapes)
+    for look, some in ((look_round, quick), (_look_in_full, ~quick)):
+        if some.any():
+            seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, **settings)
+            points[some], sent[some], far[some] = seen
+    return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
+
+
+def check_rendering(rendering: str) -> None:
+    """Raises ValueError where there is no such way to render."""
+    if rendering not in RENDERINGS:
+        raise ValueError(f"rendering must be one of {', '.join(RENDERINGS)}, got {rendering!r}")
+
+
+def _look_in_full(
+    traffic: Traffic,
+    sensors: Sequence[Sensor],
+    labels: tuple[int, ...],
+    *,
+    workers: int,
+    ray: str | None,
+    progress: Callable[[int], None] | None,
+    cache: Cache | None,
+) -> Seen:
+    """What sensors see, each of their rays cast."""
+    job = _Job(traffic, tuple(sensors), cache, labels)
+    blocks = _blocks(sensors)
     kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
     made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
     seen = []
@@ -160,12 +202,10 @@ def see(
         seen.append(kept[block] if block in kept else next(made))
         if progress:
             progress(block[1])
-    frame, boxes, kinds = _scored_objects(traffic, labels)
-    points, sent, far = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    return Visibility(points, _distances(candidates.sensors, boxes), frame, boxes, sent, far, kinds)
+    return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
-def _scored_objects(
+def scored_objects(
     traffic: Traffic, labels: Sequence[int]
 ) -> tuple[Int64[np.ndarray, " O"], Float64[np.ndarray, "O 7"], Int64[np.ndarray, " O"]]:
     """Frame, box and class of every scored object."""
@@ -175,7 +215,7 @@ def _scored_objects(
     return frame, np.concatenate([np.zeros((0, 7)), *(each.boxes for each in chosen)]), kinds
 
 
-def _distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
+def distances(sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]) -> Float32[np.ndarray, "C O"]:
     """Horizontal distance (m) from each sensor to the centre of each box."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -12,14 +12,17 @@ from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective, Score, Stages, Weights
 from placement_env.report.planning.refusals import check_present, exclusions
+from placement_env.report.planning.sentences import money
 from placement_env.report.search_answer import ANSWER_FILES, write_answer
 from placement_env.search.description import (
     described_assessment,
+    described_doubts,
     described_empty,
     described_score,
     described_sensors,
 )
 from placement_env.search.methods import check_search, search_of
+from placement_env.search.portfolio.curve import budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
 from placement_env.search.verification import verified_best
@@ -37,7 +40,9 @@ PORTFOLIO = "portfolio"
 class SearchOrder:
     """What is to be searched, and how. method: of `placement_env.search.methods`; verify: fidelity by which an answer
     and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
-    sensors, for what detects; limits: seconds and evaluations; settings: of `Objective` beside these.
+    sensors, for what detects; limits: seconds and evaluations; demand: what a method beside these is asked for;
+    currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up to the
+    budget, by a portfolio; settings: of `Objective` beside these.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """
@@ -58,6 +63,9 @@ class SearchOrder:
     surrogate: Path | None = None
     table: Path | None = None
     limits: Mapping[str, Any] = field(default_factory=dict)
+    demand: Mapping[str, Any] = field(default_factory=dict)
+    currency: str = ""
+    curve: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -94,14 +102,17 @@ def answered(order: SearchOrder, *, out: Path | None = None, progress: Stages | 
     objective = _objective(order, order.fidelity, progress)
     check_present(objective)
     if not objective.allowed([]).any():
-        reasons = exclusions(objective)
+        reasons = exclusions(objective, currency=order.currency)
         return Answered({"sensors": [], "reasons": reasons}, (f"none may be built: {' '.join(reasons)}",), False)
-    own = _judging(order, objective, progress) if order.method == PORTFOLIO else {}
+    own = _judging(order, objective, progress) if order.method == PORTFOLIO else dict(order.demand)
+    if order.curve:
+        return _curve(order, objective, own)
     seed = order.settings.get("seed", 0)
     result = search_of(order.method)(objective, order.budget, seed=seed, **order.limits, **own)
     summary, lines = _summary(objective, result), _lines(objective, result)
     if not result.best.subset:
-        return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
+        why = result.certificate.note if order.demand else described_empty(objective)
+        return Answered(summary, (f"no sensors: {why}",), False)
     chosen = result.best.subset
     if order.verify is not None:
         exact = _objective(order, order.verify, progress)
@@ -146,6 +157,23 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
     }
 
 
+def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Answered:
+    """The budget curve: a row for each number of sensors."""
+    points = budget_curve(objective, order.budget, seed=order.settings.get("seed", 0), **order.limits, **own)
+    rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
+    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance}
+    if not points:
+        return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
+    lines = [f"best set of each number of sensors, by the {order.judge} on traffic that neither searches nor race saw:"]
+    for point in points:
+        names = ", ".join(objective.names[c] for c in point.subset)
+        lines.append(
+            f"  {point.sensors} for {money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} to "
+            f"{point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: {names}"
+        )
+    return Answered(summary, tuple(lines), True)
+
+
 def _summary(objective: Objective, result: Result) -> dict[str, Any]:
     sensors = described_sensors([objective.names[c] for c in result.best.subset], result.sensors)
     summary = {
@@ -155,6 +183,7 @@ def _summary(objective: Objective, result: Result) -> dict[str, Any]:
         "evaluations": result.evaluations,
         "seconds": result.seconds,
         "provenance": objective.provenance,
+        "doubts": described_doubts(objective, result.best.subset),
     }
     if result.assessment is not None:
         said = asdict(result.assessment) | {"curse": result.assessment.curse}
@@ -168,7 +197,8 @@ def _lines(objective: Objective, result: Result) -> list[str]:
     sensors = described_sensors([objective.names[c] for c in result.best.subset], result.sensors)
     judged = [] if result.assessment is None else described_assessment(result.assessment)
     score = f"{'searched by: ' if judged else ''}{described_score(result.best)}"
-    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score]
+    doubts = described_doubts(objective, result.best.subset)
+    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors), *judged, score, *doubts]
     return lines + [f"front: {described_score(score)} {score.subset}" for score in result.front]
 
 

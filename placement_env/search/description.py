@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_env.candidates.aim import aims
+from placement_env.fidelity.protocol import Doubting
 from placement_env.objective import Objective, Score
 from placement_env.search.result import Assessment
 from toolkit.sensors.sensor import Sensor
@@ -47,6 +48,18 @@ def described_assessment(assessment: Assessment) -> list[str]:
         f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
         for each in assessment.contenders
     ]
+
+
+def described_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
+    """How sure a surrogate is of a set, and where it is asked about something else than it was fitted to, a line each;
+    none for other fidelities."""
+    surrogate = objective.scored_by
+    if not isinstance(surrogate, Doubting):
+        return []
+    spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
+    sure = [] if np.isnan(spread) else [f"the surrogate's AP is sure to about {spread:.3f} as far as its fit goes"]
+    kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
+    return [*sure, *(f"warning: {doubt}" for doubt in surrogate.doubts(kinds))]
 
 
 def described_empty(objective: Objective) -> str:

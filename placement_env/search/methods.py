@@ -35,11 +35,19 @@ METHODS: dict[str, Method] = {
     "swap": Method(f"{_SEARCH}.swap"),
     "annealing": Method(f"{_SEARCH}.annealing"),
     "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
+    "hits": Method(f"{_SEARCH}.exact.hits", needs="ortools"),
+    "cheapest": Method(f"{_SEARCH}.exact.cheapest", needs="ortools"),
     "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),
 }
-RENDERED = ("cpsat", "cmaes", "portfolio")  # they ask what each candidate sees, which a table does not know
+RENDERED = (
+    "cpsat",
+    "cmaes",
+    "portfolio",
+    "hits",
+    "cheapest",
+)  # they ask what each candidate sees, which a table does not know
 
 
 def search_of(method: str) -> Callable[..., Any]:
@@ -48,9 +56,12 @@ def search_of(method: str) -> Callable[..., Any]:
     return getattr(import_module(found.module), found.function)
 
 
-def usual_method(fidelity: str, *, verify: bool = False) -> str:
-    """The method where none is asked for: a portfolio, which judges by itself, for what is searched by a fast fidelity;
-    every set for a table, which is of few sensors; greedy where an answer is verified, or a set takes a detector."""
+def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
+    """The method where none is asked for: the cheapest set where an AP must be reached; else a portfolio, which judges
+    by itself, for what is searched by a fast fidelity; every set for a table, which is of few sensors; greedy where an
+    answer is verified, or a set takes a detector."""
+    if at_least:
+        return "cheapest"
     return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
 
 

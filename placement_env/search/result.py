@@ -53,12 +53,13 @@ class Certificate:
     bound: float = np.inf
     ratio: float = 0.0
     note: str = ""
-    measure: Literal["reward", "coverage"] = "reward"
+    measure: Literal["reward", "coverage", "price", "hits"] = "reward"
 
     @property
     def gap(self) -> float:
-        """How much better the optimum may be, in `measure`: 0 when the answer is proven optimal."""
-        return max(0.0, self.bound - self.value)
+        """How much better the optimum may be, in `measure`: 0 when the answer is proven optimal. A price is the better
+        the lower, and `bound` is then the least that any such set costs."""
+        return max(0.0, self.value - self.bound if self.measure == "price" else self.bound - self.value)
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,8 @@ class Result:
 
     def __str__(self) -> str:
         known = self.certificate
-        bound = f", at most {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
+        end = "least" if known.measure == "price" else "most"
+        bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
         chosen = ", ".join(str(c) for c in self.best.subset)
         judged = self.assessment
         figure = f"reward {self.best.reward:.4f}" if judged is None else f"AP {judged.ap:.4f} by the {judged.by}"

@@ -11,8 +11,8 @@ from models.detector import load_detector
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hit_model import HitModel, load_models, save_models, shipped_model
+from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hits.hit_model import HitModel, load_models, save_models, shipped_model
 from placement_env.fidelity.protocol import ByClass
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, best_sets, load_table, make_table
@@ -351,7 +351,7 @@ def test_a_model_of_each_class_is_fitted_to_the_detector():
     sent = np.ones((4, FRAMES), np.float32)
     points = np.array(counts, np.float32)
     seen = Visibility(points, np.full(points.shape, 20, np.float32), frame, boxes, sent, sent, labels)
-    models = fit_detected(seen, found, SETS[1:], source="street")
+    models = tuple(each.model for each in fit_detected([(seen, found, SETS[1:])], source="street"))
     assert [(one.label, one.iou) for one in models] == [
         ("vehicle", 0.7), ("vehicle", 0.8), ("vehicle", 0.9), ("cyclist", 0.5), ("pedestrian", 0.5),
     ]  # fmt: skip

@@ -180,3 +180,10 @@ def test_a_mount_used_twice_is_paid_once() -> None:
     subsets = np.array([scored.row(members) for members in ((), (0,), (0, 1), (0, 2, 4), range(6))])
     assert scored.price(subsets).tolist() == [0.0, 2.0, 2.0, 6.0, 6.0]
     assert scored.price(np.zeros((0, 6), bool)).shape == (0,)
+
+
+def test_a_scheme_with_a_codec_of_its_own_counts_and_says_that() -> None:
+    early, foreground = objective(), objective(scheme="foreground")
+    assert early.provenance["codec"] == "PaperCodec(bits_per_point=96, bits_per_box=256)"
+    assert foreground.provenance["codec"] == "RangeImages(step=0.02)"
+    assert foreground.provenance["scheme"].startswith("Foreground(")

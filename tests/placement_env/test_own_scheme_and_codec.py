@@ -11,8 +11,8 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.hit_fit import fit_detected
-from placement_env.fidelity.hit_model import load_models, save_models
+from placement_env.fidelity.hits.hit_fit import fit_detected
+from placement_env.fidelity.hits.hit_model import load_models, save_models
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Surrogate
@@ -243,7 +243,7 @@ def test_objective_and_search_take_both(seen, renders, candidates, detector, fid
 def test_a_surrogate_may_be_fitted_to_them(seen, renders, detector, tmp_path):
     sets = all_subsets(4)[1:]
     detected = Detected(renders, detector, Thinned())
-    models = fit_detected(seen, detected, sets, source="places")
+    models = tuple(each.model for each in fit_detected([(seen, detected, sets)], source="places"))
     save_models(models, tmp_path / "own.json")
     assert load_models(tmp_path / "own.json", schemes=["thinned"]) == models
     estimate = Surrogate(seen, Thinned(), models[0])(sets)

@@ -81,6 +81,15 @@ class EmptyScene:
         if self.frames < 1:
             raise ValueError(f"an empty scene is learnt from a frame at least, got {self.frames}")
 
+    @staticmethod
+    def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
+        """The scene that is known from a render without noise, its spread the sensor model's."""
+        first = np.where(returned(image, sensor.model.max_range), image, 0).astype(np.float32)
+        spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
+        always, never = np.ones_like(first), np.zeros_like(first)
+        none = np.full(first.shape, np.nan, np.float32)
+        return EmptyScene(sensor.name, sensor.model, first, spread, always, none, never, never.copy(), 1)
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all it holds: sensor and fusion centre have the same scene where it is equal."""

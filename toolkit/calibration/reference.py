@@ -1,24 +1,45 @@
-"""What a sensor is registered against: the surface of the site, of a survey's cloud, or of what sensors saw before."""
+"""What a sensor is registered against: the surface of the site, of a survey's cloud, or of what sensors saw before.
+
+A file says by its ending what it is: a recording (.hdf5, .h5), a cloud in the frame of the site (see
+`toolkit.datasets.cloud_files`), or a site (.json, .geojson, or the name of a built-in one).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float64
-from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
 from toolkit.calibration.registration import Surface
+from toolkit.datasets.cloud_files import read_points
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.geometry import transform
 from toolkit.rendering.static_scene import scenery
+from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 SURFACE_SPACING = 0.15  # m between the points a surface is sampled with
 OUTSKIRTS = 30.0  # m beyond the detection area, as far as a site's surface is sampled
 GROWS = ("tree", "bush")  # kinds of solids that no drawing of a site holds leaf by leaf
 _NEIGHBOURHOOD, _NEIGHBOURS = 2.0, 24  # m and points at most, that a normal is fitted to
-_FLAT, _LONG = 0.15, 0.15  # least extent by the middle one of what is not flat; middle by largest of what is a line
+_FLAT, _LONG = 0.35, 0.15  # least extent by the middle one of what is not flat; middle by largest of what is a line
+
+
+def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
+    """The surface behind the name of a site or a file. Of a recording: what its sensors saw in its first `frames`
+    frames, from where they were believed to be, noise-free. Raises ValueError and OSError as the readers do."""
+    ending = Path(reference).suffix.lower()
+    if ending in (".hdf5", ".h5"):
+        with CoopDataset(reference) as recording:
+            scenes = learn_empty_scenes(recording, frames=frames, noise_seed=None)
+            return scenes_surface(scenes, [sensor.pose for sensor in recording.sensors])
+    if ending in ("", ".json", ".geojson"):
+        return site_surface(load_site(reference))
+    return cloud_surface(read_points(reference))
 
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
@@ -38,7 +59,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     u, v = np.sqrt(rng.random(len(chosen))), rng.random(len(chosen))
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
     points = np.einsum("nk,nkd->nd", weights, corners[chosen])
-    return Surface(points, across[chosen] / size[chosen, None])
+    return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
 
 
 def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
@@ -56,7 +77,7 @@ def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
     flat = (extents[:, 0] < _FLAT**2 * extents[:, 1]) & (extents[:, 1] > _LONG**2 * extents[:, 2])
     if flat.sum() < 50:
         raise ValueError(f"the reference has {int(flat.sum())} points on flat ground or walls, 50 are needed")
-    return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat])
+    return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat], np.sqrt(extents[flat, 0].clip(0)))
 
 
 def scene_points(

@@ -25,26 +25,30 @@ from toolkit.geometry import transform
 
 NAMES = ("turn about x", "turn about y", "turn about z", "move along x", "move along y", "move along z")
 LEVER = 10.0  # m; a turn by an angle is compared with a move as that of a point so far off
-# Radius (m) within which counterparts are looked for, and the voxel (m) that leaves one point, level by level.
-_COARSE = ((3.0, 1.0), (1.5, 0.7), (0.7, 0.5))
-_FINE = ((0.35, 0.3), (0.2, 0.25), (0.15, 0.25))
+# Level by level the radius (m) within which counterparts are looked for, the voxel (m) that leaves one point, and the
+# least limit (m) of Tukey's weights: walls may be farther off than the ground, of which there is so much more.
+_COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
+_FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
 _STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z from which the coarse levels begin
 _STEPS = 20  # at most, of one level
 _CONVERGED = 1e-4  # of the radius, that the last step is smaller than
 _AGREES = 0.3  # m, within which a point agrees with a start
+_SAME, _AS_GOOD = 0.05, 0.002  # m between starts that came to the same; agreement that is as good as another
 _TUKEY = 4.685
 _LEAST_SCALE = 0.01  # m, of the residuals that Tukey's weights are scaled by
 _RESISTS = 0.15  # of a unit motion, across the plane: less is the noise of normals
-_LEAST_SHARE, _LEAST_POINTS = 0.001, 6.0  # of the points, that must resist a motion for it to be observed
+_LEAST_SHARE, _LEAST_POINTS = 0.0004, 2.0  # of the points, that must resist a motion for it to be observed
 _CORRELATED = 9.0  # points that say as much as one alone: errors of neighbours are alike
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What stands still: points (m) and the unit normals there, either way round, in one frame."""
+    """What stands still: points (m) and the unit normals there, either way round, in one frame; roughness: standard
+    deviation (m) of the surface about the plane of each point."""
 
     points: Float64[np.ndarray, "n 3"]
     normals: Float64[np.ndarray, "n 3"]
+    roughness: Float64[np.ndarray, " n"]
 
     @cached_property
     def tree(self) -> Any:
@@ -57,7 +61,7 @@ class Surface:
     def thin(self) -> Surface:
         """One of its points in each cube of 0.4 m, for what need not be exact yet."""
         some = one_each(self.points, 0.4)
-        return Surface(self.points[some], self.normals[some])
+        return Surface(self.points[some], self.normals[some], self.roughness[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +101,18 @@ def register(
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
     believed = np.array(believed, np.float64)
-    coarse = []
+    coarse: list[np.ndarray] = []
     for turn in _STARTS:
         start = after_motion(believed, np.array([0, 0, turn * LEVER, 0, 0, 0]))
-        coarse.append(_aligned(points, noise, surface.thin, start, _COARSE))
-    pose, _ = max(coarse, key=lambda reached: reached[1].agreement)
-    pose, system = _aligned(points, noise, surface, pose, _FINE)
+        pose, _ = _aligned(points, noise, surface.thin, start, _COARSE)
+        if all(np.abs(motion_between(pose, other)).max() > _SAME for other in coarse):
+            coarse.append(pose)
+    fine = [_aligned(points, noise, surface, pose, _FINE) for pose in coarse]
+    best = max(system.agreement for _, system in fine)
+    pose, system = min(
+        (each for each in fine if each[1].agreement >= best - _AS_GOOD),
+        key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
+    )
     return Registration(pose, system.covariance(), system.unobserved, system.overlap, system.scatter)
 
 
@@ -111,13 +121,13 @@ def _aligned(
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
     pose: Float64[np.ndarray, "4 4"],
-    levels: Sequence[tuple[float, float]],
+    levels: Sequence[tuple[float, float, float]],
 ) -> tuple[Float64[np.ndarray, "4 4"], _System]:
     """The pose after some levels, and the last system that was solved."""
-    for radius, voxel in levels:
+    for radius, voxel, least in levels:
         some = one_each(points, voxel)
         for _ in range(_STEPS):
-            system = _system(points[some], noise[some], surface, pose, radius)
+            system = _system(points[some], noise[some], surface, pose, (radius, least))
             step = system.step()
             pose = after_motion(pose, step)
             if np.abs(step).max() < _CONVERGED * radius:
@@ -133,6 +143,15 @@ def after_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
     after[:3, :3] = rotation_about(motion[:3] / LEVER) @ pose[:3, :3]
     after[:3, 3] += motion[3:]
     return after
+
+
+def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
+    """The motion, turns times `LEVER`, that `after_motion` needs from one pose to another."""
+    turn = after[:3, :3] @ before[:3, :3].T
+    sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    length = float(np.linalg.norm(sine))
+    angle = float(np.arctan2(length, (np.trace(turn) - 1) / 2))
+    return np.concatenate([sine * (LEVER * angle / length if length else 0.0), after[:3, 3] - before[:3, 3]])
 
 
 def resistance(
@@ -211,8 +230,9 @@ def _system(
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
     pose: Float64[np.ndarray, "4 4"],
-    radius: float,
+    limits: tuple[float, float],
 ) -> _System:
+    radius, least = limits
     world = transform(pose, points)
     apart, other = surface.tree.query(world, distance_upper_bound=radius)
     near = np.flatnonzero(np.isfinite(apart))
@@ -224,6 +244,6 @@ def _system(
     normals = surface.normals[other[near]]
     residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
     scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
-    spread = np.sqrt(noise[near] ** 2 + scatter**2)
-    weight = tukey(residual / spread, max(_TUKEY, radius / 2 / scatter if radius > 0.5 else 0.0)) / spread**2
+    spread = np.sqrt(noise[near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
+    weight = tukey(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
     return _System(resistance(world[near], pose[:3, 3], normals), residual, weight, len(near) / len(points), scatter)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,9 @@ from toolkit.arrays import Float64
 from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, learn_empty_scenes
 from toolkit.calibration.reference import scene_points
 from toolkit.calibration.registration import NAMES, Registration, Surface, register
-from toolkit.datasets.readings import Readable
+from toolkit.datasets.readings import Readable, read_frame
+from toolkit.runtime.files import write_text
+from toolkit.runtime.json_files import finite
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
@@ -58,17 +62,27 @@ class FoundPose:
             WORTH_MOVE, _SURE * float(np.linalg.norm(move))
         )
 
+    def __str__(self) -> str:
+        if self.registration is None:
+            return f"{self.sensor.name}: not found: {self.refusal}"
+        turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
+        unseen = "; ".join(map(spoken, self.registration.unobserved))
+        return (
+            f"{self.sensor.name}: turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(np.linalg.norm(turn)):.2f}°), "
+            f"moved by {self.distance * 100:.1f} cm (± {np.linalg.norm(move) * 100:.1f} cm)"
+            f"{unseen and f'; not observed, so left as believed: {unseen}'}"
+        )
+
     def described(self) -> dict[str, Any]:
-        """What files say of it: angles in degrees, lengths in metres, turns and moves by the world's axes."""
+        """What files say of it: angles in degrees, lengths in metres, turns and moves by the world's axes; infinite
+        what is not observed."""
         fixed = {
-            "sensor": self.sensor.name,
             "world_SE3_sensor": self.pose.tolist(),
             "believed_world_SE3_sensor": self.sensor.pose.tolist(),
         }
         if self.registration is None:
             return {**fixed, "found": False, "why": self.refusal}
-        deviations = np.where(np.isfinite(self.registration.deviations), self.registration.deviations, -1)
-        turn, move = np.split(deviations, 2)
+        turn, move = np.split(self.registration.deviations, 2)
         return {
             **fixed,
             "found": True,
@@ -76,8 +90,8 @@ class FoundPose:
             "moved_m": self.distance,
             "drifted": self.drifted,
             "standard_deviation": {
-                "turn_deg": [None if each < 0 else float(np.rad2deg(each)) for each in turn],
-                "move_m": [None if each < 0 else float(each) for each in move],
+                "turn_deg": np.rad2deg(turn).tolist(),
+                "move_m": move.tolist(),
             },
             "covariance_rad_m": self.registration.covariance.tolist(),
             "unobserved": [spoken(motion) for motion in self.registration.unobserved],
@@ -97,6 +111,12 @@ def spoken(motion: Float64[np.ndarray, "6"]) -> str:
     return ", ".join(named)
 
 
+def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
+    """Write what `FoundPose.described` says of each sensor as JSON, by its name, for
+    `toolkit.datasets.cloud_files.read_poses` and for people."""
+    write_text(path, json.dumps(finite({each.sensor.name: each.described() for each in found}), indent=1))
+
+
 def find_poses(
     recording: Readable,
     surface: Surface,
@@ -112,13 +132,7 @@ def find_poses(
     sample, errors, noise_seed: see `toolkit.calibration.empty_scene.learn_empty_scenes`; errors turn the believed poses
     too. progress: called with how many sensors are done. Raises ValueError for fewer than `LEAST_FRAMES` frames.
     """
-    from toolkit.datasets.readings import read_frame
-
-    count = min(len(recording), len(recording) if frames is None else frames)
-    if count < LEAST_FRAMES:
-        raise ValueError(
-            f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
-        )
+    count = check_frames_suffice(recording, frames)
     scenes = learn_empty_scenes(recording, frames=count, sample=sample, errors=errors, noise_seed=noise_seed)
     sensors = read_frame(recording, 0, errors=errors, noise_seed=noise_seed).sensors
     found = []
@@ -127,6 +141,16 @@ def find_poses(
         if progress is not None:
             progress(len(found))
     return tuple(found)
+
+
+def check_frames_suffice(recording: Readable, frames: int | None) -> int:
+    """How many frames empty scenes are learnt from. Raises ValueError where they are fewer than `LEAST_FRAMES`."""
+    count = min(len(recording), len(recording) if frames is None else frames)
+    if count < LEAST_FRAMES:
+        raise ValueError(
+            f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
+        )
+    return count
 
 
 def find_pose(scene: EmptyScene, sensor: Sensor, surface: Surface) -> FoundPose:

@@ -271,7 +271,8 @@ def _poses_of_json(content: Any) -> dict[str, Any]:
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
-        return content
+        placed = "world_SE3_sensor"  # of an object that says more of a sensor, as coview calibrate writes them
+        return {name: pose.get(placed, pose) if isinstance(pose, dict) else pose for name, pose in content.items()}
     if not isinstance(content, list) or not content:
         raise ValueError("it must be a pose, a list of poses, or an object {name: pose}")
     single = np.array(content, dtype=object).size in (7, 12, 16) and not isinstance(content[0], dict)

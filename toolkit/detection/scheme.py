@@ -97,12 +97,23 @@ class Scheme(Protocol):
         ...
 
 
+def codec_for(scheme: Scheme, codec: Codec) -> Codec:
+    """By which a scheme sends: its own, its attribute `codec`, where it has one, else the one given."""
+    return getattr(scheme, "codec", codec)
+
+
+def predicted_as(scheme: Scheme) -> str:
+    """The name of the scheme whose surrogate predicts the AP of this one: its attribute `predicted_as`, where it
+    detects in the same points as that, else its own."""
+    return getattr(scheme, "predicted_as", scheme.name)
+
+
 def bits_sent(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
     """Expected bits that each candidate sends in all frames together, a whole number; boxes: how many it detects in
-    them all. A scheme that has a codec of its own sends by that."""
-    codec = getattr(scheme, "codec", codec)
+    them all."""
+    codec = codec_for(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
     return np.rint(codec.bits(points=points, boxes=boxes, messages=counts.sent.shape[1]))

@@ -43,12 +43,13 @@ class Cloud:
 @dataclass(frozen=True, eq=False)
 class Captured:
     """The image that the points of one sensor were measured in. frame: of which it is number `index`; area, height: of
-    the crop."""
+    the crop; kept: the pixels of the points in the crop in the order of these, None to find them."""
 
     frame: Frame
     index: int
     area: Area
     height: float | None = None
+    kept: Int64[np.ndarray, " n"] | None = None
 
     @property
     def sensor(self) -> Sensor:
@@ -63,6 +64,8 @@ class Captured:
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
         """Those of the points in the crop, in the order of these, counted row after row."""
+        if self.kept is not None:
+            return self.kept
         return cropped_pixels(self.frame, self.index, area=self.area, height=self.height)
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:

@@ -20,6 +20,7 @@ from toolkit.bodies.body import Body
 from toolkit.boxes import corners
 from toolkit.geometry import LEVEL, invert, levelling, pose, transform
 from toolkit.mesh import Mesh
+from toolkit.rendering.moment import Moment, scene_of
 from toolkit.rendering.static_scene import scenery as build_scenery
 from toolkit.sensors.model import NEAR, SensorModel
 from toolkit.sensors.sensor import Sensor
@@ -62,7 +63,7 @@ class Renderer:
         self._threads, self._slope = threads, site.relief.slope
         self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
         self._measure_bodies()
-        self._still = _scene(scenery.vertices, scenery.triangles, threads)
+        self._still = scene_of(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -128,6 +129,17 @@ class Renderer:
         where it does not."""
         return self._lengths(self._scene_of(body), lines)
 
+    def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
+        """How many times its direction each line (start, direction; world frame) goes until it meets what stands still,
+        infinite where it does not."""
+        return self._lengths(self._still, lines)
+
+    def moment(self, snapshot: Snapshot) -> Moment:
+        """All that moves in a snapshot, in one scene. Raises ValueError where a box is not the box of its body."""
+        self._check(snapshot.objects.boxes, snapshot.bodies)
+        bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
+        return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
+
     def _render(
         self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
     ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
@@ -167,7 +179,7 @@ class Renderer:
     def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
         chosen = self.bodies[body]
         if chosen not in self._scenes:
-            self._scenes[chosen] = _scene(chosen.vertices, chosen.triangles, self._threads)
+            self._scenes[chosen] = scene_of(chosen.vertices, chosen.triangles, self._threads)
             if len(self._scenes) > _MOST_SCENES:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(chosen)
@@ -194,12 +206,3 @@ def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4
     """Rays with a one appended, so that one product gives a ray's start and direction in any frame."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
-
-
-def _scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene(threads)
-    tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(
-        tensor(np.ascontiguousarray(vertices, np.float32)), tensor(np.ascontiguousarray(triangles, np.uint32))
-    )
-    return scene

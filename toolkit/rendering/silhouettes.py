@@ -14,6 +14,7 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.strips import counting
 from toolkit.sensors.model import NEAR, nearest
 from toolkit.sensors.sensor import Sensor
 
@@ -81,9 +82,9 @@ class SensorRays:
         sensor, top, bottom, left, right = np.concatenate(found).T
         rows = bottom - top
         sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
-        row = _counting(rows) + np.repeat(top, rows)
+        row = counting(rows) + np.repeat(top, rows)
         begin = self.first[sensor] + row * self._columns[sensor] + left
-        pixels, sensors = _counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
+        pixels, sensors = counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
         reached = np.flatnonzero(self._reach.take(pixels) > least.take(sensors))
         pixels, sensors = pixels[reached], sensors[reached]
         if len(np.unique(np.concatenate(found)[:, 0])) == sum(map(len, found)):
@@ -94,8 +95,3 @@ class SensorRays:
 
 def _world_rays(sensor: Sensor) -> Float32[np.ndarray, "pixels 3"]:
     return sensor.model.rays().reshape(-1, 3) @ sensor.pose[:3, :3].T.astype(np.float32)
-
-
-def _counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """0, 1, 2 ... of each length, one after the other."""
-    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)

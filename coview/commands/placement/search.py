@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -23,12 +24,13 @@ from coview.arguments import (
 from coview.detectors import check_digest, site_detector
 from coview.exits import NOT_MET, OK
 from coview.outputs import check_folder, check_writable
+from coview.pools import asked_pool
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
 Method = Literal[
     "portfolio", "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "nsga2", "cmaes",
-    "ppo",
+    "hits", "cheapest", "ppo",
 ]  # fmt: skip
 
 
@@ -45,6 +47,12 @@ def search(
     confidence: float = 0.95,
     candidates: str = "pool",
     model: tuple[str, ...] = (),
+    sensors: Path | None = None,
+    money: float | None = None,
+    curve: bool = False,
+    at_least: float | None = None,
+    failing: int = 0,
+    parts: int = 1,
     detector: str | None = None,
     errors: str = "paper",
     frames: int = 200,
@@ -74,21 +82,24 @@ def search(
     Args:
         site: tjunction, roundabout, or a site file.
         method: How to search. portfolio runs several searches, lets their answers race on fresh traffic and judges
-            the winner on other fresh traffic; cpsat proves how much more could be covered, exhaustive needs 16
-            candidates or fewer, raced drops weak candidates after few frames and needs fidelity detector, cmaes turns
-            and lifts the sensors that greedy found, ppo learns a policy first. Left out: portfolio; exhaustive for
-            fidelity table, greedy with --verify or fidelity detector.
+            the winner on other; cpsat proves how much more could be covered, hits how much more be hit, exhaustive
+            needs 16 candidates or fewer, raced needs fidelity detector, cmaes turns and lifts what greedy found, ppo
+            learns a policy first. Left out: portfolio; exhaustive for fidelity table, greedy with --verify.
         budget: Most sensors.
         scheme: How their measurements are fused: early, late or hybrid.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
         verify: Score what one method found, and its best neighbours, with the detector, in the same traffic.
-        judge: Of a portfolio's race and answer; the detector when left out, the surrogate or coverage where there is
-            none that knows these road users or sensors.
+        judge: Of a portfolio's race and answer: the detector when left out, another where none knows these classes.
         confidence: At which the race ends: that no entrant is better by more than 0.01.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
-        model: Sensor models, by name, that may be mounted at each pose; the paper's camera when left out.
-        detector: That scores, verifies or judges: as in coview evaluate, but for cluster; a shipped network when left
-            out.
+        model: Sensor models, by name, that may be mounted; the paper's camera when left out.
+        sensors: Catalogue of sensor models and their prices instead, TOML, as for coview plan.
+        money: Most that a set may cost, in the catalogue's currency, or in ordinary poles.
+        curve: Print the best AP of every number of sensors up to the budget, and its price; writes no folder.
+        at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
+        failing: With --at-least and fidelity coverage: 1 asks for it whichever sensor fails.
+        parts: With --at-least and fidelity coverage: in each of so many parts of the traffic.
+        detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
         frames: Of simulated traffic that is searched; portfolio has up to 96 more to race on and 120 to judge by.
         iou: At which a detection counts.
@@ -106,29 +117,33 @@ def search(
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
         ray: Address of a Ray cluster that does it instead; local for this machine.
-        out: Folder for what is handed over: the site with the sensors (coview simulate takes it), mounting schedule
-            (CSV), map for GIS tools (GeoJSON), picture, and search.json, where it comes from.
+        out: Folder for the site with the sensors (coview simulate takes it), mounting schedule (CSV), map for GIS
+            tools (GeoJSON), picture, and search.json, where it comes from.
         overwrite: Replace these files.
         json: Print as JSON.
     """
-    from placement_env.candidates.choice import chosen_candidates
     from placement_env.objective import Weights
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
     from toolkit.sites.files import load_site
 
-    for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers)):
+    for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):
         check_least(option, value, 1)
     for option, limit in (("--seconds", seconds), ("--evaluations", evaluations)):
         check_positive(option, limit)
-    for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed)):
+    for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
         check_least(option, weight, 0)
     check_share("--confidence", confidence)
     check_ious([iou])
     check_schemes([scheme])
     check_errors(errors)
-    chosen: str = usual_method(fidelity, verify=verify is not None) if method is None else method
+    usual = usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
+    chosen: str = usual if method is None else method
+    if (chosen == "cheapest") != (at_least is not None) or (at_least is None and (failing or parts > 1)):
+        raise ValueError("--method cheapest, --failing and --parts go with --at-least 0.9, and no other method does")
+    if curve and (chosen != "portfolio" or out is not None):
+        raise ValueError("--curve is drawn by --method portfolio, and writes no folder: leave --out out")
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
     judged_by = judge or "detector"
@@ -150,16 +165,13 @@ def search(
             check_folder(out, holds=name, inputs=read, overwrite=overwrite)
     if fidelity == "table" and candidates != "paper":
         raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
-    if candidates == "paper" and not place.sensors:
-        raise ValueError(f"site {place.name!r} has no sensors of its own: say --candidates pool")
-    if candidates == "paper" and model:
-        raise ValueError("--model is for --candidates pool or a file of poles: the site's own sensors have theirs")
     own = None if detector is None else site_detector(detector, place)
     if own is not None and detector is not None and cache is not None:
         check_digest(detector, own, ": add one, or say --cache None")
+    pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
         site=place,
-        candidates=chosen_candidates(place, candidates, _models(model)),
+        candidates=pool,
         method=chosen,
         budget=budget,
         scheme=scheme,
@@ -174,18 +186,15 @@ def search(
         surrogate=surrogate,
         table=table,
         limits={"seconds": seconds, "evaluations": evaluations},
-        settings={"iou": iou, "seed": seed, "cache": cache, "workers": workers, "ray": ray, "classes": counted},
-    )
+        demand={"at_least": at_least, "failing": failing, "parts": parts} if chosen == "cheapest" else {},
+        currency=currency,
+        curve=curve,
+        settings={
+            "most_price": math.inf if money is None else money, "iou": iou, "seed": seed, "cache": cache,
+            "workers": workers, "ray": ray, "classes": counted,
+        },
+    )  # fmt: skip
     with progress_bar("", hidden=json) as bar:
         found = answered(order, out=out, progress=bar.stage)
     print_result(found.summary, "\n".join(found.lines), as_json=json)
     return OK if found.met else NOT_MET
-
-
-def _models(names: tuple[str, ...]) -> list[Any]:
-    """Sensor models by name."""
-    if not names:
-        return []
-    from toolkit.sensors.catalogue import model_named
-
-    return [model_named(name) for name in names]

@@ -18,6 +18,7 @@ def doctor(
     /,
     *,
     site: str | None = None,
+    reference: str | None = None,
     layout: str | None = None,
     frames: int = 20,
     json: bool = False,
@@ -31,20 +32,23 @@ def doctor(
     Args:
         dataset: Any recording in the published layout; with --layout, of clouds.
         site: As in coview evaluate.
+        reference: As in coview calibrate; sensors that are not where it says are suspected too.
         layout: Of a recording of clouds, as in coview detect.
         frames: With --layout, how many samples from its beginning are looked at.
         json: Print as JSON.
     """
+    from toolkit.calibration.drift import check_drift
     from toolkit.datasets.doctor.diagnosis import diagnose
     from toolkit.detection.samples.diagnosis import diagnose_samples
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
     if layout is not None:
-        refuse_given({"--site": site is not None}, "is not for --layout")
+        refuse_given({"--site": site is not None, "--reference": reference is not None}, "is not for --layout")
         findings = diagnose_samples(first_of(open_clouds(dataset, layout), frames))
     else:
-        findings = diagnose(dataset, load_site(site) if site else None)
+        place = load_site(site) if site else None
+        findings = diagnose(dataset, place) + (check_drift(dataset, reference, place) if reference else [])
     text = "\n".join(map(str, findings)) or "nothing suspected"
     print_result([asdict(finding) for finding in findings], text, as_json=json)
     return SUSPECTED if findings else OK

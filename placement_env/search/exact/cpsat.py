@@ -19,8 +19,10 @@ import numpy as np
 from placement_env.checks import check_whole
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.protocol import ByFrames
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import ROUNDING, Objective
+from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Int64
@@ -76,12 +78,13 @@ def search(
     workers: int = 1,
     effort: float | None = None,
 ) -> Result:
-    """The set that covers most, whatever else the objective asks for, and its score there.
+    """The set that covers most, and of equal ones, as far as they are looked at, the best by the objective, unless that
+    takes a detector; its score there.
 
     The certificate is of the coverage. visibility: of the objective's candidates, None for its own; least: points that
     make a view; views: k; workers: threads of the solver; effort: of solving, in OR-Tools' deterministic seconds, None
-    for any: one worker that it cuts short answers the same again; seconds: 60 if None; `evaluations` is not used, the
-    answer alone is scored. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
+    for any: one worker that it cuts short answers the same again; seconds: 60 if None; evaluations: of the choice among
+    equals. One worker finds the same set for the same seed as long as `seconds` do not cut it short.
     Raises ValueError where the objective has no visibility and none is given, and ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
@@ -105,9 +108,16 @@ def search(
         prices=Prices.of(objective),
         worth=worth,
     )
-    progress.settle(cover.chosen)
+    parts = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
+
+    def covered(sets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
+        return np.array([int((parts @ (seen[row].sum(axis=0) >= views)).min()) for row in sets], np.int64)
+
+    slow = isinstance(objective.scored_by, ByFrames)
+    chosen = cover.chosen if slow else best_of_equals(progress, cover.chosen, covered)
+    progress.settle(chosen)
     objects = max(1, units)
-    members = ", ".join(map(str, cover.chosen))
+    members = ", ".join(map(str, chosen))
     view = f"{views} view(s) of {least:g} points or more from {{{members}}}"
     if worth is None:
         note = f"{cover.covered} of {units} objects have {view}, and no set covers more than {cover.bound}"
@@ -161,8 +171,8 @@ def cover_most(
     bound = min(bound_at(objects, row, mount[kept], budget, views=views, chosen=start) for row in weights)
     model, built = _model(objects, weights, mount[kept], budget, views=views, start=start, bound=bound)
     if cost is not None:
-        model.add(_cp_model().LinearExpr.weighted_sum(built, cost.each.tolist()) <= cost.most)
-    solver = _solver(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
+        model.add(cp_model().LinearExpr.weighted_sum(built, cost.each.tolist()) <= cost.most)
+    solver = solver_of(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
     times = (ready - began, time.monotonic() - ready)
@@ -306,7 +316,7 @@ def _model(
     seen: np.ndarray, weights: np.ndarray, mount: np.ndarray, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
     """The programme, with the set `start` as a complete hint, and its variables x."""
-    cp = _cp_model()
+    cp = cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]
     covered = [model.new_bool_var("") for _ in range(weights.shape[1])]
@@ -333,8 +343,9 @@ def _model(
     return model, built
 
 
-def _solver(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
-    solver = _cp_model().CpSolver()
+def solver_of(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
+    """A solver with these limits; see `search`."""
+    solver = cp_model().CpSolver()
     solver.parameters.max_time_in_seconds = seconds
     if effort is not None:
         solver.parameters.max_deterministic_time = effort
@@ -344,7 +355,8 @@ def _solver(seconds: float, workers: int, seed: int, effort: float | None) -> Cp
     return solver
 
 
-def _cp_model() -> Any:
+def cp_model() -> Any:
+    """OR-Tools' module of the same name. Raises ImportError where it is missing."""
     try:
         from ortools.sat.python import cp_model
     except ImportError as error:

@@ -64,18 +64,9 @@ def search(
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     limits = Limits(seconds, evaluations)
-    made = objective.preparation if preparation is None else preparation
-    if evaluators is None:
-        if made is None:
-            raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site, ...)")
-        racing, final = (
-            evaluator_of(_fresh(made, part, frames), judge, seed=seed)
-            for part, frames in ((1, race_frames), (2, final_frames))
-        )
-    else:
-        racing, final = evaluators
+    racing, final = evaluators or evaluators_of(objective, preparation, judge, (race_frames, final_frames), seed=seed)
     each = None if seconds is None else seconds * SEARCHING / SEARCHES
-    found = _entrants(objective, Effort((budget,), each, evaluations, neighbours), seed, progress)
+    found = found_entrants(objective, Effort((budget,), each, evaluations, neighbours), seed, progress)
     limits.count = found.considered
     if not len(found.sets):
         return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
@@ -137,12 +128,23 @@ def costs_of(
     return np.asarray(objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets))
 
 
-def _fresh(preparation: Preparation, part: int, frames: int) -> Preparation:
-    """The same on another part of traffic; it has a seed of its own."""
-    return replace(preparation, seed=preparation.seed + part, frames=frames)
+def evaluators_of(
+    objective: Objective, preparation: Preparation | None, judge: str, frames: tuple[int, int], *, seed: int = 0
+) -> tuple[Evaluator, Evaluator]:
+    """Of race and assessment, on parts of traffic with seeds of their own, after that of the preparation (None: the
+    objective's own). judge: fidelity; frames: of each. Raises ValueError where there is no preparation."""
+    made = objective.preparation if preparation is None else preparation
+    if made is None:
+        raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site, ...)")
+    race, final = (
+        evaluator_of(replace(made, seed=made.seed + part, frames=count), judge, seed=seed)
+        for part, count in enumerate(frames, 1)
+    )
+    return race, final
 
 
-def _entrants(objective: Objective, effort: Effort, seed: int, progress: Stages | None) -> Entrants:
+def found_entrants(objective: Objective, effort: Effort, seed: int, progress: Stages | None) -> Entrants:
+    """The entrants, from the cache of the objective's preparation where it keeps them."""
     made = objective.preparation
     cache = None if made is None else made.disk_cache
     depends_on = "" if made is None else made.traffic.digest()

@@ -2,6 +2,8 @@
 and how many files one step crosses, with how many calls between them.
 
 python tests/benchmarks/placement_env/bench_env.py [FRAMES]
+    --table     on the shipped table alone
+    --pose      of moving four sensors alone: on mounts of the site's own sensors in panoramas, and rendered in full
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 
 from placement_env.envs.registration import register
 from placement_env.fidelity.protocol import FidelityName
+from placement_env.fidelity.visibility import Rendering
 from placement_env.objective import Objective
 
 register()
@@ -73,6 +76,42 @@ def files_of(calls: list[tuple[str, str]]) -> list[str]:
     return list(dict.fromkeys(called.rpartition(":")[0] for _, called in calls))
 
 
+def pose_pace(frames: int, rendering: Rendering, steps: int, rounds: int) -> tuple[float, np.ndarray]:
+    """CPU seconds until the first episode has begun, and steps per second of rounds of moving all four sensors."""
+    env = gym.make(
+        "coview/SensorPose-v0", frames=frames, moves=steps * rounds + 1, rendering=rendering, disable_env_checker=True
+    ).unwrapped
+    start, paces = time.process_time(), []
+    env.reset(seed=0)
+    begun = time.process_time() - start
+    env.action_space.seed(0)
+    for _ in range(rounds):
+        start = time.process_time()
+        for _ in range(steps):
+            env.step(env.action_space.sample())
+        paces.append(steps / (time.process_time() - start))
+    return begun, np.array(paces)
+
+
+def main_pose(frames: int) -> None:
+    """Print a line for each way to render."""
+    ways: list[tuple[Rendering, int, int]] = [("panorama", 50, ROUNDS), ("full", 1, 3)]
+    for rendering, steps, rounds in ways:
+        begun, paces = pose_pace(frames, rendering, steps, rounds)
+        print(
+            f"SensorPose, {rendering}, {frames} frames, four sensors moved at once: {paces.max():.1f} steps/s at best, "
+            f"median {np.median(paces):.1f}; begun after {begun:.1f} CPU s"
+        )
+
+
+def main_table() -> None:
+    """Print a line for each number of episodes side by side."""
+    for count in (1, 16, 64):
+        env = gym.make_vec("coview/SensorSelect-v0", num_envs=count, fidelity="table")
+        paces = pace(env, 3200 // count + 20)
+        print(f"table, {count:3} at once: {paces.max():8.0f} steps/s at best, median {np.median(paces):8.0f}")
+
+
 def main(frames: int) -> None:
     """Print a line for each fidelity and number of episodes side by side."""
     calls = crossings(Objective("tjunction", fidelity="table"))
@@ -92,4 +131,8 @@ def main(frames: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    numbers = [int(each) for each in sys.argv[1:] if each.isdigit()]
+    if "--table" in sys.argv:
+        main_table()
+    else:
+        (main_pose if "--pose" in sys.argv else main)(*(numbers or [200]))

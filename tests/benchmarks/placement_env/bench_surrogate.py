@@ -24,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 if TYPE_CHECKING:
-    from placement_env.fidelity.hit_model import HitModel
+    from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.visibility import Visibility
 
 BOOTSTRAPS = 2000
@@ -139,7 +139,7 @@ def main() -> None:
     if not (asked.poses or asked.recording):
         arguments.error("give a table and its recording, or --poses SITE")
 
-    from placement_env.fidelity.hit_model import load_models
+    from placement_env.fidelity.hits.hit_model import load_models
 
     visibility, sets, ap = of_poses(asked) if asked.poses else of_table(asked)
     models = load_models(asked.model) if asked.model else ()

@@ -118,3 +118,24 @@ def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
         env.step(np.full(6, np.nan, np.float32))
     with pytest.raises(ValueError, match="too few for a budget"):
         env.reset(options={"failed": ["d0", "d1", "d2", "d3", 4]})
+
+
+def test_in_panoramas_a_step_sees_what_full_rendering_sees() -> None:
+    settings = {**FEW, "fidelity": "surrogate"}
+    both = [gym.make(NAME, moves=4, rendering=way, **settings).unwrapped for way in ("panorama", "full")]
+    tasks: list[Any] = [env.task for env in both]  # type: ignore[attr-defined]
+    for env in both:
+        env.reset(seed=3)
+    both[0].action_space.seed(1)
+    for _ in range(3):
+        action = both[0].action_space.sample()
+        rewards = [env.step(action)[1] for env in both]
+        assert rewards[0] == pytest.approx(rewards[1], abs=0.05)
+        quick, full = (task.state.placed(0)[0].visibility for task in tasks)
+        off = np.abs(quick.points - full.points)
+        assert (off <= np.maximum(0.03 * full.points, 8)).mean() > 0.95
+        assert (quick.points != full.points).any()
+    now = tasks[0]._now[0]
+    again = now.preparation.live.see(now.rig.placed())
+    assert np.array_equal(again.points, quick.points)
+    assert tasks[1]._now[0].preparation.live is None

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hit_model import HitModel
+from placement_env.fidelity.hits.hit_model import HitModel
 from placement_env.fidelity.visibility import Visibility, see
 
 

@@ -8,9 +8,11 @@ import pytest
 
 from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measured
 from placement_env.fidelity.protocol import Fidelity
+from placement_env.fidelity.renders import Renders
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
 from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -235,3 +237,16 @@ def test_bad_requests_are_refused(options, message):
         Detected(**arguments)
     with pytest.raises(ValueError, match="4 candidates"):
         Detected(Seen(Recording()), Nameless(), "early")(np.zeros((2, 5), bool))
+
+
+def test_foreground_and_range_images_need_images_and_have_them_in_renders(small_traffic, small_candidates):
+    with pytest.raises(ValueError, match="points alone, no images"):
+        Detected(Seen(Recording()), Guess(), "foreground")(SETS[:2])
+    renders, some = Renders(small_traffic, small_candidates), np.array([[True, False, True, False]])
+    paper = Detected(renders, Guess(), "early", frames=2)(some)
+    foreground = Detected(renders, Guess(), "foreground", frames=2)(some)
+    images = Detected(renders, Guess(), "early", codec=RangeImages(0.04), frames=2)(some)
+    late = Detected(renders, Guess(), "late", codec=RangeImages(), frames=2)(some)
+    assert 0 < foreground.kbit[0] < images.kbit[0] < paper.kbit[0]
+    assert foreground.kbit[0] < 0.1 * paper.kbit[0]
+    assert late.kbit[0] * 1000 % 4 == pytest.approx(0, abs=1e-6)

@@ -1,9 +1,11 @@
 """What the fidelities of one objective are made from, and what of it is kept on disk."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from placement_env.fidelity import visibility
+from placement_env.fidelity import preparation, visibility
 from placement_env.fidelity.preparation import Preparation, check_errors_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detections
@@ -71,3 +73,30 @@ def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_can
         made.fidelity(name)
     check_errors_for(PAPER_ERRORS, name)
     check_errors_for(TYPICAL, "detector")
+
+
+def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_candidates):
+    made = {"site": small_traffic.site, "candidates": small_candidates, "frames": 5, "scheme": scheme_of("early")}
+
+    def live(**settings):
+        prepared = Preparation(**{**made, **settings})
+        vars(prepared)["traffic"] = small_traffic
+        return prepared.live
+
+    assert live() is None
+    assert live(rendering="full") is None
+    assert live(rendering="panorama").traffic is small_traffic
+    lidar = small_candidates.sensors[3]
+    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
+    assert live(rendering="panorama", candidates=short) is None
+
+
+def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):
+    prepared = Preparation(site=small_traffic.site, candidates=small_candidates, frames=5, scheme=scheme_of("early"))
+    vars(prepared)["traffic"] = small_traffic
+    first, second = (prepared.at(small_candidates, seen) for _ in range(2))
+    models = first.hit_models
+    assert models[0].scheme == "early"
+    monkeypatch.setattr(preparation, "surrogate_models", None)
+    assert second.hit_models is models
+    assert prepared.hit_models is models

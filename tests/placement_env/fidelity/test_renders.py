@@ -214,3 +214,26 @@ def test_clocks_need_frames_that_lie_close(small_traffic, small_candidates):
     quick = replace(small_traffic, snapshots=tuple(dense))
     said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
     assert len(said) > 100
+
+
+@pytest.mark.parametrize("errors", [PAPER_ERRORS, TYPICAL], ids=["paper", "typical"])
+def test_images_are_behind_the_points_and_show_the_empty_scene_but_for_traffic(small_traffic, small_candidates, errors):
+    found = Renders(small_traffic, small_candidates, errors=errors)
+    for k, c in ((0, 1), (3, 2)):
+        captured, points = found.captured(k, c), found.clouds(k, c)
+        sent = captured.sending(captured.pixels)
+        assert (sent.sensor.name, sent.number) == (found.sensors[c].name, k)
+        placed = captured.sensor.world_rays[:, captured.pixels].T * captured.measurement.ravel()[captured.pixels, None]
+        np.testing.assert_allclose(placed + captured.sensor.position, points, atol=1e-4)
+        shows = found.scene(c).shows(captured.measurement).ravel()[captured.pixels]
+        assert 0.5 < shows.mean() < 1
+        on_cars = count_points(points[~shows], small_traffic.snapshots[k].objects.boxes).sum()
+        assert on_cars > 0.95 * count_points(points, small_traffic.snapshots[k].objects.boxes).sum() - 30
+
+
+def test_the_empty_scene_of_a_render_has_the_models_noise(renders):
+    scene = renders.scene(1)
+    assert scene is renders.scene(1)
+    assert (scene.name, scene.model, scene.frames) == (renders.sensors[1].name, renders.sensors[1].model, 1)
+    np.testing.assert_allclose(scene.spread[scene.first > 0], 0.015)
+    assert np.isnan(scene.second).all()

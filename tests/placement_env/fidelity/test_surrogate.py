@@ -4,9 +4,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hit_model import shipped_model
+from placement_env.fidelity.hits.hit_model import shipped_model
 from placement_env.fidelity.surrogate import Surrogate, expected_ap
 from placement_env.objective import Objective
+from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall
 
 SCHEMES = ("early", "late", "hybrid")
@@ -100,3 +101,13 @@ def test_a_vehicle_at_an_angle_to_the_axes_needs_more_points(made_visibility, hi
 def test_a_model_of_another_scheme_is_refused(visibility, hit_model):
     with pytest.raises(ValueError, match="early fusion, not for late"):
         Surrogate(visibility, "late", hit_model)
+
+
+def test_foreground_is_predicted_as_early_and_sends_its_own_bytes(visibility):
+    early, foreground = Surrogate(visibility, "early")(SETS), Surrogate(visibility, "foreground")(SETS)
+    np.testing.assert_array_equal(foreground.ap, early.ap)
+    codec = RangeImages()
+    each = codec.bits(points=visibility.on_objects.sum(axis=1, dtype=float), messages=visibility.frames)
+    np.testing.assert_allclose(foreground.kbit, SETS @ np.rint(each) / (1000 * visibility.frames))
+    with pytest.raises(ValueError, match="the model is for late fusion, not for foreground"):
+        Surrogate(visibility, "foreground", shipped_model("late"))

@@ -8,11 +8,12 @@ from placement_env.fidelity import visibility
 from placement_env.fidelity.visibility import Visibility, see
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
-from toolkit.geometry import pose
+from toolkit.geometry import look, pose
 from toolkit.points import beyond, frame_points
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.cache import Cache
+from toolkit.sensors.sensor import Sensor
 
 
 def equal(one: Visibility, other: Visibility) -> bool:
@@ -125,3 +126,33 @@ def test_nobody_sees_nothing(small_traffic, small_candidates):
 def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, monkeypatch):
     monkeypatch.setattr(visibility, "BLOCK_PIXELS", 6000)
     assert equal(see(small_traffic, small_candidates, workers=2), seen)
+
+
+def test_panoramas_are_taken_where_poses_share_places(small_traffic, small_candidates):
+    few = small_candidates.select([0])
+    at = (-22.0, -16.0, 6.0)
+    sensors = tuple(Sensor(str(k), few.sensors[0].model, look(at, 0.4 + 0.2 * k, 0.3)) for k in range(4))
+    zeros = np.zeros((4, 5), np.int64)
+    shared = replace(few, sensors=sensors, mount=zeros[:, 0], factors=zeros)
+    exact, quick = (see(small_traffic, shared, rendering=each) for each in ("full", "panorama"))
+    assert equal(see(small_traffic, shared), quick)
+    assert not equal(exact, quick)
+    assert np.abs(exact.points - quick.points).max() <= 8
+    alone = shared.select([2])
+    assert equal(see(small_traffic, alone), see(small_traffic, alone, rendering="full"))
+    assert equal(see(small_traffic, alone, rendering="panorama"), quick.select([2]))
+
+
+def test_a_range_that_ends_within_the_site_is_rendered_in_full(small_traffic, small_candidates):
+    lidar = small_candidates.sensors[3]
+    short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
+    full, other = (see(small_traffic, short, rendering=each) for each in ("full", "panorama"))
+    assert equal(full, other)
+    mixed = replace(small_candidates, sensors=(*small_candidates.sensors[:3], *short.sensors))
+    seen = see(small_traffic, mixed, rendering="panorama")
+    assert np.array_equal(seen.points[3], full.points[0])
+    assert np.array_equal(seen.sent[3], full.sent[0])
+    whole = see(small_traffic, mixed, rendering="full")
+    assert not np.array_equal(seen.points[:3], whole.points[:3])
+    with pytest.raises(ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"):
+        visibility.check_rendering("fast")

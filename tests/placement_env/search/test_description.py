@@ -8,7 +8,7 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Score, Weights
-from placement_env.search.description import described_empty, described_score, described_sensors
+from placement_env.search.description import described_doubts, described_empty, described_score, described_sensors
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -52,3 +52,29 @@ def test_why_there_is_no_sensor(kbit, ap, comm, reason):
     assert described_empty(Objective.of(candidates, Constant(), weights=Weights(comm))).startswith(reason)
     roomy = replace(candidates, mounts=tuple(replace(mount, capacity=9e9) for mount in candidates.mounts))
     assert "fits its link:" not in described_empty(Objective.of(roomy, Constant(), weights=Weights(comm)))
+
+
+class Unsure:
+    """A surrogate that was fitted to something else."""
+
+    name = "surrogate"
+
+    def __call__(self, subsets, /):
+        return Estimate(subsets.mean(axis=1), subsets.mean(axis=1), 1.0 * subsets.sum(axis=1))
+
+    def spread(self, subsets):
+        return 0.01 * subsets.sum(axis=1)
+
+    def doubts(self, sensors=()):
+        return (f"not fitted to {' '.join(sorted(sensors))}",)
+
+
+def test_a_surrogate_says_how_sure_it_is():
+    candidates = paper_candidates(load_site("tjunction"))
+    said = described_doubts(Objective.of(candidates, Unsure()), [0, 3])
+    assert said == [
+        "the surrogate's AP is sure to about 0.020 as far as its fit goes",
+        "warning: not fitted to DepthCamera",
+    ]
+    assert described_doubts(Objective.of(candidates, Unsure()), []) == said[1:]
+    assert described_doubts(Objective("tjunction", fidelity="table"), [0]) == []

@@ -35,3 +35,4 @@ def test_the_usual_method():
         "portfolio", "portfolio", "greedy", "exhaustive"
     ]  # fmt: skip
     assert usual_method("surrogate", verify=True) == "greedy"
+    assert usual_method("table", at_least=True) == "cheapest"

@@ -254,3 +254,13 @@ def test_a_scene_refuses_images_that_are_none():
             EmptyScene(**images | wrong)
     with pytest.raises(ValueError, match="from a frame at least"):
         EmptyScene(**images | {"frames": 0})
+
+
+def test_a_scene_that_is_known_has_the_models_spread():
+    lidar = Sensor("s", MODELS[2], look((0.0, 0.0, 5.0), 0.0))
+    scene = EmptyScene.of(lidar, still())
+    np.testing.assert_array_equal(scene.first, still())
+    np.testing.assert_allclose(scene.spread[2:], 0.02 + 0.0003 * 20)
+    assert (scene.spread[:2] == 0).all()
+    assert np.isnan(scene.second).all()
+    assert scene.frames == 1

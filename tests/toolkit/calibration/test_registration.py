@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
 
-from toolkit.calibration.registration import LEVER, Surface, after_motion, one_each, register, resistance, tukey
+from toolkit.calibration.registration import (
+    LEVER,
+    Surface,
+    after_motion,
+    motion_between,
+    one_each,
+    register,
+    resistance,
+    tukey,
+)
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.sensors.errors.pose_errors import rotation_about
 
@@ -15,7 +24,8 @@ def plane(rng, origin, one, two, count):
 
 
 def surface_of(*planes):
-    return Surface(*(np.concatenate(parts) for parts in zip(*planes, strict=True)))
+    points, normals = (np.concatenate(parts) for parts in zip(*planes, strict=True))
+    return Surface(points, normals, np.zeros(len(points)))
 
 
 def corner(rng, count=4000):
@@ -114,7 +124,9 @@ def test_the_motion_of_the_world_moves_what_is_found():
     reference, seen = corner(rng), corner(rng, 1000)
     points, believed = transform(invert(TRUE), seen.points), TRUE @ off(1.0, 0.1, rng)
     motion = pose(30.0, -12.0, 4.0, yaw=0.5)
-    moved_surface = Surface(transform(motion, reference.points), reference.normals @ motion[:3, :3].T)
+    moved_surface = Surface(
+        transform(motion, reference.points), reference.normals @ motion[:3, :3].T, reference.roughness
+    )
     one, other = register(points, reference, believed), register(points, moved_surface, motion @ believed)
     np.testing.assert_allclose(other.pose, motion @ one.pose, atol=2e-3)
 
@@ -145,6 +157,27 @@ def test_a_turn_counts_as_the_move_of_a_point_at_the_levers_end():
     after = after_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
     assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
     assert after[:3, 3].tolist() == [1, 2, 3]
+
+
+def test_the_motion_between_poses_is_the_one_that_was_made():
+    motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
+    np.testing.assert_allclose(motion_between(TRUE, after_motion(TRUE, motion)), motion, atol=1e-12)
+    assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
+
+
+def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
+    """Walls a metre and a half apart look alike; only the right place has all of them."""
+    rng = np.random.default_rng(8)
+    ground = plane(rng, [-10, -10, 0], [30, 0, 0], [0, 30, 0], 12000)
+    fins = [plane(rng, [x, 12, 0], [0, 2, 0], [0, 0, 3], 800) for x in np.arange(-4, 9, 1.5)]
+    end = plane(rng, [9.0, 5, 0], [0, 9, 0], [0, 0, 5], 2500)
+    back = plane(rng, [-10, 14.5, 0], [20, 0, 0], [0, 0, 5], 2500)
+    reference = surface_of(ground, *fins, end, back)
+    points = transform(invert(TRUE), reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape))
+    turned_off = after_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
+    found = register(points, reference, turned_off)
+    assert turned(found.pose, TRUE) < 0.05
+    assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
 
 
 def test_tukeys_weights_end_at_the_limit():

@@ -82,7 +82,7 @@ def test_errors_of_a_profile_turn_the_believed_poses_too():
 def test_too_few_frames_and_the_wrong_place_are_refused():
     with pytest.raises(ValueError, match="4 frames are too few"):
         find_poses(recording(TRUE), surface(), frames=4)
-    elsewhere = Surface(surface().points + 500.0, surface().normals)
+    elsewhere = Surface(surface().points + 500.0, surface().normals, surface().roughness)
     refused = find_poses(recording(TRUE[:1] + TRUE[1:]), elsewhere)[0]
     assert refused.registration is None
     assert "points lie within 3 m of the reference" in refused.refusal
@@ -96,7 +96,7 @@ def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
     for _ in range(5):
         learner.add(images()[0])
     near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
-    patch = Surface(surface().points[near], surface().normals[near])
+    patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
     assert "% are needed: is it of the same place" in find_pose(learner.scene(), TRUE[0], patch).refusal
 
 
@@ -124,6 +124,6 @@ def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
     said = found_at(pose, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
     assert said["moved_m"] == pytest.approx(0.5)
     assert said["unobserved"] == ["move along x 1.00"]
-    assert said["standard_deviation"]["move_m"] == [None, 0.01, 0.01]
+    assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
     assert spoken(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"

@@ -47,6 +47,7 @@ class Foreground:
     name: str = "foreground"
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
+    predicted_as: ClassVar[str] = "early"
 
     def __post_init__(self) -> None:
         step_in_mm(self.step)

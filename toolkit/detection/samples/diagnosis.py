@@ -2,7 +2,7 @@
 
 A box that is right has points just within its faces, none in the middle of it and nothing close around it but ground.
 The fit of a box is the share of its points (those no lower than `CLEARANCE` above the ground) that lie there, of all
-within the box and `BESIDE` it; a box that has hardly any has a fit of 0. A mistake is suspected where undoing it raises
+within the box and `SHELL` it; a box that has hardly any has a fit of 0. A mistake is suspected where undoing it raises
 the fits box by box, by `SURE` standard errors of their mean change; of several that do, the one that raises them most.
 
 How high boxes stand is seen by the ground: the centre of a box is half its height above it, not on it or its whole
@@ -24,9 +24,9 @@ from toolkit.datasets.records.labels import FULL_TURNS
 from toolkit.datasets.sample import Sample
 
 CLEARANCE = 0.3  # m above the ground
-BESIDE = 0.5  # m
-WITHIN = 0.1  # m that a point may lie outside its box, as sensors err
-HOLLOW = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
+SHELL = 0.5  # m
+POINT_SLACK = 0.1  # m that a point may lie outside its box, as sensors err
+INNER_SHARE = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
 LEAST_ON_BOX = 15  # points in and around a box, below which its fit is 0
 LEAST_BOXES = 5  # with a fit, below which nothing is said
 SURE = 3.0  # standard errors of the mean change of fits, from which on a mistake is suspected
@@ -146,7 +146,7 @@ def _fits(some: Sequence[_Seen], boxes: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _fit(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    wide = boxes + np.array([0, 0, BESIDE / 2, 2 * BESIDE, 2 * BESIDE, BESIDE, 0])
+    wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
     inside = points_in_boxes(points, wide)
     fits = np.zeros(len(boxes))
     for k, (x, y, z, length, width, height, yaw) in enumerate(boxes):
@@ -155,8 +155,12 @@ def _fit(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
             continue
         dx, dy, dz = (near - [x, y, z]).T
         ahead, aside = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw)), np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
-        in_box = (ahead <= length / 2 + WITHIN) & (aside <= width / 2 + WITHIN) & (dz <= height / 2 + WITHIN)
-        inner = (ahead < HOLLOW * length / 2) & (aside < HOLLOW * width / 2) & (dz < height / 2 - 2 * WITHIN)
+        in_box = (
+            (ahead <= length / 2 + POINT_SLACK) & (aside <= width / 2 + POINT_SLACK) & (dz <= height / 2 + POINT_SLACK)
+        )
+        inner = (
+            (ahead < INNER_SHARE * length / 2) & (aside < INNER_SHARE * width / 2) & (dz < height / 2 - 2 * POINT_SLACK)
+        )
         fits[k] = (in_box & ~inner).mean()
     return fits
 

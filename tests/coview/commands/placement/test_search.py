@@ -72,6 +72,15 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--method", "portfolio", "--verify", "detector"), "--verify is for one method: portfolio is judged"),
         (("--method", "swap", "--judge", "detector"), "--judge is for --method portfolio, got swap"),
         (("--verify", "detector", "--judge", "detector"), "--judge is for --method portfolio, got greedy"),
+        (("--at-least", 0.9, "--method", "swap"), "go with --at-least 0.9, and no other method does"),
+        (("--method", "cheapest"), "go with --at-least 0.9"),
+        (("--failing", 1), "go with --at-least 0.9"),
+        (("--curve", "--method", "greedy"), "--curve is drawn by --method portfolio"),
+        (("--curve", "--out", "somewhere"), "writes no folder"),
+        (("--money", -1), "--money must be at least 0"),
+        (("--sensors", "none.toml"), "none.toml"),
+        (("--sensors", "none.toml", "--model", "depth-camera"), "leave one of them out"),
+        (("--sensors", "none.toml", "--candidates", "paper"), "the site's own sensors have theirs"),
         (("--confidence", 1), "--confidence must lie between 0 and 1, got 1"),
         (("--method", "portfolio", "--fidelity", "table", "--candidates", "paper"), "a table does not know"),
     ],
@@ -261,3 +270,57 @@ def test_a_class_that_never_comes_is_named(refused, tmp_path):
     asked = ("search", "tjunction", "--candidates", "paper", "--budget", 1, "--frames", 1, "--fidelity", "coverage")
     said = refused(*asked, "--classes", "vehicle", "heavy", "--seed", 1, "--cache", tmp_path)
     assert "there is no heavy to find in these frames: say more --frames" in said
+
+
+CATALOGUE = """
+currency = "EUR"
+pole_price = 4000
+
+[[sensor]]
+name = "camera"
+model = "DepthCamera"
+price = 1500
+
+[[sensor]]
+name = "lidar"
+model = "solid-state-lidar"
+price = 9000
+"""
+
+
+def test_mixed_models_with_prices_and_a_sum_of_money(tmp_path, run):
+    pytest.importorskip("ortools")
+    site, few = load_site("tjunction"), tmp_path / "few.json"
+    save_site(replace(site, mounts=site.mounts[:2]), few)
+    (tmp_path / "catalogue.toml").write_text(CATALOGUE)
+    common = ("--sensors", tmp_path / "catalogue.toml", "--frames", 2, "--fidelity", "coverage", "--cache", tmp_path)
+    code, out, _ = run("search", few, *common, "--budget", 1, "--money", 6000, "--method", "greedy", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["price"] == 5500
+    assert found["sensors"][0].endswith("_camera")
+    code, out, _ = run("search", few, *common, "--budget", 2, "--money", 5000, "--method", "greedy")
+    assert (code, "costs 5,500 EUR" in out) == (1, True)
+
+
+def test_the_cheapest_set_and_the_curve(tmp_path, run):
+    pytest.importorskip("ortools")
+    few = ("--candidates", "paper", "--budget", 3, "--frames", 4, "--fidelity", "coverage", "--cache", tmp_path)
+    code, out, _ = run("search", "tjunction", *few, "--at-least", 0.5, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["ap"] >= 0.5
+    assert found["certificate"]["measure"] == "price"
+    assert found["certificate"]["bound"] == found["price"]
+    code, out, _ = run("search", "tjunction", *few, "--at-least", 1.0, "--failing", 1)
+    assert (code, out.startswith("no sensors: no set within the budget covers 100% of the objects, whichever")) == (
+        1,
+        True,
+    )
+    code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage", "--json")
+    assert code == 0
+    curve = json.loads(out)["curve"]
+    assert [len(row["sensors"]) for row in curve] == [1, 2, 3]
+    assert curve[0]["price"] < curve[1]["price"]
+    code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage")
+    assert out.splitlines()[1].startswith("  1 for the price of 1 ordinary pole: AP ")

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from placement_env.fidelity.hit_model import load_models
+from placement_env.fidelity.hits.hit_model import load_models
 
-QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early")
+QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early", "--resamples", 2)
 
 
 def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
@@ -19,12 +19,26 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
         ("vehicle", "early", 0.7), ("vehicle", "early", 0.8), ("vehicle", "early", 0.9), ("pedestrian", "early", 0.5),
     ]  # fmt: skip
     assert "seed 1000, 10 sets, detector tjunction" in models[0].source
+    assert models[0].domain.sites == 1
+    assert len(models[0].resampled) == 2
     rows = json.loads(said)
     assert [row["label"] for row in rows] == [model.label for model in models]
     assert all(0 <= row["rms"] < 0.3 for row in rows)
     assert "--overwrite" in refused(*asked, *QUICK, "--out", out, *cache)
 
-    search = ("search", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 6, *cache)
+    search = (
+        "search",
+        "tjunction",
+        "--method",
+        "greedy",
+        "--candidates",
+        "paper",
+        "--budget",
+        2,
+        "--frames",
+        6,
+        *cache,
+    )
     both = ("--classes", "vehicle", "pedestrian", "--combine", "worst", "--surrogate", out)
     code, said, err = run(*search, *both, "--json")
     assert code == 0, err
@@ -47,9 +61,27 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
         (("--classes", "vehicle", "heavy", "--detector", "vehicles/general"), "knows vehicle only, not heavy"),
         (("--small-iou", 50), "--small-iou must lie above 0"),
         (("--schemes", "middle"), "there is no fusion scheme"),
+        (("--random-sites", -1), "--random-sites must be at least 0"),
+        (("--resamples", -1), "--resamples must be at least 0"),
+        (("--model", "telepathy"), "telepathy"),
     ],
 )
 def test_bad_input_is_refused(arguments, message, refused, tmp_path):
     asked = ("surrogate", "tjunction", "--out", tmp_path / "a.json", "--cache", tmp_path / "cache")
     assert message in refused(*asked, *arguments)
     assert not (tmp_path / "a.json").exists()
+
+
+def test_without_a_site_it_says_what_to_name(refused, tmp_path):
+    assert "say --random-sites 8" in refused("surrogate", "--out", tmp_path / "a.json", "--cache", tmp_path / "cache")
+
+
+def test_random_sites_are_fitted_to_together(tmp_path, run):
+    out = tmp_path / "general.json"
+    asked = ("surrogate", "--random-sites", 2, "--detector", "general", "--frames", 2, "--poses", 3, "--sets", 4)
+    few = ("--schemes", "early", "--resamples", 0, "--model", "depth-camera", "--seed", 9101, "--cache", "None")
+    code, _, err = run(*asked, *few, "--out", out)
+    assert code == 0, err
+    models = load_models(out)
+    assert {model.domain.sites for model in models} == {2}
+    assert models[0].source == "2 frames of 2 random sites traffic, seed 9101, 4 sets, detector general"

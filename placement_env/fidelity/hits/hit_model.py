@@ -2,16 +2,18 @@
 
 Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
 
-    p = ceiling · sigmoid(intercept + density · e)        0 without any point
-    e = log(1 + Σ n_i ^ norm) / norm                      n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
+    p = ceiling · sigmoid(intercept + density · e) · min(1, r / floor)        0 without any point
+    e = log(1 + Σ n_i ^ norm) / norm           n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
+    r = (Σ N_i ^ norm) ^ (1 / norm)
 
 A point from farther off stands for more of the object: with reach 2, n is the share of it that is seen. At 45° to the
 axes of the world, along which a network's anchors lie, an object needs exp(oblique) times the points: a network that
 has seen few vehicles turn finds those less surely. With norm 1 all points count together, with less, points from many
 sensors count more than as many from one, which is the gain of spatial diversity: early fusion, where a set detects by
 the density that it gathers. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
-has one sensor more, which holds the far points of all.
-The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`), which is the paper's
+has one sensor more, which holds the far points of all. However dense they may be at their distance, few points are few:
+below `floor` points of the set a hit becomes less likely in proportion, 0 for no such floor.
+The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hits.hit_fit`), which is the paper's
 analysis of density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
 """
 
@@ -20,19 +22,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Collection, Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from placement_env.fidelity.hits.hit_domain import HitDomain
 from toolkit.arrays import Float
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import write_text
 from toolkit.runtime.json_files import read_json
 
-FOLDER = Path(__file__).parent / "surrogates"
+FOLDER = Path(__file__).parents[1] / "surrogates"
 RANGES = {
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),
@@ -42,14 +45,18 @@ RANGES = {
     "reach": (-1.0, 3.0),
     "oblique": (0.0, 5.0),
     "false_alarms": (0.0, 5.0),
+    "floor": (0.0, 200.0),
 }
+NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor")
+OPTIONAL = {"label", "floor", "domain", "resampled"}  # files written before there were these have not got them
 
 
 @dataclass(frozen=True)
 class HitModel:
     """The numbers above, for one scheme (its name), IoU threshold and class of objects. false_alarms: how many false
-    alarms outrank a hit, for each object found less surely and not hit; source: what they were fitted to. Raises
-    ValueError where one is out of range.
+    alarms outrank a hit, for each object found less surely and not hit; source: what they were fitted to, in words;
+    domain: in figures, None where it is not known; resampled: `NUMBERS` of fits to resamples of the same, which say how
+    sure the fit is, empty where it was not tried. Raises ValueError where one is out of range.
     """
 
     scheme: str
@@ -63,6 +70,9 @@ class HitModel:
     reach: float = 0.0
     oblique: float = 0.0
     label: str = LABELS[VEHICLE]
+    floor: float = 0.0
+    domain: HitDomain | None = None
+    resampled: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
@@ -72,9 +82,19 @@ class HitModel:
             raise ValueError(f"label must be one of {', '.join(LABELS)}, got {self.label!r}")
         if not self.scheme or not isinstance(self.scheme, str):
             raise ValueError(f"scheme must be the name of a fusion scheme, got {self.scheme!r}")
+        if any(len(row) != len(NUMBERS) for row in self.resampled):
+            raise ValueError(f"a resample must have {len(NUMBERS)} numbers: {', '.join(NUMBERS)}")
 
-    def probability(self, powers: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """p, from Σ n_i ^ norm; it grows with it."""
+    @property
+    def resamples(self) -> tuple[HitModel, ...]:
+        """The models of the resamples."""
+        rows: list[dict[str, Any]] = [dict(zip(NUMBERS, row, strict=True)) for row in self.resampled]
+        return tuple(replace(self, resampled=(), **row) for row in rows)
+
+    def probability(
+        self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
+    ) -> Float[np.ndarray, "*shape"]:
+        """p, from Σ n_i ^ norm; it grows with it. raw: Σ N_i ^ norm, for the floor; None for as many as it asks for."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -82,6 +102,8 @@ class HitModel:
         z += 1.0
         np.divide(self.ceiling, z, out=z)
         z *= powers > 0
+        if raw is not None and self.floor > 0:
+            z *= np.minimum(1, (raw / self.floor**self.norm) ** (1 / self.norm))
         return z
 
 
@@ -138,8 +160,9 @@ def _of(label: str) -> str:
 
 def _model(row: Any, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
-    if not isinstance(row, dict) or set(row) | {"label"} != names:
+    if not isinstance(row, dict) or set(row) | OPTIONAL != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
+    row = {"floor": 0.0} | row
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
@@ -150,4 +173,26 @@ def _model(row: Any, schemes: Collection[str]) -> HitModel:
         )
     if not isinstance(row.get("label", ""), str):
         raise ValueError(f"label must be one of {', '.join(LABELS)}, got {row['label']!r}")
-    return HitModel(**row | {name: float(row[name]) for name in RANGES})
+    resampled = row.get("resampled", [])
+    if not isinstance(resampled, list) or not all(isinstance(each, list) for each in resampled):
+        raise ValueError(f"resampled must be lists of numbers, got {resampled!s:.60}")
+    try:
+        rows = tuple(tuple(float(number) for number in each) for each in resampled)
+        domain = _domain(row.get("domain"))
+    except TypeError as error:
+        raise ValueError(f"resampled must be numbers and domain a table of {error}") from None
+    model = HitModel(**row | {name: float(row[name]) for name in RANGES} | {"domain": domain, "resampled": rows})
+    _ = model.resamples  # in their ranges, too
+    return model
+
+
+def _domain(row: Any) -> HitDomain | None:
+    if row is None:
+        return None
+    if not isinstance(row, dict) or set(row) != {field.name for field in fields(HitDomain)}:
+        names = ", ".join(field.name for field in fields(HitDomain))
+        raise ValueError(f"domain must be null or have {names}, got {row!s:.60}")
+    if not isinstance(row["sensors"], list):
+        raise ValueError(f"sensors must be a list of names, got {row['sensors']!s:.60}")
+    numbers = {name: float(row[name]) for name in ("farthest", "most_points")}
+    return HitDomain(**row | numbers | {"sensors": tuple(row["sensors"])})

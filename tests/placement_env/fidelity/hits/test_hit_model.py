@@ -6,9 +6,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.hit_model import FOLDER, RANGES, load_models, save_models, shipped_model
+from placement_env.fidelity.hits.hit_domain import HitDomain
+from placement_env.fidelity.hits.hit_model import FOLDER, NUMBERS, RANGES, load_models, save_models, shipped_model
 
 SCHEMES = ("early", "late", "hybrid")
+DOMAIN = {"farthest": 60.0, "most_points": 900.0, "sensors": ["DepthCamera"], "sites": 2, "objects": 30, "sets": 9}
 
 
 def test_probability_grows_with_the_evidence_up_to_the_ceiling(hit_model):
@@ -42,6 +44,16 @@ def test_models_come_back_from_their_file(tmp_path, hit_models):
         lambda row: row.update(ceiling=True),
         lambda row: row.update(scheme="middle"),
         lambda row: row.update(source=3),
+        lambda row: row.update(floor="20"),
+        lambda row: row.update(floor=-1.0),
+        lambda row: row.update(domain={"farthest": 3.0}),
+        lambda row: row.update(domain={**DOMAIN, "farthest": 0}),
+        lambda row: row.update(domain={**DOMAIN, "sensors": "DepthCamera"}),
+        lambda row: row.update(resampled=3),
+        lambda row: row.update(resampled=[[1.0]]),
+        lambda row: row.update(resampled=[["a"] * 8]),
+        lambda row: row.update(resampled=[[None] * 8]),
+        lambda row: row.update(resampled=[[99.0] * 8]),
     ],
 )
 def test_damaged_models_are_refused_in_one_line(tmp_path, change, hit_model):
@@ -68,3 +80,25 @@ def test_shipped_models_load_for_all_schemes_and_thresholds():
                 assert shipped_model(scheme, iou, path.stem).scheme == scheme
     with pytest.raises(ValueError, match="choose among"):
         shipped_model("early", 0.35)
+
+
+def test_what_a_fit_says_of_itself_comes_back_and_older_files_say_nothing(tmp_path, hit_model):
+    domain = HitDomain(60.0, 900.0, ("DepthCamera", "SpinningLidar"), 2, 30, 9)
+    numbers = tuple(getattr(hit_model, name) for name in NUMBERS)
+    model = replace(hit_model, floor=15.0, domain=domain, resampled=(numbers, (-3.0, *numbers[1:])))
+    save_models((model,), tmp_path / "m.json")
+    assert load_models(tmp_path / "m.json") == (model,)
+    assert [each.intercept for each in model.resamples] == [hit_model.intercept, -3.0]
+    assert all(each.resampled == () and each.domain == domain for each in model.resamples)
+    rows = json.loads((tmp_path / "m.json").read_text())
+    for name in ("floor", "domain", "resampled", "label"):
+        rows[0].pop(name)
+    (tmp_path / "old.json").write_text(json.dumps(rows))
+    assert load_models(tmp_path / "old.json") == (hit_model,)
+
+
+def test_few_points_are_few_below_the_floor(hit_model):
+    model = replace(hit_model, floor=20.0, norm=2.0)
+    powers, raw = np.full(4, 1e9), np.array([0.0, 5.0, 20.0, 80.0]) ** 2
+    assert model.probability(powers, raw) == pytest.approx(hit_model.ceiling * np.array([0, 0.25, 1, 1]), abs=1e-3)
+    assert model.probability(powers) == pytest.approx(np.full(4, hit_model.ceiling), abs=1e-3)

@@ -1,0 +1,84 @@
+"""`coview calibrate`: where the sensors of a recording really are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from coview.arguments import check_errors, sensor_set, site_file
+from coview.exits import OK, SUSPECTED
+from coview.outputs import check_file
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import frame_count, open_recording
+
+
+def calibrate(
+    dataset: Positional[Path],
+    /,
+    *,
+    reference: str | None = None,
+    held: tuple[str, ...] = (),
+    out: Path | None = None,
+    poses: Path | None = None,
+    frames: int | None = None,
+    reference_frames: int | None = None,
+    errors: str = "paper",
+    seed: int = 0,
+    site: str | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Find again where the sensors of a recording are, by what stands still there. Exit code 1 if one cannot be found.
+
+    Each sensor learns its empty scene from its own frames and is registered against the reference, from up to 5° and
+    0.5 m off. What the scene cannot say, such as moves along a bare plane, is named and stays as it was believed.
+
+    Example: coview calibrate monday.hdf5 --reference tjunction --out corrected.hdf5 --poses poses.json
+
+    Args:
+        dataset: Recording, as in coview evaluate.
+        reference: What stands there: a site (name or file), a cloud file of a survey in the site's frame, or a
+            recording of the day the sensors were mounted. Left out: the sensors are fitted to each other, and
+            keep their common pose.
+        held: Without a reference: numbers or names of sensors that stay where they are.
+        out: Copy of the recording with corrected poses to write.
+        poses: JSON to write: pose, uncertainty and what is not observed of each sensor; coview fuse reads it.
+        frames: Only the first so many frames.
+        reference_frames: Of a recording as reference, only the first so many.
+        errors: As in coview evaluate; the poses that are believed are off by those of the profile.
+        seed: Of the sensors' noise and errors.
+        site: As in coview evaluate.
+        overwrite: Replace files that are there.
+        json: Print as JSON.
+    """
+    from toolkit.calibration.corrected_recording import write_corrected
+    from toolkit.calibration.poses_together import find_poses_together
+    from toolkit.calibration.reference import read_surface
+    from toolkit.calibration.sensor_poses import find_poses, save_poses
+
+    check_errors(errors)
+    if held and reference is not None:
+        raise ValueError("--held is for sensors fitted to each other: leave it or --reference out")
+    inputs = [dataset, *site_file(reference), *site_file(site)]
+    check_file(out, inputs=inputs, overwrite=overwrite)
+    check_file(poses, inputs=[*inputs, *([out] if out else [])], overwrite=overwrite)
+    with open_recording(dataset, site) as recording:
+        total = frame_count(recording, frames)
+        with progress_bar("sensor", len(recording.sensors), hidden=json) as bar:
+            if reference is None:
+                stay = sensor_set(",".join(held)) if held else []
+                found = find_poses_together(recording, held=stay or [], frames=total, errors=errors, noise_seed=seed)
+            else:
+                surface = read_surface(reference, frames=reference_frames)
+                found = find_poses(
+                    recording, surface, frames=total, errors=errors, noise_seed=seed, progress=bar.to
+                )  # fmt: skip
+        described = {each.sensor.name: each.described() for each in found}
+        if out is not None:
+            write_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=described)
+    if poses is not None:
+        save_poses(poses, found)
+    print_result(described, "\n".join(map(str, found)), as_json=json)
+    return OK if all(each.registration is not None for each in found) else SUSPECTED

@@ -1,0 +1,304 @@
+"""Fits a `HitModel` to what a detector hit and missed: maximum likelihood over all objects and sensor sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.hits.hit_domain import domain_of
+from placement_env.fidelity.hits.hit_model import NUMBERS, RANGES, HitModel
+from placement_env.fidelity.surrogate import Evidence, Surrogate, expected_ap
+from placement_env.fidelity.visibility import Visibility
+from placement_env.subsets import MemberSums
+from toolkit.arrays import Bool, Float64
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
+from toolkit.objects import LABELS, VEHICLE, Detector, check_known
+from toolkit.sensors.model import SensorModel
+from toolkit.sites.site import HYBRID_RADIUS, Site
+
+if TYPE_CHECKING:
+    from placement_env.fidelity.detector import Detected
+    from toolkit.runtime.cache import Cache
+
+FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and ceiling and floor, as a logit and a logarithm
+NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
+CEILING_LOGIT = (-4.0, 7.0)
+FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
+LIFE = 4  # frames in which the same objects are there
+
+
+class Observed(NamedTuple):
+    """What a detector made of sensor sets at one site: what the sensors see, the sets, which objects each set hit, the
+    AP of each, the site's hybrid radius (m), and the kinds of the sensors' models."""
+
+    visibility: Visibility
+    subsets: Bool[np.ndarray, "n C"]
+    hits: Bool[np.ndarray, "n O"]
+    ap: Float64[np.ndarray, " n"]
+    radius: float = HYBRID_RADIUS
+    sensors: tuple[str, ...] = ()
+
+
+class _Weights(NamedTuple):
+    """How often each object and each set of a site counts."""
+
+    objects: Float64[np.ndarray, " O"]
+    sets: Float64[np.ndarray, " n"]
+
+
+def fit(
+    observed: Sequence[Observed],
+    *,
+    scheme: Scheme | str,
+    iou: float,
+    source: str = "",
+    label: str = LABELS[VEHICLE],
+    resamples: int = 0,
+    seed: int = 0,
+) -> HitModel:
+    """The model under which the hits at some sites are likeliest, and whose AP is nearest to the detector's in the mean
+    square.
+
+    label: class of the objects, for its name alone; resamples: how often it is fitted again, to sites, blocks of frames
+    and sets drawn with replacement (one site keeps its place): the model says how sure it is by these; seed: of them.
+    Raises ValueError where there is nothing to fit; ModuleNotFoundError without SciPy.
+    """
+    for each in observed:
+        _check(each.visibility, each.subsets, each.hits, each.ap)
+    hits = sum(int(each.hits.sum()) for each in observed)
+    if not 0 < hits < sum(each.hits.size for each in observed):
+        raise ValueError(f"a fit needs hits and misses, got {hits} hits of {sum(e.hits.size for e in observed)}")
+    scheme = scheme_of(scheme)
+    fitting = _Fitting(observed, scheme, iou, source, label)
+    norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
+    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
+    everything = [_Weights(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
+    best, model = min((fitting.fitted(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
+    rng = np.random.default_rng(seed)
+    again = [fitting.fitted(best, _drawn(observed, rng))[1] for _ in range(resamples)]
+    domain = domain_of(
+        [each.visibility.points for each in observed],
+        [each.visibility.distance for each in observed],
+        [kind for each in observed for kind in each.sensors],
+        sum(len(each.ap) for each in observed),
+    )
+    rows = tuple(tuple(float(f"{getattr(each, name):.6g}") for name in NUMBERS) for each in again)
+    return replace(model, domain=domain, resampled=rows)
+
+
+class _Fitting:
+    """Likelihood and misfit of models of one scheme, IoU threshold and class."""
+
+    def __init__(self, observed: Sequence[Observed], scheme: Scheme, iou: float, source: str, label: str) -> None:
+        self._observed, self._scheme = observed, scheme
+        self._names: dict[str, Any] = {"iou": iou, "source": source, "label": label}
+        self._evidence = [Evidence(each.visibility, scheme, each.radius) for each in observed]
+        self._minimize, self._minimize_scalar = _scipy()
+
+    def fitted(
+        self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
+    ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
+        """The numbers that fit best from a start on, their model, and how unlikely the hits are under it."""
+        bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT, FLOOR_LOG]
+        end = self._minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
+        ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(end.x))]
+        misfit = self._minimize_scalar(
+            lambda rate: self._misfit(ranked, float(rate), weights), bounds=RANGES["false_alarms"], method="bounded"
+        )
+        return end.x, self._model(end.x, float(misfit.x)), float(end.fun)
+
+    def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
+        named: dict[str, Any] = dict(zip(FITTED, map(float, numbers[:-2]), strict=True))
+        ceiling, floor = float(1 / (1 + np.exp(-numbers[-2]))), float(np.exp(numbers[-1]))
+        named |= {"ceiling": ceiling, "floor": floor, "false_alarms": false_alarms}
+        return HitModel(scheme=self._scheme.name, **named, **self._names)
+
+    def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
+        return [
+            _probability(evidence, each.subsets, model)
+            for evidence, each in zip(self._evidence, self._observed, strict=True)
+        ]
+
+    def _unlikelihood(self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]) -> float:
+        total = count = 0.0
+        for p, each, weight in zip(self._probabilities(self._model(numbers)), self._observed, weights, strict=True):
+            p = np.clip(p, 1e-9, 1 - 1e-9)
+            total -= float((np.where(each.hits, np.log(p), np.log1p(-p)) @ weight.objects).sum())
+            count += float(weight.objects.sum()) * len(p)
+        return total / max(count, 1.0)
+
+    def _misfit(self, ranked: Sequence[np.ndarray], rate: float, weights: Sequence[_Weights]) -> float:
+        errors = [
+            (np.square(expected_ap(p, rate)[0] - each.ap) @ weight.sets, weight.sets.sum())
+            for p, each, weight in zip(ranked, self._observed, weights, strict=True)
+        ]
+        return float(sum(error for error, _ in errors) / max(sum(count for _, count in errors), 1.0))
+
+
+def _drawn(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
+    """Sites drawn with replacement, and in each of them blocks of frames and sets."""
+    count = len(observed)
+    times = rng.multinomial(count, np.full(count, 1 / count))
+    weights = []
+    for each, often in zip(observed, times.tolist(), strict=True):
+        blocks, place = np.unique(each.visibility.frame // LIFE, return_inverse=True)
+        drawn = (
+            rng.multinomial(len(blocks) * often, np.full(len(blocks), 1 / max(1, len(blocks))))
+            if len(blocks)
+            else place
+        )
+        sets = rng.multinomial(len(each.ap) * often, np.full(len(each.ap), 1 / len(each.ap)))
+        weights.append(_Weights(drawn[place].astype(np.float64), sets.astype(np.float64)))
+    return weights
+
+
+class Fitted(NamedTuple):
+    """A model, and by how much its AP is off that of the detector on the sets it was fitted to, root mean square."""
+
+    model: HitModel
+    rms: float
+
+
+def fit_detected(
+    found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "n C"]]],
+    *,
+    source: str,
+    resamples: int = 0,
+    seed: int = 0,
+) -> tuple[Fitted, ...]:
+    """A model of each class at each IoU threshold of what a detector says of sets at some sites: what is seen there,
+    what it detects of the same candidates, frames and classes, and the sets. Raises ValueError where there is nothing
+    to fit, saying of which class."""
+    from placement_env.fidelity.detector import IOUS
+
+    first = found[0][1]
+    estimates = [detected.class_estimates(sets) for _, detected, sets in found]
+    hits = [np.stack([detected.hits(row).hit for row in sets], axis=1) for _, detected, sets in found]
+    fitted: dict[tuple[str, float], Fitted] = {}
+    for c, (name, label) in enumerate(zip(first.classes.names, first.classes.labels, strict=True)):
+        for i, iou in enumerate(IOUS):
+            at = first.iou_of(label, iou)
+            if (name, at) in fitted:
+                continue
+            observed = [
+                Observed(
+                    seen.of_classes([label]),
+                    sets,
+                    hit[i][:, seen.labels == label],
+                    estimate[iou].ap[:, c].copy(),
+                    detected.renders.site.hybrid_radius,
+                    tuple(sorted({type(sensor.model).__name__ for sensor in detected.renders.sensors})),
+                )
+                for (seen, detected, sets), hit, estimate in zip(found, hits, estimates, strict=True)
+                if (seen.labels == label).any()
+            ]
+            try:
+                model = fit(
+                    observed, scheme=first.scheme, iou=at, label=name, source=source, resamples=resamples, seed=seed
+                )
+            except ValueError as error:
+                raise ValueError(f"{name} at IoU {at:g} in {first.scheme.name} fusion: {error}") from None
+            fitted[name, at] = Fitted(model, _misfit(model, first.scheme, observed))
+    return tuple(fitted.values())
+
+
+def fit_sites(
+    sites: Sequence[Site],
+    detector_of: Callable[[Site], Detector],
+    *,
+    schemes: Sequence[Scheme | str] = PAPER_SCHEMES,
+    classes: Classes = VEHICLES,
+    frames: int = 100,
+    poses: int = 60,
+    sets: int = 60,
+    seed: int = 1000,
+    models: Sequence[SensorModel] = (),
+    resamples: int = 20,
+    source: str = "",
+    cache: Cache | None = None,
+    workers: int = 1,
+    progress: Callable[[str, int, int | None], None] | None = None,
+) -> tuple[Fitted, ...]:
+    """A model of each scheme, class and IoU threshold of what a detector hits at some sites, with their own sensors and
+    with poses of their pools, drawn from the seed (of a site: the seed and its place in the list) as the traffic is.
+
+    sets: how many at each site, of 1 to 8 sensors; models: of the sensors in the pools, none for the paper's camera;
+    resamples: see `fit`; cache: where detections are kept, so that what was broken off goes on; progress: called with a
+    scheme, frames done and how many. Raises ValueError where a class is not there or is always hit.
+    """
+    from placement_env.candidates.sampling import own_and_random, random_sets
+    from placement_env.fidelity.detector import Detected
+    from placement_env.fidelity.renders import Renders
+    from placement_env.fidelity.traffic import simulate_traffic
+    from placement_env.fidelity.visibility import see
+
+    _scipy()
+    observed = []
+    for place, site in enumerate(sites):
+        detector = detector_of(site)
+        check_known(detector, classes.names)
+        rng = np.random.default_rng(seed + place)
+        candidates = own_and_random(site, poses, rng, models=models)
+        chosen = random_sets(candidates, len(site.sensors), sets, rng)
+        chosen = chosen[chosen.any(axis=1)]
+        traffic = simulate_traffic(site, frames, seed + place)
+        seen = see(traffic, candidates, labels=classes.labels, workers=workers, cache=cache)
+        observed.append((seen, chosen, detector, Renders(traffic, candidates, cache)))
+    for name, label in zip(classes.names, classes.labels, strict=True):
+        if not any((seen.labels == label).any() for seen, *_ in observed):
+            raise ValueError(f"there is no {name} in {frames} frames of traffic: say more --frames, or other --classes")
+    fitted: list[Fitted] = []
+    for scheme in map(scheme_of, schemes):
+        found = []
+        for place, (seen, chosen, detector, renders) in enumerate(observed):
+            detected = Detected(renders, detector, scheme, memo=cache, workers=workers, classes=classes)
+            report = None
+            if progress is not None:
+                report = partial(_done, progress, f"{scheme.name} fusion", place * frames, len(sites) * frames)
+            detected.estimates(chosen, progress=report)
+            found.append((seen, detected, chosen))
+        fitted += fit_detected(found, source=source, resamples=resamples, seed=seed)
+    return tuple(fitted)
+
+
+def _done(progress: Callable[[str, int, int | None], None], stage: str, before: int, total: int, done: int) -> None:
+    progress(stage, before + done, total)
+
+
+def _misfit(model: HitModel, scheme: Scheme, observed: Sequence[Observed]) -> float:
+    own = Classes((model.label,))
+    errors = [
+        Surrogate(each.visibility, scheme, model, radius=each.radius, classes=own)(each.subsets).ap - each.ap
+        for each in observed
+    ]
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
+
+
+def _probability(evidence: Evidence, subsets: np.ndarray, model: HitModel) -> np.ndarray:
+    sums = MemberSums(evidence.rows(model, np.float64))(subsets)
+    return model.probability(*evidence.joined(sums, model))
+
+
+def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:
+    wanted = (len(subsets), visibility.points.shape[1])
+    if hits.shape != wanted or ap.shape != wanted[:1] or subsets.shape[1] != len(visibility.points):
+        raise ValueError(
+            f"there must be a hit or miss for each of {wanted[0]} sets and {wanted[1]} objects and an AP for each set, "
+            f"got hits {hits.shape}, ap {ap.shape}: were they made of the same frames?"
+        )
+    if not np.isfinite(ap).all():
+        raise ValueError("a fit needs finite APs: leave out what has nothing to find")
+
+
+def _scipy() -> tuple[Any, Any]:
+    try:
+        from scipy.optimize import minimize, minimize_scalar
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("fitting a surrogate needs SciPy: pip install scipy") from None
+    return minimize, minimize_scalar

@@ -1,0 +1,133 @@
+"""What many sensors see of traffic, frame by frame from panoramas: each place is looked from once for all that may hang
+there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from placement_env.fidelity.occlusion import Seen
+from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_through
+from placement_env.fidelity.panorama.still import Still
+from placement_env.fidelity.traffic import Traffic, renderer_of, scored
+from toolkit.arrays import Bool, Float64
+from toolkit.points import centred_in
+from toolkit.rendering.strips import Crop, strips_of
+from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.parallel import spread
+from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import Sensor
+
+FRAMES_AT_ONCE = 4  # that a process looks at before it hands over what is seen
+SHARED = 4  # sensors of a place, in the mean, from which on panoramas are worth their while
+
+
+def worthwhile(sensors: Sequence[Sensor]) -> bool:
+    """Whether many sensors share their places, as those of a pool do."""
+    return len(sensors) >= SHARED * len({sensor.position.round(6).tobytes() for sensor in sensors})
+
+
+def far_sighted(sensors: Sequence[Sensor], traffic: Traffic) -> Bool[np.ndarray, " S"]:
+    """Which sensors measure all of the detection area: panoramas know no range at which one of them ends."""
+    xmin, ymin, xmax, ymax = traffic.site.area.tolist()
+    corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
+    positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
+    across = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
+    ends = np.concatenate([snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)])
+    low, high = ends.min(initial=0) - 10, max(ends.max(initial=0) + 10, traffic.site.height)
+    up = np.maximum(np.abs(positions[:, 2] - low), np.abs(positions[:, 2] - high))
+    return np.hypot(across, up) < [sensor.model.max_range for sensor in sensors]
+
+
+def look_round(
+    traffic: Traffic,
+    sensors: Sequence[Sensor],
+    labels: Sequence[int],
+    *,
+    workers: int = 1,
+    ray: str | None = None,
+    progress: Callable[[int], None] | None = None,
+    cache: Cache | None = None,
+) -> Seen:
+    """What far-sighted sensors see of all frames; the arguments as of `placement_env.fidelity.visibility.see`."""
+    job = _Job(traffic, tuple(sensors), tuple(labels), cache)
+    blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
+    kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
+    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
+    seen = []
+    for block in blocks:
+        seen.append(kept[block] if block in kept else next(made))
+        if progress:
+            progress(len(sensors) * block[1] // len(traffic))
+    return Seen(*(np.concatenate(each, axis=1) for each in zip(*seen, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Looks at some frames with all sensors; sent to every worker."""
+
+    traffic: Traffic
+    sensors: tuple[Sensor, ...]
+    labels: tuple[int, ...]
+    cache: Cache | None
+
+    def __call__(self, block: tuple[int, int]) -> Seen:
+        found = self.cached(block)
+        if found is None:
+            frames = [self._frame(k) for k in range(*block)]
+            found = Seen(*(np.concatenate(each, axis=1) for each in zip(*frames, strict=True)))
+            if self.cache is not None:
+                self.cache.put({self.key(block): found})
+        return found
+
+    def cached(self, block: tuple[int, int]) -> Seen | None:
+        """What an earlier call found; None where there is nothing, or it is damaged."""
+        arrays = None if self.cache is None else self.cache.get([self.key(block)])[0]
+        return None if arrays is None else Seen(*arrays)
+
+    def key(self, block: tuple[int, int]) -> bytes:
+        """What is seen in some frames depends on this."""
+        return key_of("panoramas", self._depends_on, block)
+
+    def _frame(self, k: int) -> Seen:
+        site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
+        crop = Crop(site.area, site.height, site.hybrid_radius, site.relief.slope)
+        boxes = snapshot.objects.boxes
+        strips = strips_of(
+            renderer, renderer.moment(snapshot), self._views.viewpoints, crop, centred_in(boxes, site.area)
+        )
+        sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
+        seen = look_through(self._views, sight, self._stills, self._alone, (len(boxes), 1))
+        return seen._replace(points=seen.points[:, scored(snapshot.objects, site, self.labels)])
+
+    @cached_property
+    def _views(self) -> Views:
+        return Views.of(self.sensors)
+
+    @cached_property
+    def _stills(self) -> dict[SensorModel, Still]:
+        """What stands still, by sensor model."""
+        models = dict.fromkeys(sensor.model for sensor in self.sensors)
+        site, renderer = self.traffic.site, renderer_of(self.traffic)
+        return {model: Still.of(renderer, site, self._views.viewpoints, model) for model in models}
+
+    @cached_property
+    def _alone(self) -> Float64[np.ndarray, "2 S"]:
+        return alone(self._views, self._stills)
+
+    @cached_property
+    def _depends_on(self) -> tuple[str, str, list[str], tuple[int, ...]]:
+        code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in self.sensors}))
+        return code, self.traffic.digest(), [sensor.digest for sensor in self.sensors], self.labels
+
+    def __getstate__(self) -> tuple[object, ...]:
+        return self.traffic, self.sensors, self.labels, self.cache
+
+    def __setstate__(self, state: tuple[object, ...]) -> None:
+        for name, value in zip(("traffic", "sensors", "labels", "cache"), state, strict=True):
+            object.__setattr__(self, name, value)

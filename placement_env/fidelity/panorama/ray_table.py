@@ -1,0 +1,187 @@
+"""`RayTable`: how many rays of a sensor model, at a tilt, lie in rectangles of azimuth and elevation.
+
+Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a summed-area table); a
+rectangle then costs four of these sums, however many rays it holds. Azimuth is from the sensor's heading on. A sensor
+tilted by a little more than a table's tilt is looked up in that table, with the rectangles turned by the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float, Float32, Float64, Int64, Shaped
+from toolkit.geometry import pose
+from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import Sensor
+
+AZIMUTHS = 3600  # places of azimuth in a turn
+ELEVATIONS = 3600  # places of elevation from straight down to straight up
+TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
+MOST_TABLES = 96  # kept at a time, of 3 to 12 MB
+CELL_COLUMNS = 240  # of all directions, for what stands still
+CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
+CELL_ROWS = len(CELL_EDGES) - 1
+
+PI, PER_TURN, PER_STEEP = (np.float32(each) for each in (np.pi, AZIMUTHS / (2 * np.pi), ELEVATIONS / np.pi))
+
+Places = Float32[np.ndarray, " n"] | np.float32  # angles in steps of the grid
+Angles = Float[np.ndarray, " n"]
+Counts = Shaped[np.ndarray, " m"]  # of rays
+
+
+class Aim(NamedTuple):
+    """How a sensor hangs: heading, tilt below the horizon and roll about where it looks (rad)."""
+
+    heading: float
+    tilt: float
+    roll: float
+
+
+def aim_of(sensor: Sensor) -> Aim:
+    """The aim of a sensor; one that looks straight down or up has its heading in what is up in its image.
+
+    >>> from toolkit.geometry import look
+    >>> from toolkit.sensors.depth_camera import DepthCamera
+    >>> np.round(aim_of(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
+    [1.0, 0.25, 0.0]
+    """
+    turn = sensor.world_SE3_body[:3, :3]
+    tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
+    if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
+        return Aim(float(np.arctan2(-turn[0, 1], turn[1, 1])), tilt, 0.0)
+    return Aim(float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2])))
+
+
+class Cells(NamedTuple):
+    """Cells of azimuth from the heading on and elevation from straight down on that hold rays, numbered column after
+    column, and how many."""
+
+    places: Int64[np.ndarray, " n"]
+    rays: Float32[np.ndarray, " n"]
+
+
+class RayTable:
+    """The rays of a model, tilted and rolled (rad). first_column, columns: places of azimuth with rays
+    in them; first_row: the lowest of elevation; cells: those of its rays, for what needs no fine grid."""
+
+    def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
+        turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
+        x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
+        azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+        column = np.floor((azimuth + np.pi) * (AZIMUTHS / (2 * np.pi))).astype(np.int64) % AZIMUTHS
+        row = np.clip(np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1).astype(np.int64)
+        self.first_column, self.first_row = int(column.min()), int(row.min())
+        shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
+        self.columns = shape[0]
+        place = (column - self.first_column) * shape[1] + row - self.first_row
+        kind = np.uint32 if len(column) >> 16 else np.uint16
+        counts = np.bincount(place, minlength=shape[0] * shape[1]).astype(kind).reshape(shape)
+        np.add.accumulate(counts, axis=0, out=counts)
+        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
+        np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
+        column, row = cells_at(azimuth, elevation)
+        cell, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
+        self.cells = Cells(cell, rays.astype(np.float32))
+
+    def counts(self, rectangles: Rectangles, heading: Places, more: Places) -> tuple[Int64[np.ndarray, " m"], Counts]:
+        """Which rectangles hold rays, and how many. heading: of the sensor (places of azimuth), more: by how much it is
+        tilted more than this table (places of elevation); one number, or one for each rectangle."""
+        left, right, low, high = rectangles.seen_from(heading, more)
+        begin = np.rint(left).astype(np.int32)
+        width = np.rint(right).astype(np.int32) - begin
+        begin %= AZIMUTHS
+        begin -= self.first_column
+        low, up = (np.rint(each).astype(np.int32) - self.first_row for each in (low, high))
+        most, upmost = self._sums.shape[0] - 1, self._sums.shape[1] - 1
+        reached = (begin < most) & (begin + width > 0) | (begin + width > AZIMUTHS)
+        some = np.flatnonzero(reached & (up > 0) & (low < upmost))
+        begin, low, up = begin.take(some), np.maximum(low.take(some), 0), np.minimum(up.take(some), upmost)
+        end = begin + width.take(some)
+        counts = self._within(np.maximum(begin, 0), np.minimum(end, most), low, up)
+        beyond = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
+        if len(beyond):
+            over = np.minimum(end[beyond] - AZIMUTHS, most)
+            counts[beyond] += self._within(np.zeros_like(over), over, low[beyond], up[beyond])
+        held = np.flatnonzero(counts)
+        return some[held], counts[held]
+
+    def _within(self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray) -> Counts:
+        flat, across = self._sums.ravel(), self._sums.shape[1]
+        begin = np.minimum(begin, end) * across
+        end = end * across
+        counts: Counts = flat.take(end + up) - flat.take(end + low)
+        counts -= flat.take(begin + up) - flat.take(begin + low)
+        return counts
+
+
+@dataclass(frozen=True, eq=False)
+class Rectangles:
+    """Rectangles of azimuth and elevation of the world. left, right: in places of azimuth, right up to a turn farther;
+    low, high: in places of elevation; cos, sin: of the azimuth of the middle; tan: of its elevation, but no steeper
+    than 3."""
+
+    left: Float32[np.ndarray, " n"]
+    right: Float32[np.ndarray, " n"]
+    low: Float32[np.ndarray, " n"]
+    high: Float32[np.ndarray, " n"]
+    cos: Float32[np.ndarray, " n"]
+    sin: Float32[np.ndarray, " n"]
+    tan: Float32[np.ndarray, " n"]
+
+    @staticmethod
+    def of(
+        left: Float32[np.ndarray, " n"],
+        right: Float32[np.ndarray, " n"],
+        bottom: Float32[np.ndarray, " n"],
+        top: Float32[np.ndarray, " n"],
+    ) -> Rectangles:
+        """From angles (rad)."""
+        middle = (left + right) / 2
+        places = ((left + PI) * PER_TURN, (right + PI) * PER_TURN, (bottom + PI / 2) * PER_STEEP)
+        tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
+        return Rectangles(*places, (top + PI / 2) * PER_STEEP, np.cos(middle), np.sin(middle), tan)
+
+    def take(self, rows: Int64[np.ndarray, " m"]) -> Rectangles:
+        """Some of them."""
+        return Rectangles(*(each.take(rows) for each in self._columns))
+
+    def part(self, rows: slice) -> Rectangles:
+        """Some that lie side by side; nothing is copied."""
+        return Rectangles(*(each[rows] for each in self._columns))
+
+    @property
+    def _columns(self) -> tuple[Float32[np.ndarray, " n"], ...]:
+        return self.left, self.right, self.low, self.high, self.cos, self.sin, self.tan
+
+    def seen_from(self, heading: Places, more: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Left, right, low and high from the heading on, as a sensor has them that is tilted more: to the first order
+        of that little tilt, of which the middle decides for the whole rectangle."""
+        left, right = self.left - heading, self.right - heading
+        if not np.any(more):
+            return left, right, self.low, self.high
+        angle = heading / PER_TURN
+        cos, sin = np.cos(angle), np.sin(angle)
+        up = more * (self.cos * cos + self.sin * sin)
+        aside = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
+        return left + aside, right + aside, self.low + up, self.high + up
+
+
+@lru_cache(maxsize=MOST_TABLES)
+def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
+    """A table, made once."""
+    return RayTable(model, tilt, roll)
+
+
+def cells_at(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+    """Column and row of the cells of directions."""
+    column = np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
+    return column, np.clip(np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1)
+
+
+def cell_elevations() -> Float64[np.ndarray, " rows"]:
+    """Of the middle of each row of cells."""
+    return (CELL_EDGES[1:] + CELL_EDGES[:-1]) / 2

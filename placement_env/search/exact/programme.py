@@ -1,0 +1,209 @@
+"""Integer programmes over sensor sets whose objects are worth more the more is known of them, solved by CP-SAT.
+
+    Σ_c known[c, o] x_c >= threshold[j, o] l_jo      level j of object o is reached, which is worth gain[j, o]
+    Σ_{c on m} x_c <= 1 for each mount m,  Σ_c x_c <= budget,  Σ_c price_c x_c <= money
+
+Either the levels reached are worth as much as can be, or the set costs as little as can be and is worth enough. With
+one level of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate
+says grows with the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so
+that what it proves impossible is impossible; steps that cut it in the middle are near the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.search.exact.cpsat import SECONDS, Prices, cp_model, solver_of
+from toolkit.arrays import Bool, Float, Int64
+
+if TYPE_CHECKING:
+    from ortools.sat.python.cp_model import IntVar
+
+UNITS = 1000  # into which the highest threshold of an object is divided
+GAINS = 10**6  # into which the worth of all objects is divided
+HIT_STEPS = (0.25, 0.5, 0.75, 0.9)  # shares of the highest probability at which a step begins
+
+
+class Levels(NamedTuple):
+    """known: what each candidate adds of each object, whole numbers; threshold, gain: of each level of each object;
+    parties: which of k rows of worth an object counts in, the least of which counts."""
+
+    known: Int64[np.ndarray, "C O"]
+    threshold: Int64[np.ndarray, "J O"]
+    gain: Int64[np.ndarray, "J O"]
+    parties: Bool[np.ndarray, "k O"]
+
+    def worth(self, chosen: list[int]) -> int:
+        """What the levels that a set reaches are worth, of the party that has least."""
+        reached = self.known[chosen].sum(axis=0) >= self.threshold
+        return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
+
+    def surviving(self, chosen: list[int]) -> int:
+        """What is left of that when the sensor fails whose failure leaves least."""
+        return min((self.worth([c for c in chosen if c != gone]) for gone in chosen), default=0)
+
+    @property
+    def whole(self) -> int:
+        """What all levels are worth, of the party that has least."""
+        return int((self.parties @ self.gain.sum(axis=0)).min())
+
+
+class Solved(NamedTuple):
+    """chosen: candidates, ascending, None where there is no such set; figure: worth, or price in whole units; bound: no
+    set has more worth, or costs less; optimal: whether they are the same."""
+
+    chosen: list[int] | None
+    figure: int
+    bound: int
+    optimal: bool
+
+
+def levels_of_coverage(seen: Bool[np.ndarray, "C O"], parties: Bool[np.ndarray, "k O"] | None = None) -> Levels:
+    """Every object is worth the same once a candidate sees it; parties: all objects in one where not given."""
+    count = seen.shape[1]
+    own = np.ones((1, count), np.bool_) if parties is None else parties
+    return Levels(seen.astype(np.int64), np.ones((1, count), np.int64), np.ones((1, count), np.int64), own)
+
+
+def levels_of_hits(
+    powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool, parties: Bool[np.ndarray, "k O"] | None = None
+) -> Levels:
+    """Steps of the probability that each object is hit, from n ^ norm of each candidate and object. above: none of the
+    steps lies below the curve, else each cuts it in the middle. The floor, which only lowers it, is left out."""
+    count = powers.shape[1]
+    e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
+    needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))
+    unit = needed[-1] / UNITS
+    add = np.ceil if above else np.floor
+    known = add(np.minimum(powers, needed[-1]) / unit).astype(np.int64)
+    edges = np.floor(needed / unit).astype(np.int64) if above else np.ceil(needed / unit).astype(np.int64)
+    ends = np.append(HIT_STEPS, 1.0) * model.ceiling
+    values = ends if above else np.concatenate([[0.0], (ends[1:] + ends[:-1]) / 2])
+    thresholds = np.maximum.accumulate(np.concatenate([[1], np.maximum(edges, 1)]))
+    per_object = GAINS // max(1, count)
+    gains = np.diff(np.concatenate([[0.0], values]))
+    whole = (np.ceil if above else np.rint)(gains * per_object).astype(np.int64)
+    own = np.ones((1, count), np.bool_) if parties is None else parties
+    return Levels(known, np.repeat(thresholds[:, None], count, axis=1), np.repeat(whole[:, None], count, axis=1), own)
+
+
+def solve(
+    levels: Levels,
+    mount: Int64[np.ndarray, " C"],
+    budget: int,
+    *,
+    may_stand: Bool[np.ndarray, " C"],
+    at_least: int | None = None,
+    prices: Int64[np.ndarray, " C"] | None = None,
+    money: Prices | None = None,
+    start: list[int] | None = None,
+    seconds: float = SECONDS,
+    workers: int = 1,
+    seed: int = 0,
+    effort: float | None = None,
+    failing: int = 0,
+) -> Solved:
+    """The set of most worth, or where `at_least` is given the cheapest by `prices` that is worth so much; of equally
+    cheap ones that of fewest sensors.
+
+    money: what all may cost; start: a set to begin from; effort: see `cpsat.search`; failing: 1 for the worth that is
+    left whichever sensor of the set fails (levels of threshold 1 alone).
+    """
+    cp = cp_model()
+    model = cp.CpModel()
+    built = [model.new_bool_var("") for _ in range(len(mount))]
+    for c in np.flatnonzero(~may_stand).tolist():
+        model.add(built[c] == 0)
+    for here in np.unique(mount):
+        model.add_at_most_one([built[c] for c in np.flatnonzero(mount == here).tolist()])
+    model.add(cp.LinearExpr.sum(built) <= budget)
+    if money is not None:
+        model.add(cp.LinearExpr.weighted_sum(built, money.each.tolist()) <= money.most)
+    worths = (_surviving if failing else _reached)(model, built, levels, may_stand)
+    if at_least is None:
+        least = model.new_int_var(0, max(0, levels.whole), "")
+        for worth in worths:
+            model.add(worth >= least)
+        model.maximize(least)
+    else:
+        for worth in worths:
+            model.add(worth >= at_least)
+        cost = np.ones(len(mount), np.int64) if prices is None else prices * (budget + 1) + 1
+        model.minimize(cp.LinearExpr.weighted_sum(built, cost.tolist()))
+    for c in start or ():
+        model.add_hint(built[c], True)
+    solver = solver_of(seconds, workers, seed, effort)
+    status = solver.status_name(solver.solve(model))
+    if status not in ("OPTIMAL", "FEASIBLE"):
+        lowest = int(solver.best_objective_bound) if status == "UNKNOWN" and at_least is not None else 0
+        return Solved(None, 0, _price_of(max(0, lowest), budget, prices), status == "INFEASIBLE")
+    chosen = [c for c, x in enumerate(built) if solver.boolean_value(x)]
+    if at_least is None:
+        figure = levels.surviving(chosen) if failing else levels.worth(chosen)
+        bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
+        return Solved(chosen, figure, bound, bound == figure)
+    figure = len(chosen) if prices is None else int(prices[chosen].sum())
+    bound = min(figure, _price_of(math.ceil(solver.best_objective_bound - 1e-6), budget, prices))
+    return Solved(chosen, figure, bound, bound == figure)
+
+
+def _price_of(cost: int, budget: int, prices: Int64[np.ndarray, " C"] | None) -> int:
+    """The price in a cost that also counts sensors."""
+    return cost if prices is None else cost // (budget + 1)
+
+
+def _reached(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]) -> list[Any]:
+    """What the levels that are reached are worth, of each party."""
+    cp = cp_model()
+    reached: list[tuple[int, Any, int]] = []
+    for o in range(levels.known.shape[1]):
+        seen = np.flatnonzero((levels.known[:, o] > 0) & may_stand).tolist()
+        known = cp.LinearExpr.weighted_sum([built[c] for c in seen], levels.known[seen, o].tolist())
+        for threshold, gain in zip(levels.threshold[:, o].tolist(), levels.gain[:, o].tolist(), strict=True):
+            if gain <= 0 or levels.known[seen, o].sum() < threshold:
+                continue
+            level = model.new_bool_var("")
+            model.add(known >= threshold * level)
+            reached.append((o, level, gain))
+    return [
+        cp.LinearExpr.weighted_sum(
+            [level for o, level, _ in reached if party[o]], [gain for o, _, gain in reached if party[o]]
+        )
+        for party in levels.parties
+    ]
+
+
+def _surviving(model: Any, built: list[IntVar], levels: Levels, may_stand: Bool[np.ndarray, " C"]) -> list[Any]:
+    """What is left of it, of each party, whichever sensor fails: of an object that two see nothing is lost, of one that
+    one alone sees all, if it is that one which fails."""
+    cp = cp_model()
+    once: list[IntVar] = []
+    twice: list[IntVar] = []
+    for o in range(levels.known.shape[1]):
+        seen = np.flatnonzero((levels.known[:, o] > 0) & may_stand).tolist()
+        views = cp.LinearExpr.sum([built[c] for c in seen])
+        free = int(levels.threshold[0, o]) <= 0
+        for number, of in ((1, once), (2, twice)):
+            level = model.new_bool_var("")
+            model.add(level == 1) if free else model.add(views >= number * level)
+            of.append(level)
+    left = []
+    for party in levels.parties:
+        own = np.flatnonzero(party)
+        most = int(levels.gain[0, own].sum())
+        least = model.new_int_var(0, most, "")
+        whole = cp.LinearExpr.weighted_sum([once[o] for o in own], levels.gain[0, own].tolist())
+        for c in np.flatnonzero(may_stand).tolist():
+            mine = [o for o in own.tolist() if levels.known[c, o] > 0]
+            gains = levels.gain[0, mine].tolist()
+            lost = cp.LinearExpr.weighted_sum([once[o] for o in mine], gains) - cp.LinearExpr.weighted_sum(
+                [twice[o] for o in mine], gains
+            )
+            model.add(least <= whole - lost).only_enforce_if(built[c])
+        model.add(least == 0).only_enforce_if([x.negated() for x in built])
+        left.append(least)
+    return left

@@ -1,0 +1,85 @@
+"""Panoramas of all frames: which sensors they serve, what is kept, and that processes make no difference."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.panorama import panoramas
+from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
+from toolkit.geometry import look
+from toolkit.objects import VEHICLE
+from toolkit.runtime.cache import Cache
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
+
+CAMERA = DepthCamera(width=80, height=60)
+AT = (-22.0, -16.0, 6.0)
+SENSORS = [Sensor(str(k), CAMERA, look(AT, k - 2.0, 0.3)) for k in range(4)]
+
+
+def same(one, other):
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+@pytest.fixture(scope="module")
+def seen(small_traffic):
+    return look_round(small_traffic, SENSORS, (VEHICLE,))
+
+
+def test_they_are_worthwhile_where_four_share_a_place():
+    assert worthwhile(SENSORS)
+    assert not worthwhile(SENSORS[:3])
+    elsewhere = Sensor("e", CAMERA, look((0.0, 0.0, 5.0), 0.0))
+    assert not worthwhile([*SENSORS, elsewhere])
+    assert worthwhile([*SENSORS * 2, elsewhere])
+
+
+def test_a_sensor_is_far_sighted_that_measures_the_whole_area(small_traffic):
+    ranges = [30.0, 50.0, 56.0, 120.0]
+    lidars = [Sensor(f"{r}", SpinningLidar(max_range=r), look(AT, 0.0)) for r in ranges]
+    assert far_sighted(lidars, small_traffic).tolist() == [False, False, True, True]  # 42 by 30 m, and height
+
+
+def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
+    monkeypatch.setattr(panoramas, "FRAMES_AT_ONCE", 2)
+    told: list[int] = []
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), progress=told.append), seen)
+    assert told == [1, 3, 4]
+    job = panoramas._Job(small_traffic, tuple(SENSORS), (VEHICLE,), None)
+    job((0, 1))
+    again = pickle.loads(pickle.dumps(job))
+    assert "_stills" not in vars(again)
+    assert same(again((0, 2)), job((0, 2)))
+
+
+def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
+    other = Sensor("other", CAMERA, look((22.0, 16.0, 5.0), -2.4, 0.1))
+    together = look_round(small_traffic, [other, *SENSORS[::-1]], (VEHICLE,))
+    assert same([each[:0:-1] for each in together], seen)
+
+
+def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
+    cache = Cache(tmp_path / "cache.sqlite")
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache), seen)
+    assert len(cache) == 2
+
+    def fail(*_: object) -> None:
+        raise AssertionError("made again")
+
+    monkeypatch.setattr(panoramas, "strips_of", fail)
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache), seen)
+    turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
+    others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])
+    for traffic, sensors, labels in (
+        (small_traffic, turned, (0,)),
+        (small_traffic, SENSORS, (0, 1)),
+        (others, SENSORS, (0,)),
+    ):
+        with pytest.raises(AssertionError, match="made again"):
+            look_round(traffic, sensors, labels, cache=cache)
+    monkeypatch.setattr(panoramas, "code_digest", lambda *modules: "other")
+    with pytest.raises(AssertionError, match="made again"):
+        look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache)

@@ -1,0 +1,136 @@
+"""Rays counted in rectangles are those that lie there."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.panorama import ray_table as module
+from placement_env.fidelity.panorama.ray_table import (
+    AZIMUTHS,
+    CELL_COLUMNS,
+    CELL_EDGES,
+    PER_STEEP,
+    PER_TURN,
+    RayTable,
+    Rectangles,
+    aim_of,
+    cell_elevations,
+    cells_at,
+    ray_table,
+)
+from toolkit.geometry import look, pose
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.solid_state_lidar import SolidStateLidar
+from toolkit.sensors.spinning_lidar import SpinningLidar
+
+CAMERA = DepthCamera(width=120, height=90)
+MODELS: list[Any] = [CAMERA, SpinningLidar(channels=16, azimuth_step=0.03), SolidStateLidar(rows=20, columns=60)]
+NONE = np.float32(0)
+
+
+def angles(model, heading, tilt, roll=0.0):
+    turn = pose(yaw=heading, pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
+    x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
+    return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def rectangles(rng, count):
+    """With edges between places of the grid, so that no ray lies on one."""
+    left = rng.integers(0, AZIMUTHS, count)
+    low = rng.integers(0, 3000, count)
+    places = np.stack([left, left + rng.integers(1, 900, count), low, low + rng.integers(1, 600, count)])
+    azimuth, elevation = places[:2] * 2 * np.pi / AZIMUTHS - np.pi, places[2:] * np.pi / 3600 - np.pi / 2
+    return [each.astype(np.float32) for each in (*azimuth, *elevation)]
+
+
+def counted(model, rects, heading, tilt, roll=0.0):
+    azimuth, elevation = (each[:, None] for each in angles(model, heading, tilt, roll))
+    left, right, bottom, top = (each.astype(np.float64) for each in rects)
+    across = sum((left <= azimuth + turn) & (azimuth + turn < right) for turn in (0, 2 * np.pi, 4 * np.pi))
+    return (across * ((bottom <= elevation) & (elevation < top))).sum(axis=0)
+
+
+def whole(table, rects, heading=0.0, more=0.0):
+    where, counts = table.counts(Rectangles.of(*rects), np.float32(heading * PER_TURN), np.float32(more * PER_STEEP))
+    every = np.zeros(len(rects[0]), np.int64)
+    every[where] = counts
+    return every
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+@pytest.mark.parametrize("tilt", [0.0, 0.3, 1.2])
+def test_they_are_counted(model, tilt):
+    rects = rectangles(np.random.default_rng(1), 300)
+    expected = counted(model, rects, 0.0, tilt)
+    assert expected.max() > 50
+    assert (np.abs(whole(RayTable(model, tilt, 0.0), rects) - expected) <= 1 + 0.01 * expected).all()
+
+
+def test_a_heading_turns_the_sensor_and_a_roll_counts():
+    rects, table = rectangles(np.random.default_rng(2), 300), RayTable(CAMERA, 0.3, 0.2)
+    heading = np.pi / 2
+    expected = counted(CAMERA, rects, heading, 0.3, 0.2)
+    assert (np.abs(whole(table, rects, heading) - expected) <= 1 + 0.01 * expected).all()
+    headings = np.full(300, heading * PER_TURN, np.float32)
+    where, counts = table.counts(Rectangles.of(*rects), headings, np.zeros(300, np.float32))
+    np.testing.assert_array_equal(np.bincount(where, counts, 300), whole(table, rects, heading))
+    assert (counts > 0).all()
+
+
+def test_all_directions_hold_all_rays():
+    every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
+    for model in MODELS:
+        for heading in (0.0, 1.0, -3.0):
+            assert whole(RayTable(model, 0.4, 0.0), every, heading).tolist() == [np.prod(model.shape)]
+
+
+def test_a_little_more_tilt_is_made_up_for():
+    rects = rectangles(np.random.default_rng(3), 400)
+    more = float(np.deg2rad(0.5))
+    exact = whole(RayTable(CAMERA, 0.3 + more, 0.0), rects)
+    near, far = whole(RayTable(CAMERA, 0.3, 0.0), rects, more=more), whole(RayTable(CAMERA, 0.3, 0.0), rects)
+    assert np.abs(near - exact).mean() < 0.3 * np.abs(far - exact).mean()
+    large = exact > 100
+    assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
+
+
+def test_rays_of_cells():
+    azimuth, elevation = angles(CAMERA, 0.0, 0.3)
+    cells = RayTable(CAMERA, 0.3, 0.0).cells
+    assert cells.rays.sum() == np.prod(CAMERA.shape)
+    column, row = cells_at(azimuth, elevation)
+    np.testing.assert_array_equal(cells.places, np.unique(column * (len(CELL_EDGES) - 1) + row))
+    np.testing.assert_array_equal(cells.rays, np.unique(column * (len(CELL_EDGES) - 1) + row, return_counts=True)[1])
+    middle = CELL_COLUMNS // 2
+    assert cells_at(np.array([0.001, -np.pi, np.pi]), np.array([-np.pi / 2, 0.0, np.pi / 2]))[0].tolist() == [
+        middle,
+        0,
+        0,
+    ]
+    rows = cells_at(np.zeros(3), np.array([-np.pi / 2, cell_elevations()[200], np.pi / 2]))[1]
+    assert rows.tolist() == [0, 200, len(CELL_EDGES) - 2]
+
+
+def test_many_rays_are_counted_in_wider_numbers():
+    large = SolidStateLidar(rows=300, columns=300)
+    every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
+    assert whole(RayTable(large, 0.0, 0.0), every).tolist() == [90_000]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+@pytest.mark.parametrize(("heading", "tilt", "roll"), [(0.5, 0.2, 0.0), (-3.0, -0.1, 0.4), (2.0, np.pi / 2, 0.0)])
+def test_an_aim_is_that_of_the_pose(model, heading, tilt, roll):
+    at = pose(1.0, 2.0, 5.0, yaw=heading, pitch=tilt, roll=roll)
+    aim = aim_of(Sensor("s", model, at @ model.body_SE3_sensor))
+    again = pose(1.0, 2.0, 5.0, yaw=aim.heading, pitch=aim.tilt, roll=aim.roll)
+    np.testing.assert_allclose(again, at, atol=1e-6)
+    if tilt < 1.5:
+        assert aim == pytest.approx((heading, tilt, roll))
+
+
+def test_a_table_is_made_once():
+    assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
+    assert module.ray_table.cache_parameters()["maxsize"] == 96
+    assert aim_of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)

@@ -1,0 +1,89 @@
+"""Programmes against trying all sets: of most worth, the cheapest of enough, whichever sensor fails."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from placement_env.fidelity.hits.hit_model import HitModel
+from placement_env.search.exact.programme import GAINS, Levels, levels_of_coverage, levels_of_hits, solve
+
+pytest.importorskip("ortools")
+
+
+def every(mount, budget):
+    """All sets with at most one candidate on a mount."""
+    for size in range(1, budget + 1):
+        for chosen in combinations(range(len(mount)), size):
+            if len(set(mount[list(chosen)])) == size:
+                yield list(chosen)
+
+
+def some(seed, *, objects=12, levels=2, parties=2):
+    rng = np.random.default_rng(seed)
+    known = rng.integers(0, 6, (6, objects)) * (rng.random((6, objects)) < 0.6)
+    threshold = np.sort(rng.integers(1, 9, (levels, objects)), axis=0)
+    own = rng.random((parties, objects)) < 0.7
+    return Levels(known, threshold, rng.integers(1, 5, (levels, objects)), own), np.array([0, 0, 1, 1, 2, 3]), rng
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000), budget=st.integers(1, 3), failing=st.integers(0, 1))
+def test_equals_trying_all(seed, budget, failing):
+    levels, mount, rng = some(seed, levels=1 if failing else 2)
+    if failing:
+        levels = levels._replace(threshold=np.ones_like(levels.threshold))
+    worth = levels.surviving if failing else levels.worth
+    stands = rng.random(6) < 0.8
+    sets = [chosen for chosen in every(mount, budget) if stands[chosen].all()]
+    best = max((worth(chosen) for chosen in sets), default=0)
+    found = solve(levels, mount, budget, may_stand=stands, failing=failing)
+    assert (found.figure, found.bound, found.optimal) == (best, best, True)
+    assert not found.chosen or worth(found.chosen) == best
+    prices, need = rng.integers(1, 9, 6), max(1, best // 2)
+    able = [chosen for chosen in sets if worth(chosen) >= need]
+    cheapest = solve(levels, mount, budget, may_stand=stands, at_least=need, prices=prices, failing=failing)
+    if not able:
+        assert (cheapest.chosen, cheapest.optimal) == (None, True)
+        return
+    least = min(prices[chosen].sum() for chosen in able)
+    assert (cheapest.figure, cheapest.bound, cheapest.optimal) == (least, least, True)
+    assert worth(cheapest.chosen) >= need
+    fewest = min(len(chosen) for chosen in able if prices[chosen].sum() == least)
+    assert len(cheapest.chosen) == fewest
+
+
+def test_what_survives_a_failure():
+    levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
+    assert levels.worth([0, 1]) == 3
+    assert levels.surviving([0, 1]) == 2
+    assert levels.surviving([0, 1, 2]) == 3  # without the first the first object is lost, and so on
+    assert (levels.surviving([0]), levels.whole) == (0, 4)
+
+
+@pytest.mark.parametrize("floor", [0.0, 30.0])
+def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
+    model = HitModel("early", 0.7, -6.0, 1.8, 0.95, 0.8, 0.3, "made up", floor=floor)
+    points = np.random.default_rng(1).lognormal(3, 1.5, (5, 40)) * (np.random.default_rng(2).random((5, 40)) < 0.6)
+    powers = points**model.norm
+    above, middle = (levels_of_hits(powers, model, above=each) for each in (True, False))
+    for chosen in ([0], [1, 3], [0, 1, 2, 3, 4]):
+        p = model.probability(powers[chosen].sum(axis=0), powers[chosen].sum(axis=0))
+        assert above.worth(chosen) >= p.mean() * GAINS
+        reached = above.known[chosen].sum(axis=0) >= above.threshold
+        assert ((above.gain * reached).sum(axis=0) * 40 / GAINS >= p - 1e-6).all()
+        if not floor:
+            steps = (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0) * 40 / GAINS
+            assert np.abs(steps - p).max() <= 0.25
+            assert np.abs(steps - p).mean() < 0.12
+    nothing = levels_of_hits(np.zeros((2, 3)), model, above=True)
+    assert nothing.worth([0, 1]) == 0
+
+
+def test_out_of_time_nothing_is_proven():
+    rng = np.random.default_rng(0)
+    levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
+    found = solve(levels, np.arange(200), 20, may_stand=np.ones(200, bool), at_least=290, seconds=0.01)
+    assert (found.chosen, found.optimal) == (None, False)

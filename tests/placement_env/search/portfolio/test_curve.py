@@ -1,0 +1,50 @@
+"""The best AP of every number of sensors."""
+
+import numpy as np
+import pytest
+
+from placement_env.objective import Objective
+from placement_env.search.portfolio.curve import budget_curve
+from placement_env.search.portfolio.evaluators import DetectorEvaluator
+
+
+def test_each_number_has_the_winner_of_its_race(street):
+    """Cars: sensors 0 and 1 see two each, 2 one, beside a ghost, 3 one that 0 sees too."""
+    evaluator = DetectorEvaluator(street.detected)
+    points = budget_curve(street.objective, 3, evaluators=(evaluator, evaluator))
+    assert [point.sensors for point in points] == [1, 2, 3]
+    assert [point.ap for point in points] == pytest.approx([0.5, 0.75, 0.8])
+    assert points[1].subset == (0, 1)
+    assert points[2].subset == (0, 1, 2)
+    assert [point.price for point in points] == pytest.approx([11.0, 22.0, 32.5])
+    assert all(point.low <= point.ap <= point.high for point in points)
+    assert all(point.pays for point in points)
+    assert all(point.confidence >= 0.95 for point in points)
+    row = street.objective.row(points[2].subset)[None]
+    assert points[2].predicted == street.objective.scores(row).ap[0]
+    assert "greedy" in points[1].searches
+    assert points[1].kbit == pytest.approx(street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0])
+
+
+def test_what_costs_as_much_and_finds_less_does_not_pay(street):
+    class Worse(DetectorEvaluator):
+        """Finds half as much with three sensors."""
+
+        def evaluate(self, sets, frames, progress=None):
+            found = super().evaluate(sets, frames, progress)
+            share = np.where(sets.sum(axis=1) == 3, 0.5, 1.0)
+            return found._replace(ap=found.ap * share, resamples=found.resamples * share[:, None])
+
+    worse = Worse(street.detected)
+    points = budget_curve(street.objective, 3, evaluators=(worse, worse))
+    assert [point.pays for point in points] == [True, True, False]
+
+
+def test_nothing_to_build_has_no_curve(street):
+    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
+    evaluator = DetectorEvaluator(street.detected)
+    assert budget_curve(poor, 2, evaluators=(evaluator, evaluator)) == ()
+    with pytest.raises(ValueError, match="budget must be a whole number"):
+        budget_curve(poor, 0, evaluators=(evaluator, evaluator))
+    with pytest.raises(ValueError, match="needs fresh traffic"):
+        budget_curve(street.objective, 1)

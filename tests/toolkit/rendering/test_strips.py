@@ -1,0 +1,122 @@
+"""Strips cover what rays see of objects, and nothing else."""
+
+import numpy as np
+import pytest
+
+from toolkit.bodies.body import centred
+from toolkit.mesh import box
+from toolkit.objects import VEHICLE, Objects
+from toolkit.points import inside
+from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Crop, Strips, counting, joined, strips_of
+from toolkit.sites.site import Site, Solid
+from toolkit.traffic.snapshots import Snapshot
+
+CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+WALL = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, -3], [4, -3]]), 0.0, 4.0)
+SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
+CROP = Crop(SITE.area, 4.0, 12.0)
+BOXES = np.array(
+    [[8.0, -4, 0.75, 4, 2, 1.5, 0.3], [8.0, 4, 0.75, 4, 2, 1.5, 1.0], [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0],
+     [-20.0, 3.0, 0.75, 4, 2, 1.5, 0.0], [-8.0, -3.0, 0.75, 4, 2, 1.5, -2.0]]
+)  # fmt: skip
+EYES = np.array([[0.0, 0.0, 5.0], [-8.0, -3.0, 6.0]])  # the second one above a car
+
+
+@pytest.fixture(scope="module")
+def scene():
+    renderer = Renderer(SITE, (CAR,), (), threads=1)
+    snapshot = Snapshot(Objects(BOXES, np.full(5, VEHICLE)), np.zeros(5, np.int64))
+    return renderer, renderer.moment(snapshot)
+
+
+@pytest.fixture(scope="module")
+def strips(scene):
+    return strips_of(scene[0], scene[1], EYES, CROP, np.ones(5, bool))
+
+
+def shown(scene, eye, azimuth, elevation):
+    """The object that each direction shows and what of it, by casting one ray."""
+    renderer, moment = scene
+    flat = np.cos(elevation)
+    way = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
+    lines = np.concatenate([np.broadcast_to(eye, way.shape), way], axis=1).astype(np.float32)
+    met, length = moment.met(lines)
+    length = np.where(renderer.cast_still(lines) > length, length, np.inf)
+    seen = np.isfinite(length)
+    points = eye + way * np.where(seen, length, 0)[:, None]
+    kind = np.where(inside(points, SITE.area, 4.0), WITHIN, OUTSIDE)
+    kind[(kind == WITHIN) & (np.linalg.norm((points - eye)[:, :2], axis=1) > 12.0)] = BEYOND
+    return np.where(seen, met, -1), np.where(seen, kind, 0)
+
+
+@pytest.mark.parametrize("v", [0, 1])
+def test_a_direction_lies_in_the_strip_of_what_it_shows(scene, strips, v):
+    rng = np.random.default_rng(v)
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, 20_000), rng.uniform(-1.5, 0.0, 20_000)
+    met, kind = shown(scene, EYES[v], azimuth, elevation)
+    own = Strips(*(each[strips.viewpoint == v] for each in strips))
+    within = np.zeros((20_000, len(own.item)), bool)
+    for turn in (-2 * np.pi, 0, 2 * np.pi):
+        across = (own.left <= azimuth[:, None] + turn) & (azimuth[:, None] + turn < own.right)
+        within |= across & (own.bottom <= elevation[:, None]) & (elevation[:, None] < own.top)
+    assert within.sum(axis=1).max() <= 2  # two objects may share a sliver at their common edge
+    first = within.argmax(axis=1)
+    some = within.any(axis=1)
+    said = np.where(some, own.item[first] if len(own.item) else -1, -1), np.where(some, own.shows[first], 0)
+    assert ((said[0] == met) & (said[1] == kind)).mean() > 0.997
+    assert (met >= 0).sum() > 500
+
+
+def test_each_kind_is_shown(strips):
+    first = strips.viewpoint == 0
+    assert set(strips.shows[first & (strips.item == 3)]) == {BEYOND, OUTSIDE}  # across the edge of the area
+    assert set(strips.shows[first & (strips.item == 1)]) == {WITHIN}
+    assert set(strips.item[first]) == {0, 1, 2, 3, 4}
+
+
+def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
+    open_site = Renderer(Site("open", SITE.area), (CAR,), (), threads=1)
+    free = strips_of(open_site, scene[1], EYES, CROP, np.ones(5, bool))
+
+    def extent(some):
+        own = (some.viewpoint == 0) & (some.item == 0)
+        return float(((some.right - some.left) * (some.top - some.bottom))[own].sum())
+
+    assert 0.05 < extent(strips) / extent(free) < 0.9
+
+
+def test_a_box_has_the_solid_angle_it_has(scene):
+    """A plate of 4 m by 1.5 m across the view, 20 m off, its middle at the height of the eye."""
+    plate = centred("plate", VEHICLE, *box((0.01, 4.0, 1.5)))
+    renderer = Renderer(Site("open", SITE.area), (plate,), (), threads=1)
+    boxes = np.array([[20.0, 0, 0.75, 0.01, 4, 1.5, 0.0]])
+    moment = renderer.moment(Snapshot(Objects(boxes, np.array([VEHICLE])), np.zeros(1, np.int64)))
+    for fine, within in ((True, 0.003), (False, 0.02)):
+        s = strips_of(renderer, moment, np.array([[0.0, 0, 0.75]]), CROP, np.array([fine]))
+        assert s.left.min() == pytest.approx(-np.arctan(2 / 19.995), abs=1e-5)
+        assert s.right.max() == pytest.approx(np.arctan(2 / 19.995), abs=1e-5)
+        angle = ((np.sin(s.top) - np.sin(s.bottom)) * (s.right - s.left)).sum()
+        a, b, d = 2.0, 0.75, 19.995
+        exact = 4 * np.arcsin(a * b / np.sqrt((a * a + d * d) * (b * b + d * d)))
+        assert angle == pytest.approx(exact, rel=within)
+
+
+def test_portions_make_no_difference(scene, strips, monkeypatch):
+    monkeypatch.setattr("toolkit.rendering.strips.RAYS_AT_ONCE", 500)
+    for one, other in zip(strips_of(scene[0], scene[1], EYES, CROP, np.ones(5, bool)), strips, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_coarse_ones_are_fewer(scene, strips):
+    coarse = strips_of(scene[0], scene[1], EYES, CROP, np.array([True, False, True, True, True]))
+    assert 2 * (coarse.item == 1).sum() < (strips.item == 1).sum()
+    assert (coarse.item == 0).sum() == (strips.item == 0).sum()
+
+
+def test_nothing_to_see(scene):
+    empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
+    for some in (strips_of(scene[0], empty, EYES, CROP, np.zeros(0, bool)), joined([])):
+        assert [len(each) for each in some] == [0] * 7
+    assert len(strips_of(scene[0], scene[1], np.zeros((0, 3)), CROP, np.ones(5, bool)).item) == 0
+    assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]

@@ -1,0 +1,233 @@
+"""Sensors put right without a reference: all at once, from what several of them see of the same standing scene.
+
+The pairs of all pairs of sensors make one linear system in six numbers per sensor (see
+`toolkit.calibration.registration`); a point of one lies on the plane that another measured there. Their common pose is
+not observed, whatever they see: the steps taken are the smallest ones, so the sensors keep, together, where they were
+believed to be, or where those that are held stand. So are motions of sensors that share too little with the others, on
+which objects that both see at the same time say more (`toolkit.calibration.joint_objects`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.calibration.registration import LEVER, Surface, after_motion, one_each, resistance, tukey
+from toolkit.geometry import invert, transform
+
+# Level by level: radius (m) within which counterparts are looked for, voxel (m), least limit (m) of Tukey's weights.
+_LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
+_STEPS = 15  # at most, of one level
+_CONVERGED = 1e-4  # of the radius
+_SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
+_LEAST_SCALE, _TUKEY = 0.01, 4.685
+_RESISTS = 0.1  # of a motion, across the plane: less is the noise of normals
+_LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
+_CORRELATED = 9.0  # pairs that say as much as one alone
+
+Poses = Sequence[Float64[np.ndarray, "4 4"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Rows of the linear system: each pulls sensors `one` and `other` together along a direction.
+
+    one_row, other_row: (n, 6) how the residual grows with the motion of each; residual: m; deviation: its standard
+    deviation; limit: beyond which a row does not count.
+    """
+
+    one: int
+    other: int
+    one_row: Float64[np.ndarray, "n 6"]
+    other_row: Float64[np.ndarray, "n 6"]
+    residual: Float64[np.ndarray, " n"]
+    deviation: Float64[np.ndarray, " n"]
+    limit: Float64[np.ndarray, " n"]
+
+    @cached_property
+    def weight(self) -> Float64[np.ndarray, " n"]:
+        """Tukey's weight over the variance."""
+        return tukey(self.residual / self.limit, 1.0) / self.deviation**2
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Poses that fit each other.
+
+    covariance: of the motions of all sensors, six numbers each (rad and m), as far as they are observed; unobserved:
+    (k, 6 n) unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: (n, n) how many rows
+    each two share; scatter: of each sensor, the robust standard deviation (m) of its rows.
+    """
+
+    poses: tuple[Float64[np.ndarray, "4 4"], ...]
+    covariance: Float64[np.ndarray, "m m"]
+    unobserved: Float64[np.ndarray, "k m"]
+    shared: Int64[np.ndarray, "n n"]
+    scatter: Float64[np.ndarray, " n"]
+
+    def unobserved_of(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
+        """Unit motions of one sensor of which nothing is known, turns times `LEVER`."""
+        own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
+        _, size, motions = np.linalg.svd(own, full_matrices=False)
+        return motions[size > 0.3]
+
+
+def align(
+    surfaces: Sequence[Surface],
+    believed: Sequence[Float64[np.ndarray, "4 4"]],
+    *,
+    held: Sequence[int] = (),
+    more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
+) -> Alignment:
+    """The poses of sensors that fit what they see of each other's surfaces, near those they are believed to have.
+
+    surfaces: of each sensor's empty scene in its own frame, normals towards it; held: numbers of sensors that stay;
+    more: pairs beside those of the surfaces, for poses and a radius within which counterparts are looked for. Raises
+    ValueError for fewer than two sensors, and for a held one that is not there.
+    """
+    count = len(surfaces)
+    if count != len(believed) or count < 2:
+        raise ValueError(f"sensors are aligned with each other, got {count} surfaces and {len(believed)} poses")
+    if any(not 0 <= sensor < count for sensor in held):
+        raise ValueError(f"held must be numbers of sensors, 0 to {count - 1}, got {list(held)}")
+    free = np.repeat([sensor not in held for sensor in range(count)], 6)
+    poses = [np.array(pose, np.float64) for pose in believed]
+    for radius, voxel, least in _LEVELS:
+        thinned = [one_each(surface.points, voxel) for surface in surfaces]
+        for _ in range(_STEPS):
+            pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
+            pairs += list(more(poses, radius)) if more is not None else []
+            system = _Joint(pairs, free)
+            step = system.step()
+            poses = [after_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
+            if np.abs(step).max() < _CONVERGED * radius:
+                break
+    hidden = system.unobserved(_common(poses))
+    return Alignment(tuple(poses), system.covariance(), hidden, system.counts(), system.scatter())
+
+
+def towards_sensor(surface: Surface) -> Surface:
+    """A surface in the frame of the sensor that measured it, its normals turned to the sensor."""
+    away = (surface.points * surface.normals).sum(axis=1) > 0
+    return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """The linear system of one step; free: which of the 6 n numbers may change."""
+
+    pairs: Sequence[Pairs]
+    free: Bool[np.ndarray, " m"]
+
+    @cached_property
+    def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Eigenvalues and eigenvectors (columns) of the information, and which of them are observed."""
+        information = np.zeros((len(self.free), len(self.free)))
+        for pair in self.pairs:
+            rows, where = self._rows(pair)
+            information[np.ix_(where, where)] += rows.T @ (rows * pair.weight[:, None])
+        information[~self.free], information[:, ~self.free] = 0.0, 0.0
+        values, vectors = np.linalg.eigh(information)
+        largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
+        resists = np.zeros(len(values))
+        for pair in self.pairs:
+            rows, where = self._rows(pair)
+            along = (rows[pair.weight > 0] @ (vectors[where] / largest)) ** 2
+            resists += np.where(along > _RESISTS**2, along, 0.0).sum(axis=0)
+        return values, vectors, (resists > _LEAST_POINTS) & (values > 0)
+
+    @staticmethod
+    def _rows(pair: Pairs) -> tuple[np.ndarray, np.ndarray]:
+        where = np.concatenate([6 * pair.one + np.arange(6), 6 * pair.other + np.arange(6)])
+        return np.concatenate([pair.one_row, pair.other_row], axis=1), where
+
+    def step(self) -> Float64[np.ndarray, " m"]:
+        """The smallest motion of all sensors that brings the pairs together, as far as they say."""
+        values, vectors, observed = self._modes
+        gradient = np.zeros(len(self.free))
+        for pair in self.pairs:
+            rows, where = self._rows(pair)
+            gradient[where] += rows.T @ (pair.weight * pair.residual)
+        along = vectors.T @ np.where(self.free, gradient, 0.0)
+        return vectors @ np.where(observed, -along / np.where(observed, values, 1.0), 0.0)
+
+    def covariance(self) -> Float64[np.ndarray, "m m"]:
+        """Of what is observed, in rad and m."""
+        values, vectors, observed = self._modes
+        inverse = np.where(observed, _CORRELATED / np.where(observed, values, 1.0), 0.0)
+        unit = np.tile(np.repeat([1 / LEVER, 1.0], 3), len(self.free) // 6)
+        return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
+
+    def unobserved(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
+        """Orthonormal motions that next to no pair resists, less the common ones where no sensor is held."""
+        _, vectors, observed = self._modes
+        hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
+        if self.free.all():
+            hidden = hidden - hidden @ common.T @ common
+        _, size, motions = np.linalg.svd(hidden, full_matrices=False)
+        return motions[size > 0.5]
+
+    def counts(self) -> Int64[np.ndarray, "n n"]:
+        """How many rows count between each two sensors."""
+        counts = np.zeros((len(self.free) // 6,) * 2, np.int64)
+        for pair in self.pairs:
+            counts[pair.one, pair.other] += int((pair.weight > 0).sum())
+        return counts + counts.T
+
+    def scatter(self) -> Float64[np.ndarray, " n"]:
+        """Robust standard deviation of the rows of each sensor, 0 for one without any."""
+        own: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(len(self.free) // 6)]
+        for pair in self.pairs:
+            for sensor in (pair.one, pair.other):
+                own[sensor].append(np.abs(pair.residual[pair.weight > 0]))
+        every = [np.concatenate(rows) for rows in own]
+        return np.array([1.4826 * float(np.median(rows)) if len(rows) else 0.0 for rows in every])
+
+
+def _surface_pairs(
+    surfaces: Sequence[Surface], thinned: Sequence[np.ndarray], poses: Poses, limits: tuple[float, float]
+) -> list[Pairs]:
+    """Each thinned point of each sensor with the nearest point of each other one, if they look the same way."""
+    radius, least = limits
+    made = []
+    for one, (surface, some) in enumerate(zip(surfaces, thinned, strict=True)):
+        world = transform(poses[one], surface.points[some])
+        facing = surface.normals[some] @ poses[one][:3, :3].T
+        for other, seen in enumerate(surfaces):
+            if other == one:
+                continue
+            apart, row = seen.tree.query(transform(invert(poses[other]), world), distance_upper_bound=radius)
+            near = np.flatnonzero(np.isfinite(apart))
+            normals = seen.normals[row[near]] @ poses[other][:3, :3].T
+            alike = (facing[near] * normals).sum(axis=1) > _SAME_SIDE
+            near, normals = near[alike], normals[alike]
+            there = transform(poses[other], seen.points[row[near]])
+            rough = np.hypot(surface.roughness[some[near]], seen.roughness[row[near]])
+            deviation = np.hypot(rough, _LEAST_SCALE)
+            made.append(
+                Pairs(
+                    one,
+                    other,
+                    resistance(world[near], poses[one][:3, 3], normals),
+                    -resistance(world[near], poses[other][:3, 3], normals),
+                    ((world[near] - there) * normals).sum(axis=1),
+                    deviation,
+                    np.maximum(_TUKEY * deviation, least),
+                )
+            )
+    return made
+
+
+def _common(poses: Poses) -> Float64[np.ndarray, "6 m"]:
+    """Orthonormal motions of all sensors together, as if they hung on one frame."""
+    middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
+    motions = np.zeros((6, len(poses), 6))
+    for axis, direction in enumerate(np.eye(3)):
+        for sensor, pose in enumerate(poses):
+            motions[axis, sensor] = [*(direction * LEVER), *np.cross(direction, pose[:3, 3] - middle)]
+            motions[3 + axis, sensor, 3:] = direction
+    return np.linalg.qr(motions.reshape(6, -1).T)[0].T

@@ -1,0 +1,245 @@
+"""What is seen all round of moving objects, in upright strips: a panorama that keeps nothing but the objects.
+
+From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its footprint. In each
+column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they say of the object (seen
+or not, inside the detection area or not, farther than the radius of hybrid fusion or not) the edge between them is
+found by bisection. A strip is what lies between two such edges. Other objects and what stands still hide as they do in
+`toolkit.rendering.renderer`, ray for ray; only where a column ends, and below `STRIP_WIDTH`, is anything lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
+from toolkit.geometry import LEVEL, Slope, levelled
+from toolkit.points import inside
+from toolkit.rendering.moment import Footprints, Moment
+from toolkit.rendering.renderer import Renderer
+from toolkit.sensors.model import NEAR
+
+STRIP_WIDTH = float(np.deg2rad(0.2))  # rad between columns; twice that between the rays of one
+COARSE = float(np.deg2rad(1.0))  # the same of objects that nobody is scored by
+COLUMNS, ROWS = (6, 96), (5, 40)  # fewest and most columns of an object, and rays of a column
+HALVINGS = 3  # of what lies between two rays, to find an edge
+EDGE = 1e-3  # m by which rectangles are widened
+RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
+OUTSIDE, WITHIN, BEYOND = 1, 2, 3  # what a strip shows: not in the crop; in it and within the radius; in it beyond
+
+
+class Strips(NamedTuple):
+    """Upright strips of what is seen of objects. viewpoint, item: numbers of both; left < right: azimuth (rad, world,
+    counter-clockwise, left from -2 pi on), bottom < top: elevation (rad); shows: `OUTSIDE`, `WITHIN` or `BEYOND`."""
+
+    viewpoint: Int32[np.ndarray, " n"]
+    item: Int32[np.ndarray, " n"]
+    left: Float32[np.ndarray, " n"]
+    right: Float32[np.ndarray, " n"]
+    bottom: Float32[np.ndarray, " n"]
+    top: Float32[np.ndarray, " n"]
+    shows: Int32[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Crop:
+    """What counts: points in the area (xmin ymin xmax ymax) and below the height (m) over the plane that the ground
+    slopes with; those farther from the viewpoint than the radius (m), seen from above, are far."""
+
+    area: Float64[np.ndarray, "4"]
+    height: float
+    radius: float
+    slope: Slope = LEVEL
+
+
+class _Windows(NamedTuple):
+    """Where an object may be seen, of pairs of viewpoint and object: azimuth of the first column and width of each
+    (rad), how many columns, and about how many rad lie between the rays of one."""
+
+    viewpoint: Int64[np.ndarray, " p"]
+    item: Int64[np.ndarray, " p"]
+    start: Float64[np.ndarray, " p"]
+    width: Float64[np.ndarray, " p"]
+    columns: Int64[np.ndarray, " p"]
+    step: Float64[np.ndarray, " p"]
+
+
+class _Columns(NamedTuple):
+    """Of each column of windows: its window, azimuth of its middle, lowest elevation where something may be seen, step
+    between its rays (rad), how many these are."""
+
+    window: Int64[np.ndarray, " c"]
+    azimuth: Float64[np.ndarray, " c"]
+    low: Float64[np.ndarray, " c"]
+    step: Float64[np.ndarray, " c"]
+    rows: Int64[np.ndarray, " c"]
+
+
+def strips_of(
+    renderer: Renderer,
+    moment: Moment,
+    viewpoints: Float64[np.ndarray, "V 3"],
+    crop: Crop,
+    fine: Bool[np.ndarray, " n"],
+) -> Strips:
+    """What is seen of a moment's objects from viewpoints. renderer: of the site, for what stands still; fine: which
+    objects are looked at on the `STRIP_WIDTH`, the others `COARSE`."""
+    windows = _windows(moment.ground, viewpoints, fine)
+    columns = _columns(moment.ground, viewpoints, windows)
+    rays = _Rays(renderer, moment, viewpoints, crop, windows)
+    return joined([_strips(rays, windows, some) for some in _portions(columns)])
+
+
+def joined(parts: list[Strips]) -> Strips:
+    """Strips one after the other."""
+    if not parts:
+        return Strips(*(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32)))
+    return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _windows(ground: Footprints, viewpoints: np.ndarray, fine: np.ndarray) -> _Windows:
+    if not len(ground.low) or not len(viewpoints):
+        whole, real = np.zeros(0, np.int64), np.zeros(0)
+        return _Windows(whole, whole, real, real, whole, real)
+    begin, sizes = ground.first[:-1], np.diff(ground.first)
+    middle = np.add.reduceat(ground.points, begin, axis=0) / sizes[:, None] - viewpoints[:, None, :2]
+    offset = ground.points - viewpoints[:, None, :2]
+    middle[np.abs(middle).max(axis=2) < EDGE] = EDGE, 0  # right below, any direction will do
+    ahead = np.repeat(middle, sizes, axis=1)
+    cross = ahead[..., 0] * offset[..., 1] - ahead[..., 1] * offset[..., 0]
+    angle = np.arctan2(cross, (ahead * offset).sum(axis=2))
+    first, last = (each.reduceat(angle, begin, axis=1) for each in (np.minimum, np.maximum))
+    around = last - first >= np.pi  # from above or within the object
+    first, last = np.where(around, -np.pi, first), np.where(around, np.pi, last)
+    grid = np.broadcast_to(np.where(fine, STRIP_WIDTH, COARSE), first.shape)
+    down = (ground.low + ground.high) / 2 - viewpoints[:, 2:]
+    across = np.linalg.norm(middle, axis=2)
+    flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)  # a degree of azimuth is less of an arc
+    columns = np.clip(np.ceil((last - first) * flat / grid), *COLUMNS).astype(np.int64)
+    start = np.arctan2(middle[..., 1], middle[..., 0]) + first
+    viewpoint, item = np.indices(first.shape).reshape(2, -1)
+    width = (last - first) / columns
+    return _Windows(viewpoint, item, start.ravel(), width.ravel(), columns.ravel(), 2 * grid.ravel())
+
+
+def _columns(ground: Footprints, viewpoints: np.ndarray, windows: _Windows) -> _Columns:
+    """Columns of the upright prisms that stand on the rectangles round the footprints."""
+    window = np.repeat(np.arange(len(windows.columns)), windows.columns)
+    azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
+    near, far = _crossed(ground, viewpoints, windows, window, azimuth)
+    eye = viewpoints[windows.viewpoint, 2]
+    below, above = ((each[windows.item] - eye)[window] for each in (ground.low, ground.high))
+    low = np.arctan2(below, np.where(below < 0, near, far))
+    high = np.arctan2(above, np.where(above < 0, far, near))
+    rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
+    found = 0.5**HALVINGS  # of a step: how near an edge is found, so that one at the end of a column lies in the middle
+    step = (high - low) / (rows + 1 - found)
+    return _Columns(window, azimuth, low - step * found / 2, step, rows)
+
+
+def _crossed(
+    ground: Footprints, viewpoints: np.ndarray, windows: _Windows, window: np.ndarray, azimuth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far off a ray of each column, seen from above, enters its rectangle and leaves it."""
+    x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
+    away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
+    along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
+    ahead, left = np.cos(azimuth), np.sin(azimuth)
+    cos, sin = cos[window], sin[window]
+    near, far = np.zeros(len(window)), np.full(len(window), np.inf)
+    for place, way, half in (
+        (along, ahead * cos + left * sin, half_length), (aside, left * cos - ahead * sin, half_width)
+    ):  # fmt: skip
+        way = np.where(np.abs(way) < 1e-9, 1e-9, way)
+        middle, reach = -place[window] / way, half[window] / np.abs(way)
+        near, far = np.maximum(near, middle - reach), np.minimum(far, middle + reach)
+    near = np.maximum(near - EDGE, 0)
+    return near, np.maximum(far, near) + EDGE
+
+
+def _portions(columns: _Columns) -> Iterator[_Columns]:
+    """The columns in portions of some `RAYS_AT_ONCE` rays."""
+    rays = np.cumsum(columns.rows)
+    cuts = np.searchsorted(rays, np.arange(RAYS_AT_ONCE, rays[-1] if len(rays) else 0, RAYS_AT_ONCE))
+    for first, last in zip([0, *cuts], [*cuts, len(rays)], strict=True):
+        if last > first:
+            yield _Columns(*(each[first:last] for each in columns))
+
+
+class _Rays:
+    """Casts rays of windows and says what each shows of the window's object: 0 where it is not seen."""
+
+    def __init__(
+        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, crop: Crop, windows: _Windows
+    ) -> None:
+        self._renderer, self._moment, self._crop = renderer, moment, crop
+        self._item = windows.item.astype(np.int32)
+        self._start = viewpoints[windows.viewpoint].astype(np.float32)
+
+    def shows(self, window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """Of each ray, given by its window and angles (float32)."""
+        lines = np.empty((len(window), 6), np.float32)
+        lines[:, :3] = self._start.take(window, axis=0)
+        flat = np.cos(elevation)
+        np.multiply(flat, np.cos(azimuth), out=lines[:, 3])
+        np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
+        np.sin(elevation, out=lines[:, 5])
+        met, length = self._moment.met(lines)
+        own = np.flatnonzero((met == self._item.take(window)) & (length > NEAR))
+        shows = np.zeros(len(window), np.uint8)
+        if not len(own):
+            return shows
+        lines, length = lines.take(own, axis=0), length.take(own)
+        across = length * flat.take(own)
+        points = lines[:, 3:] * length[:, None] + lines[:, :3]
+        lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
+        seen = self._renderer.cast_still(lines) + np.float32(NEAR) > length
+        within = inside(levelled(points, self._crop.slope), self._crop.area, self._crop.height)
+        kinds = np.where(within, np.where(across > self._crop.radius, BEYOND, WITHIN), OUTSIDE)
+        shows[own] = kinds * seen
+        return shows
+
+
+def _strips(rays: _Rays, windows: _Windows, columns: _Columns) -> Strips:
+    window, azimuth, rows = columns.window, columns.azimuth.astype(np.float32), columns.rows
+    first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
+    seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
+    of = np.repeat(np.arange(len(window)), rows)  # column of each ray
+    height = counting(rows) + 1
+    elevation = (columns.low.take(of) + height * columns.step.take(of)).astype(np.float32)
+    seen[first.take(of) + height] = rays.shows(window.take(of), azimuth.take(of), elevation)
+    edge = np.flatnonzero(seen[1:] != seen[:-1])  # between this ray and the next above
+    below, above = seen[edge], seen[edge + 1]
+    of = np.searchsorted(first, edge, side="right") - 1
+    step = columns.step[of].astype(np.float32)
+    low = (columns.low[of] + (edge - first[of]) * columns.step[of]).astype(np.float32)
+    for _ in range(HALVINGS):
+        step *= np.float32(0.5)
+        middle = low + step
+        low = np.where(rays.shows(window[of], azimuth[of], middle) == below, middle, low)
+    place = low + step / 2
+    begun = np.flatnonzero(above)  # the next edge ends what begins here
+    of = of[begun]
+    window, half = window[of], windows.width[window[of]] / 2
+    left, right = (columns.azimuth[of] + side for side in (-half, half))
+    return Strips(
+        windows.viewpoint[window].astype(np.int32),
+        windows.item[window].astype(np.int32),
+        left.astype(np.float32),
+        right.astype(np.float32),
+        place[begun],
+        place[begun + 1],
+        above[begun].astype(np.int32),
+    )
+
+
+def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
+    """0, 1, 2 ... of each length, one after the other.
+
+    >>> counting(np.array([2, 0, 3]))
+    array([0, 1, 0, 1, 2])
+    """
+    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
