@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from coview.arguments import check_least, sensor_set
-from coview.detectors import sample_detector
+from coview.detectors import area_about, sample_detector
 from coview.progress_bar import progress_bar
 
 if TYPE_CHECKING:
+    from models.training.packing import Recording
     from toolkit.datasets.records.fields import Samples
     from toolkit.datasets.sample import Sample
     from toolkit.detection.codec import Codec
@@ -57,6 +58,24 @@ def passing(samples: Iterable[Sample], problems: dict[str, int], progress: Calla
             problems[kind] = problems.get(kind, 0) + number
         progress(done)
         yield sample
+
+
+def cloud_recordings(
+    opened: Sequence[Samples],
+    frames: int | None,
+    *,
+    level: Literal["map", "plane", "none"],
+    still: bool,
+    area: tuple[float, float, float, float] | None,
+) -> Iterator[Recording]:
+    """Recordings of clouds on level ground, ready to be packed."""
+    from models.training.packing import sample_recordings
+    from toolkit.detection.samples.levelled import level_samples
+
+    middle, half = area_about(area)
+    for samples in opened:
+        levelled = level_samples(first_of(samples, frames), levelling=level, middle=middle, half=half, still=still)
+        yield from sample_recordings(levelled)
 
 
 def score_clouds(

@@ -34,24 +34,30 @@ def site_detector(name: str, site: Site) -> Detector:
     return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
 
 
+def area_about(
+    area: tuple[float, float, float, float] | None,
+) -> tuple[tuple[float, float] | None, tuple[float, float]]:
+    """The middle of an area and half its sides; without one there is no middle, and it reaches `DETECTION_REACH` about
+    wherever the sensors are."""
+    from toolkit.detection.samples.detected import DETECTION_REACH
+    from toolkit.sites.site import check_area
+
+    if area is None:
+        return None, (DETECTION_REACH, DETECTION_REACH)
+    xmin, ymin, xmax, ymax = check_area(area, "--area").tolist()
+    return ((xmin + xmax) / 2, (ymin + ymax) / 2), ((xmax - xmin) / 2, (ymax - ymin) / 2)
+
+
 def sample_detector(
     name: str, area: tuple[float, float, float, float] | None
 ) -> tuple[Detector, tuple[float, float] | None, tuple[float, float]]:
-    """A detector for clouds of any recording, the middle of its area, and half its sides; without an area it reaches
-    `DETECTION_REACH` around wherever the sensors are, and there is no middle."""
-    from toolkit.detection.samples.detected import DETECTION_REACH
-    from toolkit.sites.site import Site, check_area
+    """A detector for clouds of any recording, the middle of its area and half its sides, as `area_about`."""
+    from toolkit.sites.site import Site
 
-    xmin, ymin, xmax, ymax = (
-        (-DETECTION_REACH, -DETECTION_REACH, DETECTION_REACH, DETECTION_REACH)
-        if area is None
-        else check_area(area).tolist()
-    )
-    x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
-    around = Site("recording", np.array([xmin - x, ymin - y, xmax - x, ymax - y]))
+    middle, (x, y) = area_about(area)
     if name in ("voxelnet", "cluster"):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
-    return site_detector(name, around), None if area is None else (x, y), (xmax - x, ymax - y)
+    return site_detector(name, Site("recording", np.array([-x, -y, x, y]))), middle, (x, y)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

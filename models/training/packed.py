@@ -13,11 +13,13 @@ arrays:
                                 and the last ones end
     pixels, steps               (p,) changed pixels, and their measurement in 1/512 m, 0 for none
     boxes, labels, box_ends     objects of all frames, and (t + 1,) where those of each frame begin
+    clouds/frames, ends, points where there are frames of recorded clouds: (f,) which, (f, s + 1) where the points of
+                                each sensor begin and the last ones end, (p, 3) the points in 1/512 m, on level ground
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -59,6 +61,7 @@ class PackedFrames:
                 self._boxes = hdf5.array(file, "boxes", axes=2)
                 self._labels = hdf5.array(file, "labels", axes=1, kinds="iu")
                 self._box_ends = hdf5.array(file, "box_ends", axes=1, kinds="iu")
+                self._clouds = _read_clouds(file)
                 self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.names_in(file, "rigs"))))
             self._check()
         except (OSError, ValueError) as error:
@@ -81,6 +84,8 @@ class PackedFrames:
             for s, sensor in enumerate(self.rig(k).sensors):
                 _check_pixels(self._pixels[slice(*self._ends[k, s : s + 2])], sensor, "pixels")
         Objects(self._boxes, self._labels)
+        if self._clouds:
+            self._clouds.check([len(self.rigs[r].sensors) for r in self._rig_of_frame])
 
     def __len__(self) -> int:
         return len(self._rig_of_frame)
@@ -99,6 +104,10 @@ class PackedFrames:
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=levelled(objects.boxes, slope))
 
+    def recorded(self, k: int) -> bool:
+        """Whether frame k is one of recorded clouds, which have no empty site and no errors to be drawn."""
+        return self._clouds is not None and k in self._clouds.places
+
     def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Per sensor the pixels of frame k that differ from the empty site, and their measurements in steps."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
@@ -114,6 +123,8 @@ class PackedFrames:
         """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without), as if
         the ground were level: that is what a network knows."""
         rig = self.rig(k)
+        if self._clouds is not None and k in self._clouds.places:
+            return [self._clouds.points(k, s) for s in (range(len(rig.sensors)) if sensors is None else sensors)]
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             changed = slice(*self._ends[k, s : s + 2])
@@ -193,6 +204,40 @@ class Rig:
         (x, y, z), (xmin, ymin, xmax, ymax) = levelled(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedClouds:
+    """The frames of recorded clouds: which place each has, where its sensors' points begin, and all points in steps."""
+
+    places: dict[int, int]
+    ends: Shaped[np.ndarray, "f _"]
+    steps: Shaped[np.ndarray, "p 3"]
+
+    def points(self, k: int, s: int) -> Float32[np.ndarray, "n 3"]:
+        """The points of sensor s in frame k."""
+        rows = slice(*self.ends[self.places[k], s : s + 2])
+        return self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
+
+    def check(self, sensors: Sequence[int]) -> None:
+        """ValueError where the numbers do not fit each other or the file's frames, which have so many sensors each."""
+        total = len(sensors)
+        if len(self.places) != len(self.ends) or any(not 0 <= k < total for k in self.places):
+            raise ValueError(f"clouds/frames must be different numbers of its {total} frames, as many as clouds/ends")
+        most = max((sensors[k] for k in self.places), default=0)
+        if self.ends.shape[1] <= most or not _ascends(self.ends, len(self.steps)):
+            raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
+
+
+def _read_clouds(file: h5py.File) -> RecordedClouds | None:
+    if not hdf5.holds(file, "clouds"):
+        return None
+    frames = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
+    ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
+    points = hdf5.array(file, "clouds/points", axes=2, kinds="iu")
+    if points.shape[1] != 3:
+        raise ValueError(f"clouds/points must be x y z in each row, got {points.shape}")
+    return RecordedClouds({int(k): place for place, k in enumerate(frames)}, ends, points)
 
 
 def _read_rig(file: h5py.File, name: str) -> Rig:

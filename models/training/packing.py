@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol, SupportsFloat, runtime_checkable
@@ -13,13 +14,15 @@ import h5py
 import numpy as np
 
 from models.training.packed import MARGIN, STEPS_PER_METRE, PackedFrames, Rig
-from toolkit.arrays import Shaped
+from toolkit.arrays import Float32, Shaped
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.frame import Frame, empty_scene
 from toolkit.geometry import LEVEL, Slope
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
 from toolkit.runtime.hdf5_writer import hdf5_file
+from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
@@ -28,11 +31,12 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """One frame: what differs from the empty site, per sensor, as in the file."""
+    """One frame: what differs from the empty site, per sensor, as in the file; or the clouds (m) of a recorded one."""
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
     objects: Objects
+    clouds: tuple[Float32[np.ndarray, "_ 3"], ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,31 @@ class Recording:
 
     rig: Rig
     changes: Iterable[Change]
+
+
+@runtime_checkable
+class OnLevelGround(Protocol):
+    """One sample of a recording of clouds, such as `toolkit.detection.samples.levelled.LevelSample`."""
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names."""
+        ...
+
+    @property
+    def clouds(self) -> tuple[np.ndarray, ...]:
+        """Points (n, 3) of each sensor, m, in the area and on level ground."""
+        ...
+
+    @property
+    def objects(self) -> Objects:
+        """What is labelled, in the same frame."""
+        ...
+
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """xmin ymin xmax ymax, m."""
+        ...
 
 
 @runtime_checkable
@@ -94,13 +123,25 @@ def drawn_recording(drawn: Drawn) -> Recording:
     return recording(drawn.frames, site.area, site.height, empty=drawn.empty, slope=site.relief.slope)
 
 
+def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> Iterator[Recording]:
+    """Recordings of clouds, one of each run of samples that have the same sensors and area. To be written in order."""
+    for (sensors, area), group in groupby(samples, key=lambda each: (each.sensors, each.area)):
+        nothing = tuple(np.zeros(0, np.uint32) for _ in sensors)
+        still = tuple(np.zeros(0, np.float32) for _ in sensors)
+        stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
+        changes = (Change(nothing, nothing, each.objects, tuple(each.clouds)) for each in group)
+        yield Recording(Rig(stands, area, height, nothing, still), changes)
+
+
 def recordings_in(path: Path) -> list[Recording]:
     """What a packed file holds, ready to be written again. Raises what `PackedFrames` raises."""
     packed = PackedFrames(path)
     frames_of: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
         pixels, steps = packed.changed(k)
-        frames_of[packed.rigs.index(packed.rig(k))].append(Change(tuple(pixels), tuple(steps), packed.objects(k)))
+        clouds = tuple(packed.points(k, None)) if packed.recorded(k) else None
+        change = Change(tuple(pixels), tuple(steps), packed.objects(k), clouds)
+        frames_of[packed.rigs.index(packed.rig(k))].append(change)
     return [Recording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
 
 
@@ -157,6 +198,7 @@ def _write(
     rig_of_frame: list[int] = []
     ends: list[np.ndarray] = []
     objects: list[Objects] = []
+    recorded = _Clouds()
     file.create_group("rigs")
     for r, each in enumerate(recordings):
         _write_rig(file.create_group(f"rigs/{r}"), each.rig)
@@ -165,6 +207,8 @@ def _write(
             for pixel, step in zip(found.pixels, found.steps, strict=True):
                 pixels.append(pixel)
                 steps.append(step)
+            if found.clouds is not None:
+                recorded.append(len(objects), found.clouds)
             rig_of_frame.append(r)
             objects.append(found.objects)
             check()
@@ -180,6 +224,7 @@ def _write(
     file["boxes"] = np.concatenate([each.boxes for each in objects])
     file["labels"] = np.concatenate([each.labels for each in objects]).astype(np.int8)
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
+    recorded.write(file)
     return len(objects)
 
 
@@ -207,6 +252,32 @@ def _changed(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.
     steps = np.where(seen, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(np.uint16)
     counts = seen | (still[pixels] > 0)  # or hides what would make a point
     return pixels[counts], steps[counts]
+
+
+class _Clouds:
+    """The clouds of recorded frames, written together at the end."""
+
+    def __init__(self) -> None:
+        self._frames: list[int] = []
+        self._ends: list[np.ndarray] = []
+        self._steps: list[np.ndarray] = []
+        self._length = 0
+
+    def append(self, frame: int, clouds: Sequence[np.ndarray]) -> None:
+        self._frames.append(frame)
+        self._ends.append(np.cumsum([self._length, *map(len, clouds)]))
+        self._steps += [np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32) for cloud in clouds]
+        self._length += sum(map(len, clouds))
+
+    def write(self, file: h5py.File) -> None:
+        if not self._frames:
+            return
+        most = max(map(len, self._ends))
+        steps = np.concatenate([np.zeros((0, 3), np.int32), *self._steps])
+        file["clouds/frames"] = np.array(self._frames, np.int64)
+        file["clouds/ends"] = np.stack([np.pad(ends, (0, most - len(ends)), mode="edge") for ends in self._ends])
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(steps) else {}
+        file.create_dataset("clouds/points", data=steps, **options)
 
 
 class _Column:

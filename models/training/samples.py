@@ -141,7 +141,7 @@ def read_points(
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
-    if errors and rng.random() < errors:
+    if errors and rng.random() < errors and not frames.recorded(k):
         profile = random_errors(rng)
         return np.concatenate(with_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
     return np.concatenate(frames.points(k, rng, sensors))

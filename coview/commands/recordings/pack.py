@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_least, site_file
+from coview.arguments import check_least, refuse_given, site_file
+from coview.clouds import cloud_recordings, open_clouds
 from coview.exits import OK
 from coview.outputs import check_file
 from coview.printing import print_result
@@ -30,6 +32,11 @@ def pack(
     workers: int | None = None,
     site: str | None = None,
     drop_invalid: bool = False,
+    layout: str | None = None,
+    level: Literal["map", "plane", "none"] = "map",
+    still: bool = False,
+    area: tuple[float, float, float, float] | None = None,
+    packed: tuple[Path, ...] = (),
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
@@ -41,6 +48,8 @@ def pack(
 
     Example: coview pack --random-sites 200 --frames 20 --seed 1 --out general.packed
 
+    Example: coview pack my-clouds --layout folder --packed general.packed --out mixed.packed
+
     Args:
         datasets: Recordings; their sites may differ.
         out: Packed file to write.
@@ -51,10 +60,15 @@ def pack(
         workers: Processes for random sites; one per core when left out.
         site: As in coview evaluate.
         drop_invalid: As in coview evaluate.
+        layout: Of recordings of clouds, as in coview detect; their points are kept as they are, on level ground.
+        level: With --layout, as in coview detect.
+        still: With --layout, as in coview detect.
+        area: With --layout, as in coview detect.
+        packed: Packed files whose frames are put behind these, to train on simulated and recorded ones together.
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
-    from models.training.packing import drawn_file, join_packed, recording_of
+    from models.training.packing import drawn_file, join_packed, recording_of, recordings_in
     from models.training.packing import pack as write
 
     check_frames(frames)
@@ -62,7 +76,10 @@ def pack(
     check_least("--random-sites", random_sites, 0)
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
-    check_file(out, inputs=[*datasets, *site_file(site)], overwrite=overwrite)
+    check_file(out, inputs=[*datasets, *packed, *site_file(site)], overwrite=overwrite)
+    if layout is None:
+        refuse_given({"--level": level != "map", "--still": still, "--area": area is not None}, "needs --layout")
+    refuse_given({"--packed": bool(packed and random_sites)}, "is not for --random-sites")
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file
@@ -72,14 +89,20 @@ def pack(
                 random_sites, frames or FRAMES, seed, out, encode=drawn_file, join=join_packed, workers=workers,
                 progress=bar.to, fleet=fleet_named(fleet), overwrite=overwrite,
             )  # fmt: skip
+    elif layout is not None:
+        opened = [open_clouds(path, layout) for path in datasets]
+        with progress_bar("sample", sum(min(len(each), frames or len(each)) for each in opened), hidden=json) as bar:
+            recordings = cloud_recordings(opened, frames, level=level, still=still, area=area)
+            total = write(chain(recordings, *map(recordings_in, packed)), out, progress=bar.to)
     else:
         with ExitStack() as stack:
-            recordings = [
+            simulated = [
                 stack.enter_context(open_recording(path, site, drop_invalid=drop_invalid)) for path in datasets
             ]
-            count = sum(frame_count(recording, frames) for recording in recordings)
+            count = sum(frame_count(recording, frames) for recording in simulated)
             bar = stack.enter_context(progress_bar("frame", count, hidden=json))
-            total = write((recording_of(recording, frames) for recording in recordings), out, progress=bar.to)
+            made = (recording_of(recording, frames) for recording in simulated)
+            total = write(chain(made, *map(recordings_in, packed)), out, progress=bar.to)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}
     print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=json)

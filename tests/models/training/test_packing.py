@@ -1,13 +1,16 @@
 """What is packed: of each frame what differs from the empty site, whole under its name or not there."""
 
 from dataclasses import replace
+from itertools import chain
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 
 from models.training.packed import PackedFrames
-from models.training.packing import drawn_file, join_packed, pack, recording, recordings_in
+from models.training.packing import drawn_file, join_packed, pack, recording, recordings_in, sample_recordings
+from toolkit.objects import Objects
 from toolkit.sites.site import Site
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
@@ -88,3 +91,44 @@ def test_the_file_of_a_drawn_junction_is_its_recording(frames, tmp_path):
     pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
     drawn = SimpleNamespace(site=site, frames=tuple(frames[:2]), empty=empty)
     assert drawn_file(drawn) == (tmp_path / "x").read_bytes()
+
+
+def levelled(sensors, seed, area=AREA):
+    rng = np.random.default_rng(seed)
+    clouds = tuple(rng.uniform(-10, 10, (5 + k, 3)).astype(np.float32) for k in range(len(sensors)))
+    box = np.array([[float(seed), 0, 0.75, 4, 2, 1.5, 0.5]])
+    return SimpleNamespace(sensors=sensors, clouds=clouds, objects=Objects(box), area=area)
+
+
+def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_path):
+    samples = [levelled(("a", "b"), 0), levelled(("a", "b"), 1), levelled(("a",), 2)]
+    path = tmp_path / "mixed.packed"
+    assert pack(chain(sample_recordings(iter(samples)), [recording(frames, AREA, count=2)]), path) == 5
+    mixed = PackedFrames(path)
+    assert [mixed.recorded(k) for k in range(5)] == [True, True, True, False, False]
+    assert [len(mixed.rig(k).sensors) for k in range(5)] == [2, 2, 1, 3, 3]
+    for k, each in enumerate(samples):
+        for ours, cloud in zip(mixed.points(k, np.random.default_rng(0)), each.clouds, strict=True):
+            np.testing.assert_allclose(ours, cloud, atol=0.5 / 512 + 1e-6)  # no noise is drawn
+        np.testing.assert_array_equal(mixed.objects(k).boxes, each.objects.boxes)
+    assert len(mixed.points(1, None, [1])) == 1
+    for k in range(2):
+        for ours, theirs in zip(mixed.points(3 + k, None), packed.points(k, None), strict=True):
+            np.testing.assert_allclose(ordered(ours).mean(axis=0), ordered(theirs).mean(axis=0), atol=1e-3)
+
+
+def test_what_is_packed_can_be_packed_again(tmp_path):
+    pack(sample_recordings([levelled(("a",), 3)]), tmp_path / "one.packed")
+    pack(recordings_in(tmp_path / "one.packed"), tmp_path / "two.packed")
+    assert (tmp_path / "one.packed").read_bytes() == (tmp_path / "two.packed").read_bytes()
+
+
+def test_a_damaged_file_of_clouds_is_refused(tmp_path):
+    path = tmp_path / "one.packed"
+    for name, values in (("frames", [7]), ("ends", [[0, 99]]), ("points", [[1, 2]])):
+        pack(sample_recordings([levelled(("a",), 3)]), path)
+        with h5py.File(path, "a") as file:
+            del file[f"clouds/{name}"]
+            file[f"clouds/{name}"] = np.array(values)
+        with pytest.raises(ValueError, match="no whole packed file"):
+            PackedFrames(path)
