@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from placement_env.envs.pose import SensorPoseEnv as SensorPoseEnv
     from placement_env.envs.select import SensorSelectEnv as SensorSelectEnv
     from placement_env.envs.subset import SensorSubsetEnv as SensorSubsetEnv
+    from placement_env.fidelity.combined.robust import Failing as Failing
     from placement_env.fidelity.coverage import Coverage as Coverage
     from placement_env.fidelity.detector import Detected as Detected
     from placement_env.fidelity.protocol import Estimate as Estimate, Fidelity as Fidelity
@@ -69,8 +70,9 @@ if TYPE_CHECKING:
         nsga2 as nsga2,
         swap as swap,
     )
-    from placement_env.search.exact import cpsat as cpsat, exhaustive as exhaustive
+    from placement_env.search.exact import cheapest as cheapest, cpsat as cpsat, exhaustive as exhaustive, hits as hits
     from placement_env.search.portfolio import portfolio as portfolio
+    from placement_env.search.portfolio.curve import CurvePoint as CurvePoint, budget_curve as budget_curve
     from placement_env.search.result import (
         Assessment as Assessment,
         Certificate as Certificate,
@@ -95,6 +97,7 @@ else:
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),
             "envs.subset": ("SensorSubsetEnv",),
+            "fidelity.combined.robust": ("Failing",),
             "fidelity.coverage": ("Coverage",),
             "fidelity.detector": ("Detected",),
             "fidelity.protocol": ("Estimate", "Fidelity"),
@@ -112,8 +115,9 @@ else:
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
-            "search.exact": ("cpsat", "exhaustive"),
+            "search.exact": ("cheapest", "cpsat", "exhaustive", "hits"),
             "search.portfolio": ("portfolio",),
+            "search.portfolio.curve": ("CurvePoint", "budget_curve"),
             "search.result": ("Assessment", "Certificate", "Contender", "History", "Result"),
             "search.verification": ("rescored", "verified"),
         },

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from placement_env.checks import check_iou, check_whole
+from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
+from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin, settings_origin
@@ -35,6 +36,8 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.combined.prepared import Counting
+    from placement_env.fidelity.combined.robust import Failing
     from placement_env.fidelity.preparation import Preparation
     from placement_env.fidelity.visibility import Rendering, Visibility
 
@@ -99,16 +102,18 @@ class Objective:
     candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
     makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
     how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
-    detection counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
-    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
-    errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
-    count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
-    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
+    detection counts, or several, whose mean AP does; failing: sensors that fail, what is left of a set counts; cache:
+    folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or address of a Ray
+    cluster, that render and detect; most_price: that a set may cost, inf for any; errors: of the sensors, a profile or
+    its name, known to fidelity "detector" alone; classes: of road users that count, `placement_env.classes.Classes` or
+    names; surrogate, table: files for these fidelities, None for the shipped ones; rendering: how it is found out what
+    candidates see, as of `placement_env.fidelity.visibility.see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
 
-    _progress: Stages | None = None  # of one made from parts
+    _progress: Stages | None = None  # of one made from parts, as is
+    counting: Counting | None = None
 
     def __init__(
         self,
@@ -121,7 +126,8 @@ class Objective:
         candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None = None,
         detector: Detector | None = None,
         codec: Codec = PAPER,
-        iou: float = 0.7,
+        iou: float | Sequence[float] = 0.7,
+        failing: Failing | int = 0,
         seed: int = 0,
         cache: str | Path | None = None,
         workers: int = 1,
@@ -134,19 +140,20 @@ class Objective:
         table: str | Path | None = None,
         rendering: Rendering = "auto",
     ) -> None:
+        from placement_env.fidelity.combined.prepared import Counting
         from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
         check_fidelity(fidelity)
         check_errors_for(profile_of(errors), fidelity)
         check_whole("frames", frames, least=1)
-        check_iou(iou)
+        self.counting = Counting.of(iou, failing)
         site = load_site(site) if isinstance(site, str) else site
         preparation = Preparation(
             site=site,
             candidates=site_candidates(site, candidates),
             frames=frames,
             scheme=scheme_of(scheme),
-            iou=iou,
+            iou=self.counting.ious[0],
             seed=seed,
             codec=check_codec(codec),
             cache=cache,
@@ -159,9 +166,9 @@ class Objective:
             table=table,
             rendering=rendering,
         )
-        preparation.check(fidelity)
+        self.counting.check(preparation, fidelity)
         visibility = None if fidelity == "table" else preparation.look(progress)
-        scored_by = preparation.fidelity(fidelity)
+        scored_by = self.counting.fidelity(preparation, fidelity)
         self._progress = progress
         self._hold(preparation.candidates, scored_by, weights, preparation.scheme, codec, most_price=most_price)
         self._know(site, visibility, preparation)
@@ -236,13 +243,14 @@ class Objective:
         """Where its scores come from: site, candidates, traffic, fidelity, detector, scheme, codec, version."""
         made = self.preparation
         site = {} if self.site is None else {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
-        traffic = {} if made is None else {"frames": made.frames, "seed": made.seed, "iou": made.iou}
+        traffic = {} if made is None else {"frames": made.frames, "seed": made.seed}
         errors = {} if made is None else {"errors": made.errors.origin}
         detector = getattr(self.scored_by, "detector", None)
         return settings_origin(
             self.codec,
             **site,
             **traffic,
+            **({} if self.counting is None else self.counting.origin),
             **errors,
             candidates=self.candidates.digest(),
             scheme=self.scheme.digest,
@@ -389,12 +397,3 @@ class Objective:
         self._scored += scored
         if self._progress:
             self._progress("sets scored", self._scored, None)
-
-
-def index_of(member: Any, names: Sequence[str]) -> int:
-    """Which candidate an index or name means, or ValueError where it means none; a truth value is no index."""
-    if isinstance(member, str) and member in names:
-        return names.index(member)
-    if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
-        return int(member)
-    raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")

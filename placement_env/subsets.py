@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,15 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
             " choose some, or use sampled_worth"
         )
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
+
+
+def index_of(member: Any, names: Sequence[str]) -> int:
+    """Which candidate an index or name means, or ValueError where it means none; a truth value is no index."""
+    if isinstance(member, str) and member in names:
+        return names.index(member)
+    if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
+        return int(member)
+    raise ValueError(f"candidates are 0 to {len(names) - 1}, or their names such as {names[0]!r}; got {member!r}")
 
 
 class MemberSums:

@@ -18,7 +18,8 @@ from placement_env.envs.scenario import Scenario, poses
 from placement_env.envs.state import State
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility, see
-from placement_env.objective import Objective, index_of
+from placement_env.objective import Objective
+from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective, Score, Stages, Weights
@@ -69,9 +70,15 @@ class SearchOrder:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_search(self.method, self.fidelity, self.candidates)
+        counting = Counting.of(self.settings.get("iou", 0.7), self.settings.get("failing", 0))
+        check_search(self.method, self.fidelity, self.candidates, counting)
+        for iou in counting.ious:
+            self._check(iou)
+
+    def _check(self, iou: float) -> None:
+        """That its fidelities score these candidates at an IoU threshold."""
         place, pool, scheme = self.site, self.candidates, self.scheme
-        asked: dict[str, Any] = {"iou": self.settings.get("iou", 0.7), "detector": self.detector}
+        asked: dict[str, Any] = {"iou": iou, "detector": self.detector}
         if "classes" in self.settings:
             asked["classes"] = self.settings["classes"]
         check_fidelity_for(place, pool, scheme, self.fidelity, **asked, surrogate=self.surrogate, table=self.table)

@@ -57,6 +57,8 @@ def search(
     """
     if objective.preparation is None:
         raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site, ...)")
+    if objective.counting is not None and not objective.counting.plain:
+        raise ValueError("CMA-ES knows one IoU threshold and no failures: say --method portfolio or swap")
     first = greedy.search(objective, budget, seconds=seconds)
     if not first.best.subset:
         return first

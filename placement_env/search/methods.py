@@ -12,6 +12,7 @@ from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
+    from placement_env.fidelity.combined.prepared import Counting
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ RENDERED = (
     "cheapest",
 )  # they ask what each candidate sees, which a table does not know
 
+PLAIN = ("cmaes", "hits", "cheapest")  # they know one IoU threshold, and what is left after a failure by themselves
+
 
 def search_of(method: str) -> Callable[..., Any]:
     """The search of that name: called with an objective and a budget, it returns a result."""
@@ -65,9 +68,9 @@ def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False)
     return "exhaustive" if fidelity == "table" else "greedy" if verify or fidelity == "detector" else "portfolio"
 
 
-def check_search(method: str, fidelity: str, candidates: Candidates) -> None:
-    """Raise ValueError where the method cannot search these candidates by this fidelity; ImportError where its package
-    is missing."""
+def check_search(method: str, fidelity: str, candidates: Candidates, counting: Counting | None = None) -> None:
+    """Raise ValueError where the method cannot search these candidates by this fidelity, so counted; ImportError where
+    its package is missing."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     needs = METHODS[method]
@@ -79,6 +82,8 @@ def check_search(method: str, fidelity: str, candidates: Candidates) -> None:
         )
     if method == "raced" and fidelity != "detector":
         raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
+    if method in PLAIN and counting is not None and not counting.plain:
+        raise ValueError(f"method {method} knows one IoU threshold and no failures: say --method portfolio or swap")
     if method in RENDERED and fidelity == "table":
         raise ValueError(
             f"method {method} asks what candidates see, which a table does not know: say --fidelity coverage"

@@ -12,7 +12,6 @@ from coview.arguments import (
     Combine,
     Label,
     check_errors,
-    check_ious,
     check_least,
     check_positive,
     check_ray,
@@ -29,8 +28,8 @@ from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
 Method = Literal[
-    "portfolio", "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "nsga2", "cmaes",
-    "hits", "cheapest", "ppo",
+    "portfolio", "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "hits",
+    "cheapest", "nsga2", "cmaes", "ppo",
 ]  # fmt: skip
 
 
@@ -51,12 +50,13 @@ def search(
     money: float | None = None,
     curve: bool = False,
     at_least: float | None = None,
-    failing: int = 0,
+    failing: Literal[0, 1, 2] = 0,
+    failures: Literal["worst", "mean"] = "worst",
     parts: int = 1,
     detector: str | None = None,
     errors: str = "paper",
     frames: int = 200,
-    iou: float = 0.7,
+    iou: str = "0.7",
     classes: tuple[Label, ...] = ("vehicle",),
     class_weights: tuple[float, ...] | None = None,
     combine: Combine = "mean",
@@ -88,7 +88,7 @@ def search(
         budget: Most sensors.
         scheme: How their measurements are fused: early, late or hybrid.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
-        verify: Score what one method found, and its best neighbours, with the detector, in the same traffic.
+        verify: Score what one method found, and its best neighbours, with the detector.
         judge: Of a portfolio's race and answer: the detector when left out, another where none knows these classes.
         confidence: At which the race ends: that no entrant is better by more than 0.01.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
@@ -97,12 +97,13 @@ def search(
         money: Most that a set may cost, in the catalogue's currency, or in ordinary poles.
         curve: Print the best AP of every number of sensors up to the budget, and its price; writes no folder.
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
-        failing: With --at-least and fidelity coverage: 1 asks for it whichever sensor fails.
+        failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least by fidelity coverage alone.
+        failures: What is left in the worst case, or in the mean over which fail.
         parts: With --at-least and fidelity coverage: in each of so many parts of the traffic.
         detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
         frames: Of simulated traffic that is searched; portfolio has up to 96 more to race on and 120 to judge by.
-        iou: At which a detection counts.
+        iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.
         classes: Road users that count.
         class_weights: Of each class in their mean; equal when left out.
         combine: AP of several classes: their mean, or that of the worst, so that none is bought at another's expense.
@@ -112,16 +113,17 @@ def search(
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
-        seconds: Stop after so many.
+        seconds: Stop after so many; a portfolio judges its answer after that.
         evaluations: Stop after so many sets.
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
-        ray: Address of a Ray cluster that does it instead; local for this machine.
-        out: Folder for the site with the sensors (coview simulate takes it), mounting schedule (CSV), map for GIS
-            tools (GeoJSON), picture, and search.json, where it comes from.
+        ray: Address of a Ray cluster instead; local for this machine.
+        out: Folder for the site with its sensors (coview simulate takes it), schedule, map, picture, and their origin.
         overwrite: Replace these files.
         json: Print as JSON.
     """
+    from placement_env.fidelity.combined.mean_iou import iou_range
+    from placement_env.fidelity.combined.robust import Failing
     from placement_env.objective import Weights
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
@@ -135,19 +137,17 @@ def search(
     for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
         check_least(option, weight, 0)
     check_share("--confidence", confidence)
-    check_ious([iou])
+    thresholds = iou_range(iou)
     check_schemes([scheme])
     check_errors(errors)
-    usual = usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
-    chosen: str = usual if method is None else method
-    if (chosen == "cheapest") != (at_least is not None) or (at_least is None and (failing or parts > 1)):
-        raise ValueError("--method cheapest, --failing and --parts go with --at-least 0.9, and no other method does")
-    if curve and (chosen != "portfolio" or out is not None):
+    chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
+    if (chosen == "cheapest") != (at_least is not None) or (at_least is None and parts > 1):
+        raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
+    if curve and (chosen != "portfolio" or out):
         raise ValueError("--curve is drawn by --method portfolio, and writes no folder: leave --out out")
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
-    judged_by = judge or "detector"
-    detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judged_by == "detector")
+    detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
     if judge is not None and chosen != "portfolio":
         raise ValueError(f"--judge is for --method portfolio, got {chosen}: leave it out, or say --verify detector")
     for option, given in (("--errors", errors != "paper"), ("--detector", detector is not None)):
@@ -160,9 +160,8 @@ def search(
     place = load_site(site)
     if out is not None:
         check_georeference(place)
-        read = [*site_file(site), *([] if candidates in ("pool", "paper") else [Path(candidates)])]
         for name in ANSWER_FILES:
-            check_folder(out, holds=name, inputs=read, overwrite=overwrite)
+            check_folder(out, holds=name, inputs=[*site_file(site), *site_file(candidates)], overwrite=overwrite)
     if fidelity == "table" and candidates != "paper":
         raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
     own = None if detector is None else site_detector(detector, place)
@@ -177,7 +176,7 @@ def search(
         scheme=scheme,
         fidelity=fidelity,
         verify=verify,
-        judge=judged_by,
+        judge=judge or "detector",
         confidence=confidence,
         weights=Weights(comm, price),
         frames=frames,
@@ -190,8 +189,9 @@ def search(
         currency=currency,
         curve=curve,
         settings={
-            "most_price": math.inf if money is None else money, "iou": iou, "seed": seed, "cache": cache,
-            "workers": workers, "ray": ray, "classes": counted,
+            "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
+            "failing": Failing(0 if at_least else failing, failures), "workers": workers, "ray": ray,
+            "classes": counted,
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:

@@ -14,6 +14,8 @@ import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks
 from placement_env.analysis.tally import Tally
+from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.protocol import Fidelity
@@ -60,8 +62,19 @@ class Evaluator(Protocol):
         ...
 
 
-def evaluator_of(preparation: Preparation, fidelity: str, *, seed: int = 0) -> Evaluator:
-    """The evaluator for a preparation's traffic by the fidelity of a name; seed: of the resamples."""
+def evaluator_of(
+    preparation: Preparation, fidelity: str, *, counting: Counting | None = None, seed: int = 0
+) -> Evaluator:
+    """The evaluator for a preparation's traffic by the fidelity of a name. counting: at which IoU thresholds, and with
+    which failures, None for the preparation's own; seed: of the resamples."""
+    if counting is None:
+        return _plain(preparation, fidelity, seed)
+    each = [_plain(at, fidelity, seed) for at in counting.preparations(preparation)]
+    mean = each[0] if len(each) == 1 else MeanEvaluator(tuple(each))
+    return RobustEvaluator(mean, counting.failing) if counting.failing.sensors else mean
+
+
+def _plain(preparation: Preparation, fidelity: str, seed: int) -> Evaluator:
     if fidelity == "detector":
         detected = preparation.fidelity(fidelity)
         if not isinstance(detected, Detected):
@@ -123,6 +136,74 @@ class DetectorEvaluator:
             resamples[n] = classes.combined(np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1))
             kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[row]]) / 1000
         return Evaluated(ap, kbit, resamples)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanEvaluator:
+    """The mean of several, of one IoU threshold each; kbit are those of the first."""
+
+    evaluators: tuple[Evaluator, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the fidelity."""
+        return self.evaluators[0].name
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return self.evaluators[0].frames
+
+    @property
+    def objects(self) -> int:
+        """How many are to be found in all frames."""
+        return self.evaluators[0].objects
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames."""
+        found = [each.evaluate(sets, frames, progress) for each in self.evaluators]
+        ap = np.mean([each.ap for each in found], axis=0)
+        return Evaluated(ap, found[0].kbit, np.mean([each.resamples for each in found], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class RobustEvaluator:
+    """What is left of sets when sensors fail, in every resample by itself; kbit are those of the intact set."""
+
+    evaluator: Evaluator
+    failing: Failing
+
+    @property
+    def name(self) -> str:
+        """Of the fidelity."""
+        return self.evaluator.name
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return self.evaluator.frames
+
+    @property
+    def objects(self) -> int:
+        """How many are to be found in all frames."""
+        return self.evaluator.objects
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames."""
+        rows, owners = self.failing.cases(sets)
+        found = self.evaluator.evaluate(rows, frames, progress)
+        ap, resamples = (self.failing.left(each, owners) for each in (found.ap, found.resamples))
+        return Evaluated(ap, found.kbit[: len(sets)], resamples)
 
 
 class FastEvaluator:

@@ -137,7 +137,7 @@ def evaluators_of(
     if made is None:
         raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site, ...)")
     race, final = (
-        evaluator_of(replace(made, seed=made.seed + part, frames=count), judge, seed=seed)
+        evaluator_of(replace(made, seed=made.seed + part, frames=count), judge, counting=objective.counting, seed=seed)
         for part, count in enumerate(frames, 1)
     )
     return race, final

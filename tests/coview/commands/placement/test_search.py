@@ -9,6 +9,8 @@ import pytest
 import placement_env.search.methods as methods
 from toolkit.sites.files import load_site, save_site
 
+FEW = ("--candidates", "paper", "--budget", 2, "--frames", 2)
+
 
 def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run):
     arguments = ("--candidates", "paper", "--budget", 2, "--frames", 2, "--cache", tmp_path, "--method", "exhaustive")
@@ -55,7 +57,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--evaluations", -1), "--evaluations must be above 0"),
         (("--comm", -1), "--comm must be at least 0"),
         (("--iou", 1.5), "--iou must lie above 0"),
-        (("--iou", 0.65), "no surrogate of general for early at IoU 0.65"),
+        (("--iou", 0.33), "no surrogate of general for early at IoU 0.33"),
         (("--method", "exhaustive"), "at most 16 candidates, got 2363"),
         (("--method", "raced"), "needs fidelity detector, got surrogate"),
         (("--fidelity", "table"), "say --candidates paper"),
@@ -74,7 +76,13 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--verify", "detector", "--judge", "detector"), "--judge is for --method portfolio, got greedy"),
         (("--at-least", 0.9, "--method", "swap"), "go with --at-least 0.9, and no other method does"),
         (("--method", "cheapest"), "go with --at-least 0.9"),
-        (("--failing", 1), "go with --at-least 0.9"),
+        (("--parts", 2), "go with --at-least 0.9"),
+        (("--iou", "0.9:0.5"), "--iou must lie above 0"),
+        (("--iou", "0.6:0.65"), "no surrogate of general for early at IoU 0.6"),
+        (
+            ("--failing", 1, "--method", "cmaes", "--candidates", "paper", "--frames", 1),
+            "method cmaes knows one IoU threshold",
+        ),
         (("--curve", "--method", "greedy"), "--curve is drawn by --method portfolio"),
         (("--curve", "--out", "somewhere"), "writes no folder"),
         (("--money", -1), "--money must be at least 0"),
@@ -129,7 +137,6 @@ def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
     assert (code, json.loads(out)["reward"], json.loads(out)["fidelity"]) == (1, 0.0, "detector"), err
 
 
-FEW = ("--candidates", "paper", "--budget", 2, "--frames", 2)
 ANSWER = ["plan.geojson", "schedule.csv", "search.json", "site.json", "site.png"]
 
 

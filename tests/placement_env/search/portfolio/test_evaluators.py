@@ -7,6 +7,8 @@ import pytest
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
@@ -14,6 +16,8 @@ from placement_env.fidelity.visibility import see
 from placement_env.search.portfolio.evaluators import (
     DetectorEvaluator,
     FastEvaluator,
+    MeanEvaluator,
+    RobustEvaluator,
     evaluator_of,
     of_frames,
     race_order,
@@ -123,3 +127,27 @@ def test_a_race_begins_with_a_frame_of_every_block(frames):
         assert sorted((order[:blocks] // 4).tolist()) == list(range(blocks))
         assert len({*(order[:blocks] % 4)}) == 1
     assert order.tolist() == race_order(frames, seed=5).tolist()
+
+
+def test_the_mean_over_thresholds_and_what_is_left_in_every_resample(street):
+    detector, renders = street.detected.detector, street.detected.renders
+    each = tuple(DetectorEvaluator(Detected(renders, detector, "early", iou=iou)) for iou in (0.7, 1.0))
+    mean = MeanEvaluator(each)
+    found, parts = mean.evaluate(SETS, np.arange(8)), [one.evaluate(SETS, np.arange(8)) for one in each]
+    assert found.ap == pytest.approx((parts[0].ap + parts[1].ap) / 2)
+    assert found.resamples == pytest.approx((parts[0].resamples + parts[1].resamples) / 2)
+    assert (mean.frames, mean.objects, mean.name) == (8, 32, "detector")
+    hardy = RobustEvaluator(each[0], Failing(1))
+    left = hardy.evaluate(SETS, np.arange(8))
+    assert left.ap == pytest.approx([0.0, 0.5, 0.55], abs=0.06)
+    intact = each[0].evaluate(np.array([[1, 0, 1, 0], [0, 1, 1, 0], [1, 1, 0, 0]], bool), np.arange(8))
+    assert left.ap[2] == pytest.approx(intact.ap.min(), abs=1e-5)
+    assert left.resamples[2] == pytest.approx(intact.resamples.min(axis=0), abs=1e-5)
+    assert left.kbit == pytest.approx(parts[0].kbit)
+
+
+def test_an_evaluator_counts_as_the_objective_does(prepared):
+    counted = evaluator_of(prepared, "coverage", counting=Counting.of((0.7, 0.9), 1))
+    assert isinstance(counted, RobustEvaluator)
+    assert isinstance(counted.evaluator, MeanEvaluator)
+    assert isinstance(evaluator_of(prepared, "coverage", counting=Counting.of(0.7)), FastEvaluator)
