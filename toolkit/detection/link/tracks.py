@@ -5,7 +5,8 @@ with Applications to Tracking and Navigation, 2001, section 6.2: white noise acc
 nearest track of its label within a gate, the nearest pairs first. At ten frames a second road users move by a third of
 the distance between them at most, so that an optimal assignment joins the same pairs, and no solver is needed.
 
-A box is moved only where its speed is sure: `SURE` times its standard deviation. Its size, height, yaw and score stay.
+A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation. Its size, height, yaw and score
+stay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SIGMA = 2.5  # standard deviations of that position, which widen the gate from t
 MEASURED = 0.15  # m, standard deviation of a detected centre
 ACCELERATION = 3.0  # m/s², standard deviation
 FIRST_SPEED = 8.0  # m/s, standard deviation before a second detection
-SURE = 2.0  # standard deviations of the speed from which on it counts
+SURE_SPEED = 2.0  # standard deviations of the speed from which on it counts
 FORGOTTEN = 1.0  # s without a detection
 
 
@@ -65,7 +66,7 @@ class Tracks:
         """What was detected last, where it is at another time."""
         speed = self._state[self._rows, 2:]
         variance = np.diagonal(self._covariance, axis1=1, axis2=2)[self._rows, 2:].sum(axis=1)
-        sure = (speed**2).sum(axis=1) > SURE**2 * variance
+        sure = (speed**2).sum(axis=1) > SURE_SPEED**2 * variance
         boxes = self._detected.boxes.copy()
         boxes[:, :2] += np.where(sure[:, None], speed, 0) * (time - self._time)
         return Detections(boxes, self._detected.scores, self._detected.labels)
