@@ -23,7 +23,7 @@ from toolkit.objects import Detector
 from toolkit.points import frame_points
 from toolkit.sites.site import Site
 
-GATE = 1.5  # m between the centres that two sensors give one road user, at first and at most
+PAIR_GATE = 1.5  # m between the centres that two sensors give one road user, at first and at most
 _LEAST_GATE = 0.8  # m
 _CENTRE = 0.25  # m, standard deviation of a centre along each axis
 _HEADING = float(np.deg2rad(4.0))  # standard deviation of a heading
@@ -69,7 +69,7 @@ def seen_objects(recording: SitedRecording, frames: Sequence[Frame], detector: D
 
 def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
     """The rows of all road users that two sensors see, at those poses: three for the centre, one for the heading."""
-    gate = float(np.clip(radius, _LEAST_GATE, GATE))
+    gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
     made = []
     for one in range(len(poses)):
         for other in range(one + 1, len(poses)):
