@@ -3,7 +3,8 @@
 A box that is right has points just within its faces, none in the middle of it and nothing close around it but ground.
 The fit of a box is the share of its points (those no lower than `CLEARANCE` above the ground) that lie there, of all
 within the box and `SHELL` it; a box that has hardly any has a fit of 0. A mistake is suspected where undoing it raises
-the fits box by box, by `SURE` standard errors of their mean change; of several that do, the one that raises them most.
+the fits box by box, by so many `STANDARD_ERRORS` of their mean change; of several that do, the one that raises them
+most.
 
 How high boxes stand is seen by the ground: the centre of a box is half its height above it, not on it or its whole
 height above it. Labels of another time than the cloud are seen by what moves: boxes of tracks in two samples are moved
@@ -29,7 +30,7 @@ SLACK = 0.1  # m that a point may lie outside its box, as sensors err
 HOLLOW = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
 LEAST_ON_BOX = 15  # points in and around a box, below which its fit is 0
 LEAST_BOXES = 5  # with a fit, below which nothing is said
-SURE = 3.0  # standard errors of the mean change of fits, from which on a mistake is suspected
+STANDARD_ERRORS = 3.0  # of the mean change of fits, from which on a mistake is suspected
 GAIN = 0.02  # of the mean fit, that there must be as well
 SUNK = 0.3  # of a box's height, that the middle box may be off its place above the ground
 ALIKE = 0.01  # of the mean fit, within which the mistake that comes first in the list is named
@@ -116,7 +117,7 @@ def _better(before: np.ndarray, after: np.ndarray) -> bool:
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < LEAST_BOXES or change.mean() < GAIN:
         return False
-    return bool(change.mean() >= SURE * change.std() / np.sqrt(len(change)))
+    return bool(change.mean() >= STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
 
 
 @dataclass(frozen=True, eq=False)
