@@ -10,7 +10,8 @@ from toolkit.objects import Detections
 def cars(xy, scores=None, labels=None):
     xy = np.array(xy, float).reshape(-1, 2)
     boxes = np.column_stack([xy, np.tile([0.75, 4.5, 1.8, 1.5, 0.3], (len(xy), 1))])
-    return Detections(boxes, np.full(len(xy), 0.5) if scores is None else np.array(scores), labels)
+    scores = np.full(len(xy), 0.5) if scores is None else np.array(scores)
+    return Detections(boxes, scores, np.zeros(len(xy), np.int64) if labels is None else labels)
 
 
 def drive(speed, noise=0.05, frames=20, seed=0):
