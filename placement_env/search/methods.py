@@ -50,7 +50,11 @@ RENDERED = (
     "cheapest",
 )  # they ask what each candidate sees, which a table does not know
 
-ONE_IOU = ("cmaes", "hits", "cheapest")  # they know one IoU threshold, and what is left after a failure by themselves
+ONE_COUNTED = (
+    "cmaes",
+    "hits",
+    "cheapest",
+)  # they know one IoU threshold, and what is left after a failure by themselves
 
 
 def search_of(method: str) -> Callable[..., Any]:
@@ -82,7 +86,7 @@ def check_search(method: str, fidelity: str, candidates: Candidates, counting: C
         )
     if method == "raced" and fidelity != "detector":
         raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
-    if method in ONE_IOU and counting is not None and not counting.plain:
+    if method in ONE_COUNTED and counting is not None and not counting.plain:
         raise ValueError(f"method {method} knows one IoU threshold and no failures: say --method portfolio or swap")
     if method in RENDERED and fidelity == "table":
         raise ValueError(

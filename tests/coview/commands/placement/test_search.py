@@ -259,7 +259,7 @@ def test_classes_are_weighed(run, tmp_path):
         (("--classes", "vehicle", "heavy", "--class-weights", 1, 2, "--combine", "worst"), "the worst class takes no"),
         (("--classes", "vehicle", "vehicle"), "classes must be one or several different ones"),
         (("--small-iou", 0), "--small-iou must lie above 0 and at most at 1, got 0"),
-        (("--classes", "vehicle", "cyclist"), "coview surrogate fits one"),
+        (("--classes", "vehicle", "heavy"), "coview surrogate fits one"),
         (
             ("--classes", "vehicle", "cyclist", "--fidelity", "detector", "--detector", "vehicles/general"),
             "knows vehicle only, not cyclist",
