@@ -54,7 +54,7 @@ def kitti_ap(curve: Curve) -> float:
 def nuscenes_ap(curve: Curve) -> float:
     """The area above the least precision and beyond the least recall, 1 for a perfect detector.
 
-    >>> nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1))
+    >>> round(nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1)), 9)
     1.0
     """
     if not len(curve.recall):

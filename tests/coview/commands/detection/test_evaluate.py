@@ -147,7 +147,7 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     assert 0 < foreground["mbit_per_s"] < early["mbit_per_s"]
     assert written["provenance"]["codec"] == "RangeImages(step=0.08)"
     assert "step=0.08" in written["provenance"]["schemes"]["foreground"]
-    assert "loads" not in json.loads(run(*arguments[:5], "--schemes", "late", "--out", tmp_path / "b", "--json")[1])
+    assert "loads" not in json.loads(run(*arguments[:6], "--schemes", "late", "--out", tmp_path / "b", "--json")[1])
 
 
 def test_classes_restrict_the_rows(recording, tmp_path, run):

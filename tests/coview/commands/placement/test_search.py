@@ -78,7 +78,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--method", "cheapest"), "go with --at-least 0.9"),
         (("--parts", 2), "go with --at-least 0.9"),
         (("--iou", "0.9:0.5"), "--iou must lie above 0"),
-        (("--iou", "0.6:0.65"), "no surrogate of general for early at IoU 0.6"),
+        (("--iou", "0.33:0.43"), "no surrogate of general for early at IoU 0.33"),
         (
             ("--failing", 1, "--method", "cmaes", "--candidates", "paper", "--frames", 1),
             "method cmaes knows one IoU threshold",
