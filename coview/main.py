@@ -16,6 +16,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "detect": "detection",
     "evaluate": "detection",
     "survey": "recordings",
+    "view": "recordings",
     "convert": "recordings",
     "fuse": "recordings",
     "doctor": "recordings",

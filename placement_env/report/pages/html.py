@@ -5,19 +5,14 @@ A policy in the page itself forbids every request to anywhere. The scene waits a
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from pathlib import Path
 
 from placement_env.report.pages.document import Document
 from placement_env.report.pages.scene import Scene
+from toolkit.viewing.embedded import POLICY, scene_script, script_data
 
 _FOLDER = Path(__file__).parent
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; "
-    "frame-src 'self' blob: data:; media-src data:; form-action 'none'; base-uri 'none'"
-)
 
 
 def html_of(document: Document, scene: Scene | None) -> str:
@@ -36,22 +31,13 @@ def html_of(document: Document, scene: Scene | None) -> str:
         document=document,
         policy=POLICY,
         style=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
-        script=Markup((_FOLDER / "report.js").read_text(encoding="utf-8")),
+        script=Markup((_FOLDER / "report.js").read_text(encoding="utf-8") + scene_script()),
         layers=scene.layers if scene else (),
         frames=scene.frames if scene else (),
         scene_data=Markup(script_data({"html": scene.html, "frames": scene.frames})) if scene else None,
         picture=_picture,
     )
     return page
-
-
-def script_data(value: object) -> str:
-    """JSON that may stand inside a script element, whatever its texts hold.
-
-    >>> script_data("</script>")
-    '"\\\\u003c/script>"'
-    """
-    return json.dumps(value).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def _picture(svg: str) -> str:

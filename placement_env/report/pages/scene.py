@@ -1,18 +1,15 @@
 """The junction in 3D: a page of viser that plays in an iframe without server or network.
 
-viser builds the scene and writes it, with its viewer, as one page of HTML. Nothing else is asked of its server, which
-listens on 127.0.0.1 at a port of the system's choice while the scene is written. viser's own player cannot leave out
-one sensor and its points in words that a reader knows, so every sensor, every frame and every kind of box is a node of
-its own, and the page around it switches them by messages (`layers` are their nodes).
+`toolkit.viewing.viser_scene` has viser write it. viser's own player cannot leave out one sensor and its points in words
+that a reader knows, so every sensor, every frame and every kind of box is a node of its own, and the page around it
+switches them by messages (`layers` are their nodes).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -25,6 +22,8 @@ from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK,
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
+from toolkit.viewing import box_lines as lines
+from toolkit.viewing.viser_scene import add_lines, add_mesh, overview, rgb, scene_html, start_at, viser_server
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -35,25 +34,6 @@ _SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "t
 _FREE_POLE, _LANE, _BARE_GROUND = "#8c8c8c", "#b4b6ba", "#dfe2d8"
 _TRUTH = FAINT
 _HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, OUTCOME["false alarm"].colour
-
-_CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
-addEventListener("message", function (event) {
-  if (event.source !== parent || !event.data || !event.data.scene) return;
-  var asked = event.data.scene, viewer = window.__viserMutable;
-  if (asked.reset) { viewer.resetCameraPose(true); return; }
-  Object.keys(asked.visible).forEach(function (name) {
-    viewer.messageQueue.push(
-      {type: "SetSceneNodeVisibilityMessage", name: name, owner: "", visible: asked.visible[name]});
-  });
-  viewer.requestRender();
-});
-var waiting = setInterval(function () {
-  var viewer = window.__viserMutable;
-  if (!viewer || !viewer.nodeRefFromName || !viewer.nodeRefFromName["/end"]) return;
-  clearInterval(waiting);
-  parent.postMessage({scene: {ready: true}}, "*");
-}, 50);
-</script>"""
 
 
 @dataclass(frozen=True)
@@ -77,7 +57,8 @@ class Scene:
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
     """The scene of a plan: site, chosen sensors and what they see, and the frames of `moments`, one after the other."""
-    with _scene_of_viser() as (api, start_at, as_html):
+    with viser_server() as server:
+        api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
             _add_sensor(api, site, sensor, index, seen=None if ground is None else shapes_of(site, ground, index))
@@ -86,12 +67,11 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         _add_views(api, site, plan.sensors)
         _add_clouds(api, moments, len(plan.sensors))
         layers += _add_boxes(api, moments)
-        api.add_frame("/end", show_axes=False)
-        start_at(*_viewpoint(site))
-        html = as_html()
-    head_end = html.index("</head>")
+        xmin, ymin, xmax, ymax = site.area.tolist()
+        start_at(server, *overview((xmin, ymin, xmax, ymax)))
+        html = scene_html(server)
     frames = tuple(_frame_nodes(f, len(plan.sensors)) for f in range(len(moments)))
-    return Scene(html[:head_end] + _CONTROL + html[head_end:], tuple(layers), frames)
+    return Scene(html, tuple(layers), frames)
 
 
 def shapes_of(site: Site, ground: Ground, index: int) -> Mesh:
@@ -99,93 +79,22 @@ def shapes_of(site: Site, ground: Ground, index: int) -> Mesh:
     return shapes.seen_cells(site, ground, ground.seen[index], lift=0.08 + 0.03 * index)
 
 
-def _rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of #rrggbb."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
-
-
-@contextmanager
-def _scene_of_viser() -> Iterator[tuple[SceneApi, Any, Any]]:
-    """An empty scene, what sets the camera it opens with, and what writes it as HTML. Says nothing on the screen, and
-    does not let viser build its viewer again, for which it would ask the network."""
-    import rich
-    from viser import ViserServer
-
-    builder: Any = import_module("viser._client_autobuild")
-    console, build = rich.get_console(), builder.ensure_client_is_built
-    quiet, console.quiet = console.quiet, True
-    builder.ensure_client_is_built = lambda: None
-    try:
-        server = ViserServer(host="127.0.0.1", port=0, verbose=False)
-        try:
-
-            def start_at(position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
-                server.initial_camera.position = np.array(position)
-                server.initial_camera.look_at = np.array(look_at)
-                server.initial_camera.fov = np.deg2rad(50.0)
-                server.initial_camera.near = 0.5
-
-            server.scene.set_up_direction("+z")
-            server.scene.configure_environment_map(None)
-            server.scene.configure_default_lights(False)
-            server.scene.add_light_ambient("/light/sky", intensity=1.6)
-            server.scene.add_light_directional("/light/sun", intensity=1.8, position=(-30.0, -50.0, 80.0))
-            yield server.scene, start_at, lambda: server.get_scene_serializer().as_html()
-        finally:
-            server.stop()
-    finally:
-        console.quiet = quiet
-        builder.ensure_client_is_built = build
-
-
-def _viewpoint(site: Site) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Where the camera is and looks at first: from the south, at a slant, the whole area in its picture."""
-    xmin, ymin, xmax, ymax = site.area.tolist()
-    x, y, size = (xmin + xmax) / 2, (ymin + ymax) / 2, max(xmax - xmin, ymax - ymin)
-    return (x - 0.15 * size, y - 0.75 * size, 0.65 * size), (x, y, 0.0)
-
-
-def _add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
-    if len(mesh.triangles):
-        api.add_mesh_simple(
-            name,
-            mesh.vertices.astype(np.float32),
-            mesh.triangles.astype(np.uint32),
-            color=_rgb(colour),
-            opacity=opacity,
-            flat_shading=True,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
-
-def _add_lines(
-    api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
-) -> None:
-    if len(segments):
-        api.add_line_segments(
-            name, segments.astype(np.float32), _rgb(colour), thickness=width, thickness_units="screen", visible=visible
-        )
-
-
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
-    _add_mesh(api, "/site/ground", shapes.ground_mesh(site), _BARE_GROUND)
+    add_mesh(api, "/site/ground", shapes.ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
-        _add_mesh(api, f"/site/{layer}", shapes.draped(site, polygons, lift=lift), colour)
+        add_mesh(api, f"/site/{layer}", shapes.draped(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
-        _add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
+        add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
     for name, radius, colour, mounts in (
         ("free poles", 0.06, _FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
     ):
         tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
-        _add_mesh(api, f"/site/{name}", merge(tubes), colour)
+        add_mesh(api, f"/site/{name}", merge(tubes), colour)
 
 
 def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
@@ -193,12 +102,12 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
-    _add_mesh(api, f"{node}/pole", pole, POLE_INK)
-    _add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
+    add_mesh(api, f"{node}/pole", pole, POLE_INK)
+    add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
     where = (sensor.x, sensor.y, sensor.z + 1.2)
     api.add_label(f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center")
     if seen is not None:
-        _add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
+        add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
     return Layer(sensor.name, node, colour, "points, field of view and visible ground")
 
 
@@ -211,7 +120,7 @@ def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> N
     renderer = Renderer(site, (), [sensor for _, sensor in found])
     for (index, sensor), background in zip(found, renderer.background, strict=True):
         edges = shapes.view_edges(sensor, background)
-        _add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
+        add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
 
 
 def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
@@ -220,8 +129,8 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
         for index, points in enumerate(moment.clouds[:sensors]):
             api.add_point_cloud(
                 f"/sensors/{index}/points {frame}",
-                shapes.sampled(points, most),
-                _rgb(sensor_colour(index)),
+                lines.sampled(points, most),
+                rgb(sensor_colour(index)),
                 point_size=0.09,
                 point_shape="square",
                 point_shading="flat",
@@ -245,22 +154,22 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
         hit = detections[moment.detection_hit]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
-            ("truth", shapes.box_edges(truth), _TRUTH, 1.5),
-            ("hit", shapes.box_edges(hit), _HIT, 3.0),
-            ("missed", _both(shapes.dashed(shapes.box_edges(missed), dash=0.6, gap=0.4), missed), _MISSED, 3.0),
+            ("truth", lines.box_edges(truth), _TRUTH, 1.5),
+            ("hit", lines.box_edges(hit), _HIT, 3.0),
+            ("missed", _both(lines.dashed(lines.box_edges(missed), dash=0.6, gap=0.4), missed), _MISSED, 3.0),
             ("false", _marked(wrong), _FALSE_ALARM, 3.0),
         )
         for key, segments, colour, width in drawn:
-            _add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)
+            add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)
     return list(layers.values())
 
 
 def _both(edges: Float64[np.ndarray, "n 2 3"], missed: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, "k 2 3"]:
-    return np.concatenate([edges, shapes.roof_crosses(missed)])
+    return np.concatenate([edges, lines.roof_crosses(missed)])
 
 
 def _marked(wrong: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, "k 2 3"]:
-    return np.concatenate([shapes.dashed(shapes.box_edges(wrong), dash=0.15, gap=0.3), shapes.spikes(wrong)])
+    return np.concatenate([lines.dashed(lines.box_edges(wrong), dash=0.15, gap=0.3), lines.spikes(wrong)])
 
 
 def _frame_nodes(frame: int, sensors: int) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Shapes of the 3D scene as plain arrays: ground, streets, visible ground, edges of fields of view, boxes, dashes."""
+"""Shapes of the 3D scene as plain arrays: ground, streets, visible ground, edges of fields of view."""
 
 from __future__ import annotations
 
@@ -8,21 +8,17 @@ import numpy as np
 import shapely
 
 from placement_env.report.content import Ground
-from toolkit.arrays import Bool, Float32, Float64
-from toolkit.boxes import corners
+from toolkit.arrays import Bool, Float32
 from toolkit.mesh import Mesh, triangulate
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
+from toolkit.viewing.box_lines import Segments
 
 GROUND_MARGIN = 25.0  # m of ground that is drawn around the area
 TILE = 4.0  # m, edge of the tiles that ground and streets are cut into, to follow the relief
 LONGEST_RUN = 8  # cells of visible ground that one rectangle covers
-EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 NO_RETURN = 12.0  # m that a ray is drawn which meets nothing
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
-SPIKE = 2.5  # m, height of the mark on a false alarm
-
-Segments = Float64[np.ndarray, "_ 2 3"]
 
 
 def ground_mesh(site: Site) -> Mesh:
@@ -74,52 +70,6 @@ def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], 
     corner_rays = np.linspace(0, len(ends), 4 * max(spokes // 4, 1), endpoint=False).astype(np.int64)
     rays = np.stack([np.broadcast_to(sensor.position, (len(corner_rays), 3)), ends[corner_rays]], 1)
     return np.concatenate([outline[~jumps], rays])
-
-
-def box_edges(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """The twelve edges of each box."""
-    return corners(boxes)[:, EDGES].reshape(-1, 2, 3)
-
-
-def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Both diagonals of each box's roof: the mark of a vehicle that was missed."""
-    return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
-
-
-def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """An upright line with a cross bar above each box: the mark of a false alarm."""
-    top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
-    tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
-    upright = np.stack([top, tip], 1)
-    bars = [np.stack([bar - side, bar + side], 1) for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))]
-    return np.concatenate([upright, *bars]).astype(np.float64)
-
-
-def dashed(segments: Segments, *, dash: float, gap: float) -> Segments:
-    """The segments as dashes of `dash` metres with gaps of `gap` metres.
-
-    >>> dashed(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
-    array([[0., 2.],
-           [3., 5.]])
-    """
-    parts = [np.zeros((0, 2, 3))]
-    for start, end in segments:
-        length = float(np.linalg.norm(end - start))
-        begins = np.arange(0.0, max(length, 1e-9), dash + gap)
-        along = np.stack([begins, np.minimum(begins + dash, length)], 1) / max(length, 1e-9)
-        parts.append(start + along[:, :, None] * (end - start))
-    return np.concatenate(parts)
-
-
-def sampled(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
-    """At most so many of the points, evenly taken.
-
-    >>> len(sampled(np.zeros((10, 3), np.float32), 4))
-    4
-    """
-    if len(points) <= most:
-        return points
-    return points[np.linspace(0, len(points), most, endpoint=False).astype(np.int64)]
 
 
 def _extent(site: Site) -> tuple[float, float, float, float]:

@@ -4,9 +4,10 @@ from html.parser import HTMLParser
 import pytest
 
 from placement_env.report.pages.document import Bullets, Cell, Column, Document, Drawing, Paragraph, Section, TableBlock
-from placement_env.report.pages.html import POLICY, html_of, script_data
+from placement_env.report.pages.html import html_of
 from placement_env.report.pages.scene import Layer, Scene
 from placement_env.report.pages.sections import report_of
+from toolkit.viewing.embedded import POLICY, script_data
 
 HOSTILE = "<script>alert('x')</script>\" onload=\"y"
 SCENE = Scene("<html></script><!--</html>", (Layer(HOSTILE, "/sensors/0", "#112233", HOSTILE),), (("/a 0",), ("/a 1",)))

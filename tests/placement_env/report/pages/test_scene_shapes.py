@@ -6,23 +6,16 @@ from hypothesis import strategies as st
 
 from placement_env.report.content import Ground
 from placement_env.report.pages.scene_shapes import (
-    EDGES,
     GROUND_MARGIN,
     NO_RETURN,
-    box_edges,
-    dashed,
     draped,
     ground_mesh,
-    roof_crosses,
-    sampled,
     seen_cells,
-    spikes,
     view_edges,
 )
 from toolkit.rendering.renderer import Renderer
 from toolkit.sites.site import Relief, Site, Solid
 
-BOX = np.array([[1.0, 2.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 FIELD = Site("field", np.array([0.0, 0.0, 12.0, 8.0]), relief=Relief(0.3, 5))
 
 
@@ -56,36 +49,6 @@ def test_visible_ground_covers_the_seen_cells_and_no_other(seed):
     corners = mesh.vertices[mesh.triangles].mean(1)
     columns, rows = np.floor(corners[:, 0] / 0.5).astype(int), np.round(corners[:, 1] / 0.5 - 0.5).astype(int)
     assert seen[rows.clip(0, 7), columns.clip(0, 23)].all()
-
-
-def test_a_box_has_twelve_edges_a_cross_and_a_mast():
-    edges = box_edges(BOX)
-    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
-    assert sorted(lengths.round(6)) == [1.5] * 4 + [2.0] * 4 + [4.0] * 4
-    assert len(EDGES) == 12
-    cross = roof_crosses(BOX)
-    np.testing.assert_allclose(cross[..., 2], 1.5)
-    np.testing.assert_allclose(np.linalg.norm(cross[:, 1] - cross[:, 0], axis=1), np.sqrt(20))
-    mast = spikes(BOX)
-    np.testing.assert_allclose(mast[0], [[1, 2, 1.5], [1, 2, 4.0]])
-    assert mast.shape == (3, 2, 3)
-
-
-def test_no_boxes_no_marks():
-    none = np.zeros((0, 7))
-    assert [len(make(none)) for make in (box_edges, roof_crosses, spikes)] == [0, 0, 0]
-    assert dashed(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
-
-
-def test_dashes_keep_to_the_line():
-    dashes = dashed(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
-    np.testing.assert_allclose(dashes[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
-
-
-def test_thinning_takes_points_evenly_and_leaves_few_alone():
-    points = np.arange(30, dtype=np.float32).reshape(10, 3)
-    assert sampled(points, 10) is points
-    np.testing.assert_array_equal(sampled(points, 5)[:, 0], [0, 6, 12, 18, 24])
 
 
 def test_views_end_where_something_stands(example):

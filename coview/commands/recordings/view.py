@@ -1,0 +1,90 @@
+"""`coview view`: look at a recording in three dimensions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from coview.arguments import check_least
+from coview.clouds import open_clouds
+from coview.detectors import area_about, sample_detector
+from coview.exits import OK
+from coview.outputs import check_file
+from coview.printing import print_result
+from coview.progress_bar import progress_bar
+
+
+def view(
+    recording: Positional[Path],
+    /,
+    *,
+    out: Path | None = None,
+    layout: str | None = None,
+    poses: Path | None = None,
+    inverted: bool = False,
+    level: Literal["map", "plane", "none"] | None = None,
+    detector: str | None = None,
+    area: tuple[float, float, float, float] | None = None,
+    frames: int | None = None,
+    every: int = 1,
+    port: int = 8080,
+    overwrite: bool = False,
+    json: bool = False,
+) -> int:
+    """Look at a recording: points, sensors, what is labelled and what is detected, in a browser of this machine.
+
+    Frames have a slider; sensors, truth, detections and classes can be hidden; points are coloured by sensor, height,
+    intensity or age. Served to this machine alone until Ctrl-C; with --out written as one page that works from disk.
+
+    Example: coview view tjunction.hdf5
+
+    Example: coview view my-clouds --layout folder --detector general --out my-clouds.html
+
+    Args:
+        recording: Our HDF5; with --layout a cloud file, folder or bag.
+        out: Page of HTML to write in place of serving: all its frames are in it, of at most 600,000 points together.
+        layout: Of a recording of clouds, as in coview detect; our HDF5 when left out.
+        poses: As in coview detect.
+        inverted: As in coview detect.
+        level: As in coview detect; map for clouds, none for our HDF5 when left out.
+        detector: Show what it finds too: general, another shipped name, a weights file, or package.module:callable.
+        area: The detector's, as in coview detect.
+        frames: Only the first so many; with --out 20 when left out.
+        every: Only every so many-th frame.
+        port: Of the address in the browser; the next one that is free where it is taken.
+        overwrite: Replace a page that is there.
+        json: Print as JSON.
+    """
+    from toolkit.viewing.chosen_samples import ChosenSamples
+    from toolkit.viewing.drawn_sample import Drawing
+    from toolkit.viewing.live import view_live
+    from toolkit.viewing.page import PAGE_FRAMES, write_page
+    from toolkit.viewing.viser_scene import check_viser
+
+    check_least("--frames", frames, 1, "leave it out for all")
+    check_least("--every", every, 1)
+    check_least("--port", port, 1)
+    check_file(out, inputs=[recording, *([poses] if poses else [])], overwrite=overwrite)
+    check_viser()
+    opened = open_clouds(recording, layout or "hdf5", poses=poses, inverted=inverted)
+    samples = ChosenSamples(opened, frames=frames if out is None else frames or PAGE_FRAMES, every=every)
+    network, middle = None, area_about(area)[0]
+    if detector is not None:
+        network, middle, _ = sample_detector(detector, area)
+    drawing = Drawing(network, level or ("none" if layout in (None, "hdf5") else "map"), middle)
+    if out is None:
+        view_live(samples, drawing, port=port, ready=lambda url: print_result({"url": url}, _served(url), as_json=json))
+        return OK
+    with progress_bar("frame", len(samples), hidden=json) as bar:
+        drawn = drawing.all_of(samples, progress=bar.to)
+        page = write_page(drawn, recording.name or str(recording), out)
+    figures = {"out": str(out), "frames": len(page.frames), "points": page.points, "drawn": page.drawn}
+    text = f"{out}: {len(page.frames)} of {len(opened)} frames, {page.drawn} of {page.points} points drawn"
+    print_result(figures | {"of_frames": len(opened), "said": list(page.names)}, text, as_json=json)
+    return OK
+
+
+def _served(url: str) -> str:
+    return f"{url} (this machine alone; Ctrl-C ends it)"

@@ -1,0 +1,61 @@
+"""coview view: a recording as one page, and served."""
+
+import json
+
+import pytest
+
+from toolkit.datasets.samples import read, write_samples
+from toolkit.viewing import viser_scene
+
+
+@pytest.fixture(scope="module")
+def clouds(recording, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view") / "clouds"
+    write_samples([next(read(recording, "hdf5"))], folder, "folder")
+    return folder
+
+
+def test_our_recording_becomes_a_page(recording, tmp_path, run):
+    out = tmp_path / "view.html"
+    code, said, _ = run("view", recording, "--every", 2, "--frames", 1, "--out", out, "--json")
+    assert code == 0
+    figures = json.loads(said)
+    (sample, *_) = read(recording, "hdf5")
+    points = len(sample.points())
+    assert (figures["frames"], figures["of_frames"], figures["points"]) == (1, 4, points)
+    assert figures["said"] == [f"000000: {points} points, {len(sample.objects)} labelled, 0 detected"]
+    assert "few.hdf5" in out.read_text()
+    assert "exists" in run("view", recording, "--out", out)[2]
+
+
+def test_clouds_with_what_is_detected(clouds, tmp_path, run):
+    area = ("--area", -40, -20, 40, 20)
+    options = ("--layout", "folder", "--level", "plane", "--detector", "general", *area)
+    code, said, _ = run("view", clouds, *options, "--out", tmp_path / "clouds.html", "--json")
+    assert code == 0
+    assert not json.loads(said)["said"][0].endswith(" 0 detected")
+
+
+def test_it_is_served_to_this_machine(clouds, run, monkeypatch):
+    monkeypatch.setattr("viser.ViserServer.sleep_forever", lambda self: None)
+    code, said, _ = run("view", clouds, "--layout", "folder", "--level", "none", "--port", 18700)
+    assert code == 0
+    assert said.startswith("http://127.0.0.1:187")
+
+
+def test_what_is_refused(recording, clouds, tmp_path, refused):
+    assert "no such recording" in refused("view", tmp_path / "none.hdf5")
+    assert "no layout 'kiti'" in refused("view", clouds, "--layout", "kiti")
+    assert "--frames must be at least 1" in refused("view", recording, "--frames", 0)
+    assert "--every must be at least 1" in refused("view", recording, "--every", 0)
+    assert "needs a site" in refused("view", recording, "--detector", "voxelnet")
+    assert "for --layout folder" in refused("view", recording, "--poses", "p.json")
+    assert "is empty" in refused("view", recording, "--area", 1, 1, 0, 0)
+    assert str(recording) in refused("view", recording, "--out", recording, "--overwrite")
+
+
+def test_without_viser_it_says_what_to_install(recording, run, monkeypatch):
+    monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
+    code, _, err = run("view", recording)
+    assert code == 3
+    assert "pip install coview[report]" in err

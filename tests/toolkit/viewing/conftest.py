@@ -1,0 +1,49 @@
+"""Two samples of two lidars near a car, a pedestrian and a trailer that is none of our classes."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
+from toolkit.objects import Detections, Objects
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+CAR = [12.0, 3.0, 0.75, 4.2, 1.8, 1.5, 0.3]
+
+
+@pytest.fixture(scope="session")
+def samples():
+    """The first lidar has times and intensities; the second is in the second sample alone."""
+    rng = np.random.default_rng(0)
+    poses = [np.eye(4), np.eye(4)]
+    poses[0][:3, 3], poses[1][:3, 3] = (0, 0, 5), (20, 10, 5)
+    ground = np.column_stack([rng.uniform(-30, 30, (400, 2)), rng.normal(-5, 0.01, 400)]).astype(np.float32)
+    north = SensorCloud(
+        "north", ground, poses[0], time=np.linspace(0, 0.1, 400), intensity=np.arange(400, dtype=np.float32)
+    )
+    south = SensorCloud("south", ground[:100] + np.float32(0), poses[1])
+    objects = Objects(np.array([CAR, [5.0, -4.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array(["vehicle", "pedestrian"]))
+    others = OtherObjects(np.array([[-8.0, 2, 1.5, 9, 2.5, 3, 0]]), ("TRAILER",))
+    first = Sample("first", (north,), objects, others=others, time=0.0)
+    return [first, replace(first, name="second", clouds=(north, south), objects=objects[:1], time=0.1)]
+
+
+@pytest.fixture(scope="session")
+def finds_the_car():
+    return lambda points: Detections(np.array([CAR]) - [0, 0, 0, 0, 0, 0, 0.1], np.array([0.9]))
+
+
+@pytest.fixture(scope="session")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.fail("pages are tested in Chromium, which is not here: run make, or apt-get install chromium")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield chromium
+        chromium.close()

@@ -1,0 +1,95 @@
+from dataclasses import replace
+
+import pytest
+
+from toolkit.datasets.records.fields import Listing
+from toolkit.viewing import live
+from toolkit.viewing.chosen_samples import ChosenSamples
+from toolkit.viewing.drawn_sample import Drawing
+from toolkit.viewing.live import LiveView, view_live
+from toolkit.viewing.viser_scene import viser_server
+
+
+@pytest.fixture
+def recording(samples):
+    """Two samples, and one that is damaged."""
+
+    def load(name):
+        if name == "2":
+            raise ValueError("labels.json is *damaged*")
+        return replace(samples[int(name)])
+
+    return ChosenSamples(Listing(("0", "1", "2"), load))
+
+
+@pytest.fixture
+def view(recording, finds_the_car):
+    with viser_server() as server:
+        yield LiveView(server, recording, Drawing(finds_the_car))
+
+
+def shown(view):
+    return {handle.name for handle in view.shown}
+
+
+FIRST = {
+    *("/sensors/0/place/0", "/sensors/0/sensor/0", "/detections/vehicle/0"),
+    *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
+}
+
+
+def test_it_opens_with_the_first_sample(view):
+    assert view.said == "first: 400 points, 3 labelled, 1 detected"
+    assert shown(view) == FIRST
+    assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
+
+
+def test_another_sample_takes_its_place_with_its_new_sensor(view):
+    view.show(1)
+    assert view.said.startswith("second: 500 points")
+    assert {"/sensors/1/place/0", "/sensors/1/sensor/0"} < shown(view)
+    assert "/truth/pedestrian/0" not in shown(view)
+    assert view.style.sensors == ("north", "south")
+    view.show(0)
+    assert shown(view) == FIRST
+
+
+def test_a_sample_that_cannot_be_read_is_said_and_the_next_is_shown(view):
+    view.show(2)
+    assert view.said == "sample 2 cannot be shown: labels.json is *damaged*"
+    assert view._line.content.endswith(r"labels\.json is \*damaged\*")
+    assert shown(view) == set()
+    view.show(0)
+    assert shown(view) == FIRST
+
+
+def test_points_are_drawn_in_one_colouring_at_a_time(view):
+    view.colour_by("height")
+    assert "/sensors/0/height/0" in shown(view)
+    assert "/sensors/0/sensor/0" not in shown(view)
+    view.show(1)
+    assert {"/sensors/0/height/0", "/sensors/1/height/0"} < shown(view)
+    assert [view.groups[f"/sensors/1/{each}"].visible for each in ("sensor", "height")] == [False, True]
+
+
+def test_a_first_sample_that_is_damaged_is_an_error(recording):
+    recording.samples = Listing(("2",), recording.samples.load)
+    with viser_server() as server, pytest.raises(ValueError, match="damaged"):
+        LiveView(server, recording, Drawing())
+
+
+def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
+    monkeypatch.setattr(live, "LIVE_POINTS", 300)
+    view.show(0)
+    assert view.said.endswith("of larger clouds 300 points are drawn")
+
+
+def test_it_is_served_until_it_is_interrupted(recording, monkeypatch):
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("viser.ViserServer.sleep_forever", interrupted)
+    addresses = []
+    view_live(recording, Drawing(), port=18765, ready=addresses.append)
+    (address,) = addresses
+    assert address.startswith("http://127.0.0.1:187")

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from toolkit.viewing.drawn_sample import COLOURINGS, Drawing, DrawnSample
+from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.recording_scene import (
+    SceneStyle,
+    add_grid,
+    add_groups,
+    add_sample,
+    sensors_of,
+    viewed_area,
+)
+from toolkit.viewing.viser_scene import viser_server
+
+
+@pytest.fixture(scope="module")
+def drawn(samples, finds_the_car):
+    return Drawing(finds_the_car).all_of(samples)
+
+
+@pytest.fixture(scope="module")
+def api():
+    with viser_server() as server:
+        yield server.scene
+
+
+def style(drawn, most=1000, colourings=COLOURINGS):
+    return SceneStyle(sensors_of(drawn), colourings, Scales.of(drawn[0]), most)
+
+
+def test_sensors_keep_their_numbers(drawn):
+    assert sensors_of(drawn) == ("north", "south")
+    assert sensors_of(drawn[::-1]) == ("north", "south")
+    assert sensors_of([]) == ()
+
+
+def test_groups_come_before_what_is_in_them(api, drawn):
+    made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
+    assert [name for name in made if name.count("/") == 1] == ["/sensors", "/truth", "/detections"]
+    assert {name for name in made if name.startswith("/truth/")} == {
+        f"/truth/{kind}" for kind in ("vehicle", "cyclist", "pedestrian", "heavy", "others")
+    }
+    assert [made[f"/sensors/1/{each}"] for each in ("sensor", "height", "intensity", "age", "place")] == [
+        *(True, False, False, False, True),
+    ]
+
+
+def test_a_sample_has_a_node_for_all_that_is_in_it(api, drawn):
+    made = {handle.name: handle for handle in add_sample(api, drawn[1], style(drawn), frame=7, visible=False)}
+    sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}
+    assert set(made) == sensors | {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7"}
+    assert not any(handle.visible for handle in made.values())
+    assert made["/sensors/0/age/7"].points.shape == (400, 3)
+    assert made["/sensors/1/height/7"].points.shape == (100, 3)
+    np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
+    assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
+    assert len(made["/detections/vehicle/7"].points) > 40  # dashes
+
+
+def test_one_colouring_and_few_points(api, drawn):
+    made = {h.name: h for h in add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
+    assert set(made) == {
+        *("/sensors/0/place/0", "/sensors/0/height/0", "/detections/vehicle/0"),
+        *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
+    }
+    assert made["/sensors/0/height/0"].points.shape == made["/sensors/0/height/0"].colors.shape == (50, 3)
+    assert made["/sensors/0/height/0"].visible
+
+
+def test_the_grid_lies_on_the_area(api):
+    grid = add_grid(api, (-20.0, 0.0, 40.0, 30.0))
+    assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)
+    np.testing.assert_allclose(grid.position[:2], [10, 15])
+
+
+def test_the_first_view_has_most_points_and_the_sensors(drawn):
+    assert viewed_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
+    assert viewed_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
+    boxes = DrawnSample("boxes", 0.0, (), drawn[0].truth, {})
+    assert viewed_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
+    assert viewed_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)

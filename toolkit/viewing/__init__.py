@@ -1,0 +1,1 @@
+"""Recordings looked at in three dimensions: scenes of viser, live in the browser or as one page."""

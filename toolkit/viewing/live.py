@@ -1,0 +1,161 @@
+"""A recording looked at in the browser while it is read: a slider for frames, switches for what is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from toolkit.viewing.chosen_samples import ChosenSamples
+from toolkit.viewing.drawn_sample import BOX_KINDS, COLOURINGS, Colouring, Drawing, DrawnSample
+from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.recording_scene import (
+    BOXES,
+    GRID_NODE,
+    SceneStyle,
+    add_grid,
+    add_groups,
+    add_sample,
+    add_sensor,
+    sensors_of,
+    viewed_area,
+)
+from toolkit.viewing.viser_scene import overview, start_at, viser_server
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+LIVE_POINTS = 400_000  # of one cloud
+PORT = 8080  # unless it is taken
+
+
+class LiveView:
+    """The scene of one sample at a time in a server of viser, and its controls.
+
+    said: the line below the slider, what the sample holds or why it cannot be shown. Raises what reading the first
+    sample raises.
+    """
+
+    def __init__(self, server: ViserServer, samples: ChosenSamples, drawing: Drawing) -> None:
+        self.server, self.samples, self.drawing = server, samples, drawing
+        self.said, self._lock = "", Lock()
+        self.colouring: Colouring = COLOURINGS[0]
+        self._drawn: DrawnSample | None = None
+        first = samples.at(0)
+        self.origin = drawing.origin(first)
+        drawn = drawing.drawn(first, self.origin)
+        self.style = SceneStyle(sensors_of([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
+        area = viewed_area(drawn)
+        groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
+        self.groups: dict[str, Any] = {handle.name: handle for handle in groups}
+        self.shown: list[Any] = []
+        start_at(server, *overview(area))
+        server.gui.configure_theme(show_share_button=False, show_logo=False)
+        self._line = server.gui.add_markdown("")
+        self._add_frames()
+        self._add_colourings()
+        self.sensor_switches = server.gui.add_folder("Sensors")
+        for number, name in enumerate(self.style.sensors):
+            self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+        boxes = server.gui.add_folder("Boxes")
+        for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
+            self._add_switch(boxes, how, [f"/{group}"])
+        for kind in BOX_KINDS:
+            self._add_switch(boxes, kind, [f"/{group}/{kind}" for group in BOXES])
+        self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
+        self.show(0)
+
+    def show(self, number: int) -> None:
+        """Show the sample of this number in place of what is shown; nothing, and why, where it cannot be read."""
+        with self._lock:
+            try:
+                self._drawn = self.drawing.drawn(self.samples.at(number), self.origin)
+                self.said = _line_of(self._drawn)
+            except (ValueError, OSError) as error:
+                self._drawn, self.said = None, f"sample {number} cannot be shown: {error}"
+            self._redraw()
+            self._line.content = _as_text(self.said)
+
+    def colour_by(self, colouring: Colouring) -> None:
+        """Show points in these colours."""
+        with self._lock:
+            self.colouring = colouring
+            self._redraw()
+
+    def _redraw(self) -> None:
+        """Put the sample in place of what is shown; its points in one colouring alone, for the sake of speed."""
+        for handle in self.shown:
+            handle.remove()
+        self.shown = []
+        if self._drawn is not None:
+            self._add_new_sensors(sensors_of([self._drawn]))
+            self.shown = add_sample(self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,)))
+        for number in range(len(self.style.sensors)):
+            for each in self.style.colourings:
+                self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
+
+    def _add_new_sensors(self, names: tuple[str, ...]) -> None:
+        """Sensors that the samples before did not have."""
+        for name in names:
+            if name not in self.style.sensors:
+                self.style = replace(self.style, sensors=(*self.style.sensors, name))
+                number = len(self.style.sensors) - 1
+                made = add_sensor(self.server.scene, self.style, number)
+                self.groups |= {handle.name: handle for handle in made}
+                self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+
+    def _add_frames(self) -> None:
+        if len(self.samples) < 2:
+            return
+        slider: Any = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+        slider.on_update(lambda _: self.show(int(slider.value)))
+        after = self.server.gui.add_button("Next frame")
+
+        def go_on(_: Any) -> None:
+            slider.value = (int(slider.value) + 1) % len(self.samples)
+
+        after.on_click(go_on)
+
+    def _add_colourings(self) -> None:
+        names = {self.style.scales.described(each): each for each in self.style.colourings}
+        choice = self.server.gui.add_dropdown("Points coloured by", tuple(names))
+        choice.on_update(lambda _: self.colour_by(names[choice.value]))
+
+    def _add_switch(self, folder: Any, name: str, nodes: list[str]) -> None:
+        with folder:
+            switch = self.server.gui.add_checkbox(name, True)
+
+        def apply(_: Any) -> None:
+            for node in nodes:
+                self.groups[node].visible = bool(switch.value)
+
+        switch.on_update(apply)
+
+
+def _line_of(drawn: DrawnSample) -> str:
+    """What a sample holds, and what is to be said of it."""
+    parts = [drawn.described()]
+    if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
+        parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
+    return ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
+
+
+def _as_text(line: str) -> str:
+    """A line as Markdown that shows it as it is, whatever names of files and samples hold."""
+    return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in line)
+
+
+def view_live(
+    samples: ChosenSamples, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print
+) -> None:
+    """Serve a recording to browsers of this machine until the process is interrupted; ready: is handed the address.
+
+    Raises ImportError without viser, and what reading the first sample raises.
+    """
+    with viser_server(port) as server:
+        LiveView(server, samples, drawing)
+        ready(f"http://127.0.0.1:{server.get_port()}")
+        with suppress(KeyboardInterrupt):
+            server.sleep_forever()

@@ -1,0 +1,125 @@
+"""A recording as one page of HTML that works from disk, without server or network: frames, switches and the scene.
+
+viser's serialised scenes hold every frame as nodes of their own; the page shows one at a time and plays them. Points
+are stored once, whatever they are coloured by, and thinned to what a page can hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.plots.palette import sensor_colour
+from toolkit.runtime.files import write_text
+from toolkit.viewing.drawn_sample import BOX_KINDS, Colouring, DrawnSample, colourings_of
+from toolkit.viewing.embedded import POLICY, scene_script, script_data
+from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.recording_scene import (
+    BOXES,
+    GRID_NODE,
+    SceneStyle,
+    add_grid,
+    add_groups,
+    add_sample,
+    sensors_of,
+    viewed_area,
+)
+from toolkit.viewing.viser_scene import overview, scene_html, start_at, viser_server
+
+PAGE_FRAMES = 20  # of a recording, unless another number is asked for
+PAGE_POINTS = 600_000  # of all clouds of all frames together
+_FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Switch:
+    """What a reader can hide: its name, its nodes with spaces between them, its colour if it has one."""
+
+    name: str
+    nodes: str
+    colour: str | None = None
+    checked: bool = True
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """What a page shows: a switch for each part, one of `colourings` at a time, frames by their nodes and a line of
+    text each; points: how many there are, drawn: how many of them."""
+
+    title: str
+    html: str
+    switches: tuple[Switch, ...]
+    colourings: tuple[Switch, ...]
+    frames: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]
+    points: int
+    drawn: int
+
+
+def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS) -> PageContent:
+    """What a page of some samples shows, with at most so many points. Raises ValueError where there is no sample,
+    ImportError without viser."""
+    if not samples:
+        raise ValueError("there is no sample to view: check the path and the layout")
+    clouds = sum(len(sample.clouds) for sample in samples)
+    scales = Scales.of(samples[0])
+    style = SceneStyle(sensors_of(samples), colourings_of(samples), scales, max(most // max(clouds, 1), 1), "float16")
+    area = viewed_area(samples[0])
+    nodes: list[tuple[str, ...]] = []
+    with viser_server() as server:
+        add_grid(server.scene, area)
+        add_groups(server.scene, style)
+        for frame, sample in enumerate(samples):
+            made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
+            nodes.append(tuple(handle.name for handle in made))
+        start_at(server, *overview(area))
+        html = scene_html(server)
+    sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
+    return PageContent(
+        title,
+        html,
+        _switches(samples, style.sensors),
+        tuple(_colouring(each, style) for each in style.colourings),
+        tuple(nodes),
+        tuple(sample.described() for sample in samples),
+        sum(sizes),
+        sum(min(size, style.most) for size in sizes),
+    )
+
+
+def _switches(samples: Sequence[DrawnSample], sensors: Sequence[str]) -> tuple[Switch, ...]:
+    """Sensors, truth and detections, and each kind of object that there is."""
+    found = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
+    found += [Switch(name, f"/{name}", colour) for name, colour in BOXES.items()]
+    there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
+    found += [Switch(kind, " ".join(f"/{group}/{kind}" for group in BOXES)) for kind in BOX_KINDS if kind in there]
+    return (*found, Switch("grid of 10 m", GRID_NODE))
+
+
+def _colouring(colouring: Colouring, style: SceneStyle) -> Switch:
+    nodes = " ".join(f"/sensors/{number}/{colouring}" for number in range(len(style.sensors)))
+    return Switch(style.scales.described(colouring), nodes, checked=colouring == style.colourings[0])
+
+
+def page_html(content: PageContent) -> str:
+    """The page. Raises ImportError without jinja2."""
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+        from markupsafe import Markup
+    except ImportError:
+        raise ImportError("pages need jinja2: pip install coview[report]") from None
+
+    environment = Environment(loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined)
+    data = {"html": content.html, "frames": content.frames, "names": content.names}
+    page: str = environment.get_template("page.html.j2").render(
+        content=content, policy=POLICY, scene_data=Markup(script_data(data)), script=Markup(scene_script())
+    )
+    return page
+
+
+def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
+    """Write samples as a page, whole or not at all; what it shows. The same samples give the same bytes."""
+    content = page_content(samples, title)
+    write_text(out, page_html(content))
+    return content
