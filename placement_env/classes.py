@@ -102,17 +102,17 @@ class Classes:
         own = self.ious[self.names.index(name)]
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
-    def described(self, iou: float | None = None) -> str:
+    def described(self, iou: float | tuple[float, ...] | None = None) -> str:
         """In words: a class, or the mean or worst of several; iou: of the objective, beside which other ones are named,
-        None to name none.
+        None to name none; several where their mean counts.
 
         >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
         'worst of vehicle and pedestrian (IoU 0.5)'
         """
         each = list(self.names)
         if iou is not None:
-            own = [self.iou_of(name, iou) for name in each]
-            each = [name if at == iou else f"{name} (IoU {at:g})" for name, at in zip(each, own, strict=True)]
+            own = [self.iou_of(name, 0.0) for name in each]  # 0 where it is the objective's
+            each = [name if at in (0.0, iou) else f"{name} (IoU {at:g})" for name, at in zip(each, own, strict=True)]
         if len(each) == 1:
             return each[0]
         if self.combine == "mean" and len(set(self.weights)) > 1:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -155,6 +156,14 @@ class Detected:
                 f"a shared memo needs a detector that says what it depends on, {type(detector).__name__} has no "
                 "property digest: add one or pass memo=None"
             )
+
+    def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
+        """The same where a detection counts at another IoU threshold. also: thresholds at which outcomes are matched
+        beside those that they were."""
+        check_iou(iou)
+        other = copy(self)
+        other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
+        return other
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set over all frames; AP and recall are NaN where there is nothing to find."""

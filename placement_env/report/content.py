@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.fidelity.combined.mean_iou import IoUs
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.objects import Detections, Objects
 
@@ -72,8 +73,9 @@ class PlannedSensor:
 @dataclass(frozen=True)
 class PlanOption:
     """A sensor set that was considered: names of candidates, price, what is sent, the AP that the searches' fidelity
-    predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: over the
-    detector's IoU thresholds (0.7, 0.8, 0.9 and the plan's), in the traffic it was judged on."""
+    predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: at IoU 0.7,
+    0.8 and 0.9, in the traffic it was judged on; left: what the detector says of what is left of it when sensors fail,
+    None where the plan asks for no failures."""
 
     sensors: tuple[str, ...]
     price: float
@@ -83,6 +85,12 @@ class PlanOption:
     judged: Judgement | None
     searches: tuple[str, ...] = ()
     mean_ap: float | None = None
+    left: Judgement | None = None
+
+    @property
+    def counted(self) -> Judgement | None:
+        """By which sets are compared: what is left where failures are asked for, else the intact set."""
+        return self.judged if self.left is None else self.left
 
 
 @dataclass(frozen=True)
@@ -112,16 +120,16 @@ class ClassAP:
 
     label: str
     weight: float
-    iou: float
+    iou: IoUs
     judged: Judgement
 
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme at one IoU."""
+    """The chosen set under one fusion scheme at one IoU, or in the mean over several."""
 
     scheme: str
-    iou: float
+    iou: IoUs
     judged: Judgement
     kbit_per_sensor: float
 
@@ -200,16 +208,16 @@ class Verdict:
 @dataclass(frozen=True)
 class Plan:
     """A deployment plan. question: what was asked, every option in words or numbers; site: name; detector: name in
-    words; iou: at which a detection counts; scheme: of the fusion; currency: of all prices, "" for units of one
-    ordinary pole; chosen: None where no set may be built; near_optimal: sets whose interval overlaps the chosen one's;
-    front: no other set is better in AP, kbit per sensor and price at once, by price; poles_unused: names; assumptions,
-    unknown: sentences; provenance: digests of all inputs, seeds, versions.
+    words; iou: at which a detection counts, several for their mean; scheme: of the fusion; currency: of all prices, ""
+    for units of one ordinary pole; chosen: None where no set may be built; near_optimal: sets whose interval overlaps
+    the chosen one's; front: no other set is better in AP, kbit per sensor and price at once, by price; poles_unused:
+    names; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
     """
 
     question: dict[str, Any]
     site: str
     detector: str
-    iou: float
+    iou: IoUs
     scheme: str
     currency: str
     verdict: Verdict

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -10,7 +11,6 @@ from coview.arguments import (
     Combine,
     Label,
     check_errors,
-    check_ious,
     check_least,
     check_schemes,
     check_share,
@@ -39,7 +39,9 @@ def plan(
     combine: Combine = "mean",
     small_iou: float = 0.5,
     scheme: str = "early",
-    iou: float = 0.7,
+    iou: str = "0.7",
+    failing: Literal[0, 1, 2] = 0,
+    failures: Literal["worst", "mean"] = "worst",
     candidates: str = "pool",
     sensors: Path | None = None,
     keep_out: Path | None = None,
@@ -70,7 +72,9 @@ def plan(
         combine: AP of several classes: their mean, or that of the worst.
         small_iou: In place of --iou for cyclists and pedestrians.
         scheme: How measurements are fused: early, late or hybrid.
-        iou: At which a detection counts.
+        iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.
+        failing: Sensors that fail (0 to 2): sets are compared, and required to reach --min-ap, by what is left then.
+        failures: What is left in the worst case, or in the mean over which fail.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
@@ -86,6 +90,8 @@ def plan(
     """
     from placement_env.candidates.poles import load_keep_out
     from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
+    from placement_env.fidelity.combined.mean_iou import iou_range, iou_text
+    from placement_env.fidelity.combined.robust import Failing
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
@@ -98,7 +104,7 @@ def plan(
     ):  # fmt: skip
         check_least(option, value, least)
     check_share("--confidence", confidence)
-    check_ious([iou])
+    thresholds = iou_range(iou)
     check_schemes([scheme])
     check_errors(errors)
     counted = counted_classes(classes, class_weights, combine, small_iou)
@@ -120,7 +126,8 @@ def plan(
         capacity_kbit=capacity,
         classes=counted,
         scheme=scheme,
-        iou=iou,
+        iou=thresholds,
+        failing=Failing(failing, failures),
         candidates=candidates,
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),
         keep_out=() if keep_out is None else load_keep_out(keep_out, place),
@@ -139,7 +146,7 @@ def plan(
     if len(planned.plan.class_ap) > 1:
         lines += [
             f"  {row.label:<10} AP {row.judged.ap:.3f} ({row.judged.low:.3f} to {row.judged.high:.3f}) at IoU "
-            f"{row.iou:g}, {row.judged.vehicles} to find"
+            f"{iou_text(row.iou)}, {row.judged.vehicles} to find"
             for row in planned.plan.class_ap
         ]
     lines.append(f"written to {out}: {', '.join(path.name for path in written)}")

@@ -15,6 +15,7 @@ from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, E
 from toolkit.arrays import Bool
 
 COCO_STEP = 0.05
+IoUs = float | tuple[float, ...]  # one threshold, or several, whose mean counts
 
 
 def iou_thresholds(iou: float | Iterable[float]) -> tuple[float, ...]:
@@ -47,6 +48,17 @@ def iou_range(text: str) -> tuple[float, ...]:
     if len(ends) == 1:
         return (ends[0],)
     return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
+
+
+def iou_text(iou: IoUs) -> str:
+    """A threshold, or several, in words.
+
+    >>> iou_text(0.7), iou_text((0.5, 0.55, 0.6))
+    ('0.7', '0.5 to 0.6 (mean of 3 thresholds)')
+    """
+    if isinstance(iou, float | int):
+        return f"{iou:g}"
+    return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
 
 
 class MeanFidelity:

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from placement_env.fidelity.combined.mean_iou import iou_thresholds, mean_of
+from placement_env.classes import Classes
+from placement_env.fidelity.combined.mean_iou import IoUs, iou_thresholds, mean_of
 from placement_env.fidelity.combined.robust import Failing, robust
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.protocol import Fidelity
@@ -25,6 +26,16 @@ class Counting:
     def of(iou: float | Iterable[float], failing: Failing | int = 0) -> Counting:
         """From what users say. Raises ValueError where it is none."""
         return Counting(iou_thresholds(iou), failing if isinstance(failing, Failing) else Failing(failing))
+
+    @property
+    def iou(self) -> IoUs:
+        """The threshold, or those whose mean counts."""
+        return self.ious[0] if len(self.ious) == 1 else self.ious
+
+    def of_class(self, classes: Classes, name: str) -> IoUs:
+        """The threshold or thresholds of a class: its own where it has one, else these."""
+        own = tuple(sorted({classes.iou_of(name, iou) for iou in self.ious}))
+        return own[0] if len(own) == 1 else own
 
     @property
     def plain(self) -> bool:

@@ -37,6 +37,16 @@ class Failing:
         if self.combine not in get_args(FailureCombine):
             raise ValueError(f"failures are combined by mean or worst, got {self.combine!r}")
 
+    @property
+    def described(self) -> str:
+        """What is left, in words.
+
+        >>> Failing(1).described, Failing(2, "mean").described
+        ('what is left in the worst case when 1 sensor fails', 'what is left in the mean over which 2 sensors fail')
+        """
+        what = "1 sensor fails" if self.sensors == 1 else f"{self.sensors} sensors fail"
+        return f"what is left in the {'worst case when' if self.combine == 'worst' else 'mean over which'} {what}"
+
     def cases(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """The intact sets, and after them what is left in each case of failure; and of which set each is a case. A set
         of which nothing may be left has one case, the empty set."""
@@ -58,13 +68,19 @@ class Failing:
         self, figures: Float64[np.ndarray, "m *rest"], owners: Int64[np.ndarray, " m"]
     ) -> Float64[np.ndarray, "n *rest"]:
         """What is left of each set, of figures of the cases; NaN stays."""
+        reduced = self.reduced(figures, owners)
+        return reduced + TIE * figures[: len(reduced)]
+
+    def reduced(
+        self, figures: Float64[np.ndarray, "m *rest"], owners: Int64[np.ndarray, " m"]
+    ) -> Float64[np.ndarray, "n *rest"]:
+        """The same without what tells equal sets apart."""
         count = int(owners.max(initial=-1)) + 1
-        intact, cases, of = figures[:count], figures[count:], owners[count:]
-        reduced = np.stack([self._reduced(cases[of == n]) for n in range(count)]) if count else intact
-        return reduced + TIE * intact
+        cases, of = figures[count:], owners[count:]
+        return np.stack([self._reduced(cases[of == n]) for n in range(count)]) if count else figures[:0]
 
     def _reduced(self, cases: np.ndarray) -> np.ndarray:
-        return cases.mean(axis=0) if self.combine == "mean" else cases.min(axis=0)
+        return np.asarray(cases.mean(axis=0) if self.combine == "mean" else cases.min(axis=0))
 
 
 class RobustFidelity:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.report.content import (
     RATE,
     BuildStep,
@@ -50,7 +51,7 @@ def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
 def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
     """AP of the fusion schemes at each IoU, and what they send."""
     with house_style():
-        names = [f"{each.scheme}, IoU {each.iou:g}" for each in schemes]
+        names = [f"{each.scheme}, IoU {iou_text(each.iou)}" for each in schemes]
         judged = [each.judged for each in schemes]
         figure, axes = row_axes("Fusion schemes", counted_words(judged), names, right=2.6)
         draw_intervals(axes, judged)
@@ -134,10 +135,10 @@ def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str
             axes = figure.add_axes((place, 0.24, 0.4, 0.58))
             for x, option in zip(values, [*everyone, chosen], strict=True):
                 is_chosen = option is chosen
-                if option.judged is not None:
-                    ends = [option.judged.low, option.judged.high]
+                if option.counted is not None:
+                    ends = [option.counted.low, option.counted.high]
                     axes.plot([x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3)
-                ap = option.predicted if option.judged is None else option.judged.ap
+                ap = option.predicted if option.counted is None else option.counted.ap
                 style = _chosen_style() if is_chosen else _option_style(option.judged is not None)
                 axes.plot(x, ap, zorder=5 if is_chosen else 4, **style)
             axes.grid()

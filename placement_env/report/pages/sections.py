@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.report.content import Ground, Plan
 from placement_env.report.pages.document import Document
 from placement_env.report.pages.sections_answer import (
@@ -37,6 +38,8 @@ def report_of(plan: Plan, site: Site, ground: Ground | None) -> Document:
         method_section(plan),
     )
     subtitle = (
-        f"{plan.detector}; AP at IoU {plan.iou:g}; {plan.scheme} fusion" if plan.detector else "No set was judged"
+        f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
+        if plan.detector
+        else "No set was judged"
     )
     return Document(f"Deployment plan for {plan.site}", subtitle, sections)

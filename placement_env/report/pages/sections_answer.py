@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.report.content import CONFIDENCE, Ground, Plan, PlanOption
 from placement_env.report.drawings.charts import front_chart
 from placement_env.report.drawings.maps import plan_view
@@ -34,6 +35,9 @@ from placement_env.report.pages.wording import (
 from toolkit.sites.site import Site
 
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
+LEFT_EXPLAINED = (
+    "The AP of sets in this section are of what is left of them with the failures that the question asks for."
+)
 OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDGED_COLUMNS)
 
 
@@ -46,11 +50,11 @@ def requirement_section(plan: Plan) -> Section:
         Paragraph(
             "AP (average precision) is a mark from 0 to 1 for how well the detector finds vehicles: 1 means that it "
             "finds every vehicle and reports none that is not there. A vehicle counts as found where the reported box "
-            f"and the true one share at least {plan.iou:g} of the space that both take up together (IoU). Beside every "
-            f"AP stand an interval, in which it lies with {CONFIDENCE:.0%} confidence, and the number of vehicles it "
-            "was measured on: with few vehicles the interval is wide. Every AP was measured on traffic that the search "
-            "for the best set never saw. kbit are thousands of bits that a sensor sends for one frame, of which there "
-            "are ten a second."
+            f"and the true one share at least {iou_text(plan.iou)} of the space that both take up together "
+            f"(IoU). Beside every AP stand an interval, in which it lies with {CONFIDENCE:.0%} confidence, and the "
+            "number of vehicles it was measured on: with few vehicles the interval is wide. Every AP was measured on "
+            "traffic that the search for the best set never saw. kbit are thousands of bits that a sensor sends for "
+            "one frame, of which there are ten a second."
         )
     )
     asked = [(Cell(str(key).replace("_", " ")), Cell(in_words(value))) for key, value in plan.question.items()]
@@ -81,6 +85,8 @@ def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
         return Section(key, title, NOTHING_CHOSEN)
     chosen = plan.chosen
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "it was not judged by the detector"
+    if chosen.left is not None:
+        judged += f", and {ap_text(chosen.left)} with the failures that the question asks for"
     conclusion = (
         f"Build {counted(len(chosen.sensors), 'sensor')}, {listed(chosen.sensors)}, for "
         f"{price_text(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} "
@@ -110,14 +116,14 @@ def front_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN)
     if len(plan.front) < 2:
         return Section(key, title, "No other set is better than the chosen one in AP, sent data or price.")
-    judged = [option for option in plan.front if option.judged is not None]
-    best = max(judged, key=lambda each: each.judged.ap if each.judged else 0.0, default=None)
+    judged = [option for option in plan.front if option.counted is not None]
+    best = max(judged, key=lambda each: each.counted.ap if each.counted else 0.0, default=None)
     cheapest = min(plan.front, key=lambda each: each.price)
     what = (
         f"the cheapest of them costs {price_text(cheapest.price, plan.currency)}"
-        if best is None or best.judged is None
+        if best is None or best.counted is None
         else f"prices run from {price_text(cheapest.price, plan.currency)} up, and the highest AP, "
-        f"{measured(best.judged)}, costs {price_text(best.price, plan.currency)}"
+        f"{measured(best.counted)}, costs {price_text(best.price, plan.currency)}"
     )
     conclusion = f"{counted(len(plan.front), 'set')} cannot be bettered in AP, sent data and price at once: {what}."
     drawing = Drawing(
@@ -157,12 +163,16 @@ def _compared(plan: Plan, chosen: PlanOption) -> PlanOption:
 def _other_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
     """Why the chosen set has another AP here than in the rest of the report."""
     compared = _compared(plan, chosen)
-    if compared.judged is None or chosen.judged is None or compared.judged == chosen.judged:
+    if compared.counted is None or chosen.counted is None:
         return ()
+    failing = () if chosen.left is None else (Paragraph(LEFT_EXPLAINED),)
+    if compared.counted == chosen.counted:
+        return failing
     return (
+        *failing,
         Paragraph(
             f"The AP of this section are from the traffic on which the sets were compared. There the chosen set has "
-            f"{measured(compared.judged)}; its {measured(chosen.judged)} in the rest of the report is from other "
+            f"{measured(compared.counted)}; its {measured(chosen.counted)} in the rest of the report is from other "
             "traffic, which had no say in the choice and is therefore the one to trust."
         ),
     )
@@ -179,7 +189,7 @@ def _option(option: PlanOption, *, chosen: bool) -> tuple[Cell, ...]:
     return (
         text_cell(listed(option.sensors) + (" (chosen)" if chosen else "")),
         figure_cell(option.predicted, 3),
-        *judged_cells(option.judged),
+        *judged_cells(option.counted),
         figure_cell(option.kbit_per_sensor),
         figure_cell(option.price, 2),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.report.content import BreakdownRow, Plan, SchemeFigures, overlap
 from placement_env.report.drawings.charts import interval_bars, scheme_chart
 from placement_env.report.pages.document import Column, Drawing, Paragraph, ReportBlock, Section, table
@@ -14,6 +15,7 @@ from placement_env.report.pages.wording import (
     counted,
     figure_cell,
     interval,
+    iou_cell,
     judged_cells,
     measured,
     number,
@@ -110,10 +112,12 @@ def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
     if len(plan.class_ap) < 2:
         return ()
     low = min(plan.class_ap, key=lambda row: row.judged.ap)
-    said = f"Of the classes that count, {low.label} is detected least: {ap_text(low.judged)} at IoU {low.iou:g}."
+    said = (
+        f"Of the classes that count, {low.label} is detected least: {ap_text(low.judged)} at IoU {iou_text(low.iou)}."
+    )
     columns = (Column("Class", number=False), Column("IoU"), Column("weight"), *JUDGED_COLUMNS)
     rows = [
-        (text_cell(row.label), figure_cell(row.iou), figure_cell(row.weight), *judged_cells(row.judged))
+        (text_cell(row.label), iou_cell(row.iou), figure_cell(row.weight), *judged_cells(row.judged))
         for row in plan.class_ap
     ]
     return (Paragraph(said), *table("AP of each class with the chosen set", columns, rows))
@@ -127,12 +131,12 @@ def schemes_section(plan: Plan) -> Section:
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No other scheme of fusion was judged.")
     columns = (Column("Scheme", number=False), Column("IoU"), *JUDGED_COLUMNS, Column("per sensor", "kbit"))
     rows = [
-        (text_cell(e.scheme), figure_cell(e.iou), *judged_cells(e.judged), figure_cell(e.kbit_per_sensor))
+        (text_cell(e.scheme), iou_cell(e.iou), *judged_cells(e.judged), figure_cell(e.kbit_per_sensor))
         for e in plan.schemes
     ]
     conclusion = _compared(plan, asked or list(plan.schemes))
     alt = "AP with intervals of the fusion schemes: " + "; ".join(
-        f"{each.scheme} at IoU {each.iou:g}: {ap_text(each.judged)}" for each in plan.schemes
+        f"{each.scheme} at IoU {iou_text(each.iou)}: {ap_text(each.judged)}" for each in plan.schemes
     )
     return Section(
         key,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from placement_env.fidelity.combined.mean_iou import IoUs, iou_text
 from placement_env.report.content import CONFIDENCE, Judgement
 from placement_env.report.pages.document import Cell, Column
 
@@ -31,6 +32,11 @@ def figure_cell(value: float | None, digits: int = 1) -> Cell:
     """A figure in a table."""
     defined = value is not None and math.isfinite(value)
     return Cell(number(value, digits), value if defined else None)
+
+
+def iou_cell(iou: IoUs) -> Cell:
+    """An IoU threshold, or several over which the mean is taken, in a table."""
+    return figure_cell(iou) if isinstance(iou, float) else Cell(iou_text(iou))
 
 
 def text_cell(text: object) -> Cell:

@@ -57,10 +57,14 @@ def answer(
     (judged,) = final.judge(picked.sets[picked.chosen][None], progress=stage("chosen set"))
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
-    final_option = replace(option, judged=judged, kbit=kbit, kbit_per_sensor=kbit / len(members))
+    left = final.left(picked.sets[picked.chosen][None], progress=stage("failures"))
+    final_option = replace(
+        option, judged=judged, left=None if left is None else left[0], kbit=kbit, kbit_per_sensor=kbit / len(members)
+    )
     short: tuple[str, ...] = ()
-    if question.min_ap is not None and judged.ap < question.min_ap:
-        short = refusals.short_of(question, option, judged, terms.excluded)
+    counted = judged if left is None else left[0]
+    if question.min_ap is not None and counted.ap < question.min_ap:
+        short = refusals.short_of(question, option, counted, terms.excluded)
     scored = breakdown.scored_boxes(final, members)
     schemes = figures.by_scheme(final, chosen, stage("fusion schemes"))
     worth = figures.worths(final, objective, chosen, stage("subsets"))
@@ -75,7 +79,7 @@ def answer(
         iou=question.iou,
         scheme=question.scheme,
         currency=question.currency,
-        verdict=sentences.verdict_of(question, final_option, judged, short),
+        verdict=sentences.verdict_of(question, final_option, counted, short),
         chosen=final_option,
         why=sentences.why(
             question, picked.options, option, picked.rule, considered=terms.found.considered,
@@ -101,7 +105,7 @@ def answer(
         assumptions=sentences.assumptions(
             question, search_fidelity=terms.fidelity, detector=detector, worth_sampled=not chosen.is_small
         ),
-        unknown=sentences.unknown(judged),
+        unknown=sentences.unknown(counted),
         provenance=plan_origin(
             question, candidates, traffic, final.detected.detector,
             network=terms.network, search_fidelity=terms.fidelity,
@@ -112,7 +116,7 @@ def answer(
 def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
     """Judged sets by AP, then the others by what is predicted."""
     return tuple(
-        sorted(options, key=lambda each: (each.judged is None, -(each.judged.ap if each.judged else each.predicted)))
+        sorted(options, key=lambda each: (each.counted is None, -(each.counted.ap if each.counted else each.predicted)))
     )
 
 

@@ -7,7 +7,7 @@ the vehicle it hit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, Detected
 from placement_env.report.content import BreakdownRow, ClassSeen
-from placement_env.report.planning.judging import Judge, combined_judgement
+from placement_env.report.planning.judging import Judge, mean_judgement
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import label_index
 from toolkit.points import centred_in, points_on
@@ -34,7 +34,8 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 class Scored:
     """What one set detects, box by box. truths: scored objects of all frames, in order; truth_frame, truth_label: of
     each; points: that the set has on each; boxes, scores, truth: of the detections that count, and which of the truths
-    each hit, -1 for a false alarm; frame, label: of each; frames: how many there are; classes: that count."""
+    each hit, -1 for a false alarm; frame, label: of each; frames: how many there are; classes: that count; others:
+    the same at the other IoU thresholds over which the mean is taken."""
 
     truths: Float64[np.ndarray, "t 7"]
     truth_frame: Int64[np.ndarray, " t"]
@@ -47,6 +48,7 @@ class Scored:
     truth_label: Int64[np.ndarray, " t"]
     label: Int64[np.ndarray, " n"]
     classes: Classes
+    others: tuple[Scored, ...] = ()
 
     def part(self, truths: Bool[np.ndarray, " t"], detections: Bool[np.ndarray, " n"]) -> list[Tally]:
         """The tally of some truths and detections for each class."""
@@ -62,8 +64,32 @@ class Scored:
 
 def scored_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
     """What the chosen set detects in all frames of a judge."""
+    first, *others = judge.ious
+    scored = _scored_at(judge, chosen, judge.detected.ious.index(first))
+    return replace(scored, others=tuple(_hit_at(judge, chosen, scored, judge.detected.ious.index(o)) for o in others))
+
+
+def _hit_at(judge: Judge, chosen: tuple[int, ...], scored: Scored, at: int) -> Scored:
+    """The same at another IoU threshold, which changes what hits alone."""
+    firsts = np.searchsorted(scored.truth_frame, np.arange(scored.frames))
+    outcomes = judge.outcomes(chosen)
+    rows = [outcome.truth[at].astype(np.int64) for outcome in outcomes]
+    truth = np.concatenate([np.where(row >= 0, first + row, row) for first, row in zip(firsts, rows, strict=True)])
+    counts = truth >= FALSE_ALARM
+    found = [judge.detected.detections(chosen, k) for k in range(scored.frames)]
+    return replace(
+        scored,
+        boxes=np.concatenate([each.boxes for each in found])[counts],
+        scores=np.concatenate([each.scores for each in outcomes])[counts],
+        truth=truth[counts],
+        frame=np.repeat(np.arange(scored.frames), [len(row) for row in rows])[counts],
+        label=np.concatenate([each.labels for each in found])[counts],
+    )
+
+
+def _scored_at(judge: Judge, chosen: tuple[int, ...], at: int) -> Scored:
+    """At the IoU threshold of an index, with the points on the truths."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
-    at = detected.ious.index(detected.iou)
     truths, points, boxes, scores, truth, truth_label, label = [], [], [], [], [], [], []
     first = 0
     for k, outcome in enumerate(outcomes):
@@ -105,16 +131,22 @@ def fused_cloud(detected: Detected, chosen: Sequence[int], k: int) -> np.ndarray
 def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int) -> tuple[BreakdownRow, ...]:
     """A row for each group."""
     of_truth = group_of(scored.truths)
-    hits = scored.truth >= 0
-    of_detection = group_of(scored.boxes)
-    of_detection[hits] = of_truth[scored.truth[hits]]
+    groups = [(each, _of_detections(each, of_truth, group_of)) for each in (scored, *scored.others)]
     rows = []
     for number, name in enumerate(names):
         here = of_truth == number
-        part = scored.part(here, of_detection == number)
-        judged = combined_judgement(part, scored.classes, seed) if here.any() else None
+        parts = [each.part(here, of_detection == number) for each, of_detection in groups]
+        judged = mean_judgement(parts, scored.classes, seed) if here.any() else None
         rows.append(BreakdownRow(name, judged, float(scored.points[here].mean()) if here.any() else None))
     return tuple(rows)
+
+
+def _of_detections(scored: Scored, of_truth: Int64[np.ndarray, " t"], group_of: GroupOf) -> Int64[np.ndarray, " n"]:
+    """Group of each detection: of the truth that it hits, else of where it is."""
+    hits = scored.truth >= 0
+    groups = group_of(scored.boxes)
+    groups[hits] = of_truth[scored.truth[hits]]
+    return groups
 
 
 def by_zone(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:

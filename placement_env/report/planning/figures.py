@@ -57,14 +57,17 @@ def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None
             Detected(
                 detected.renders, detected.detector, scheme_of(name), codec=detected.codec, iou=detected.iou,
                 memo=detected.memo, workers=detected.workers, ray=detected.ray, classes=detected.classes,
-            ),
+            ).at(detected.iou, detected.ious),
             judge.seed,
+            judge.counting,
         )  # fmt: skip
         figures = other.judge(row, progress=progress)
         kbit = float(np.mean([outcome.bits.mean() for outcome in other.outcomes(chosen.members)])) / 1000
-        for iou in sorted({*IOUS, detected.iou}):
-            judged = figures[0] if iou == detected.iou else other.judge(row, iou=iou)[0]
+        for iou in sorted({*IOUS, *judge.ious[:1]} if len(judge.ious) == 1 else IOUS):
+            judged = figures[0] if iou == judge.iou else other.judge(row, iou=iou)[0]
             rows.append(SchemeFigures(name, iou, judged, kbit))
+        if len(judge.ious) > 1:
+            rows.append(SchemeFigures(name, judge.iou, figures[0], kbit))
     return tuple(rows)
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from placement_env.analysis.intervals import percentiles
 from placement_env.analysis.tally import Tally
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.combined.mean_iou import IoUs
+from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement
-from toolkit.arrays import Bool, Int64
+from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluator, counted_evaluator
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS
 
 NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LABELS}
@@ -21,10 +24,12 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """The detector on one part of the traffic. seed: of the bootstrap."""
+    """The detector on one part of the traffic. seed: of the bootstrap; counting: over which IoU thresholds the mean is
+    taken, all of which it matches at, and what fails; None for its own threshold and no failures."""
 
     detected: Detected
     seed: int
+    counting: Counting | None = None
 
     def judge(
         self,
@@ -37,25 +42,70 @@ class Judge:
         are done, where any has to be."""
         rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
         outcomes = self.detected.outcomes(dict.fromkeys(rows), range(self.frames), progress)
-        return [combined_judgement(self.tallies(outcomes[row], iou), self.classes, self.seed) for row in rows]
+        ious = self.ious if iou is None else (iou,)
+        return [mean_judgement(self.tallies(outcomes[row], ious), self.classes, self.seed) for row in rows]
 
-    def tallies(self, outcomes: Sequence[Outcome], iou: float | None = None) -> list[Tally]:
-        """What became of one set's detections, class by class."""
-        at = self.detected.ious.index(self.detected.iou if iou is None else iou)
+    def left(
+        self, sets: Bool[np.ndarray, "n C"], *, progress: Callable[[int], None] | None = None
+    ) -> list[Judgement] | None:
+        """What is left of each set when sensors fail, None where none does. The worst case is that of each resample;
+        recall and precision are those of the worst case, or means over all."""
+        if self.counting is None or not self.counting.failing.sensors:
+            return None
+        failing = self.counting.failing
+        rows, owners = failing.cases(sets)
+        members = [tuple(np.flatnonzero(row).tolist()) for row in rows]
+        outcomes = self.detected.outcomes(dict.fromkeys(members), range(self.frames), progress)
+        judged, draws = {}, {}
+        for each in dict.fromkeys(members):
+            tallies = self.tallies(outcomes[each])
+            judged[each] = mean_judgement(tallies, self.classes, self.seed)
+            draws[each] = mean_resamples(tallies, self.classes, self.seed)
+        resamples = failing.reduced(np.array([draws[each] for each in members]), owners)
+        found = []
+        for n in range(len(sets)):
+            cases = [
+                judged[each]
+                for each, owner in zip(members[len(sets) :], owners[len(sets) :], strict=True)
+                if owner == n
+            ]
+            found.append(_left(cases, resamples[n], worst=failing.combine == "worst"))
+        return found
+
+    def evaluator(self) -> Evaluator:
+        """That has sets race, so counted."""
+        each = tuple(DetectorEvaluator(self.detected.at(iou), self.seed) for iou in self.ious)
+        return counted_evaluator(each, self.counting)
+
+    def tallies(self, outcomes: Sequence[Outcome], ious: Sequence[float] | None = None) -> list[list[Tally]]:
+        """What became of one set's detections at each IoU threshold, class by class. ious: None for all that count."""
         return [
-            Tally.of([outcome.of_class(label) for outcome in outcomes], self.truths_of(label), at)
-            for label in self.classes.labels
+            [
+                Tally.of([outcome.of_class(label) for outcome in outcomes], self.truths_of(label), at)
+                for label in self.classes.labels
+            ]
+            for at in map(self.detected.ious.index, self.ious if ious is None else ious)
         ]
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judgement of one set for each class that counts, by itself."""
         tallies = self.tallies(self.outcomes(chosen))
-        classes = self.classes
+        classes, counting = self.classes, self.counting or Counting.of(self.detected.iou)
         return tuple(
-            ClassAP(name, weight, classes.iou_of(name, self.detected.iou), combined_judgement([tally], one, self.seed))
-            for name, weight, tally in zip(classes.names, classes.weights, tallies, strict=True)
-            for one in [Classes((name,))]
+            ClassAP(name, weight, counting.of_class(classes, name), mean_judgement(own, Classes((name,)), self.seed))
+            for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True))
+            for own in [[[at[k]] for at in tallies]]
         )
+
+    @property
+    def ious(self) -> tuple[float, ...]:
+        """Thresholds over which the mean is taken."""
+        return (self.detected.iou,) if self.counting is None else self.counting.ious
+
+    @property
+    def iou(self) -> IoUs:
+        """The one, or all."""
+        return self.ious[0] if len(self.ious) == 1 else self.ious
 
     @property
     def classes(self) -> Classes:
@@ -84,6 +134,38 @@ class Judge:
     def truths_of(self, label: int) -> Int64[np.ndarray, " frames"]:
         """Those of one class."""
         return np.array([self.detected.to_find(k, label).sum() for k in range(self.frames)], np.int64)
+
+
+def mean_judgement(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
+    """Figures of a tally for each class at each of several IoU thresholds: means over these, the interval too."""
+    each = [combined_judgement(at, classes, seed) for at in tallies]
+    if len(each) == 1:
+        return each[0]
+    ap, recall = (float(np.mean([getattr(judged, name) for judged in each])) for name in ("ap", "recall"))
+    low, high = percentiles(mean_resamples(tallies, classes, seed), confidence=CONFIDENCE)
+    precisions = [judged.precision for judged in each if judged.precision is not None]
+    precision = float(np.mean(precisions)) if precisions else None
+    return replace(each[0], ap=ap, low=min(low, ap), high=max(high, ap), recall=recall, precision=precision)
+
+
+def mean_resamples(
+    tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int
+) -> Float64[np.ndarray, " resamples"]:
+    """AP of each resample in the mean over IoU thresholds, of a tally for each class at each."""
+    found = [classes.combined(np.stack([each.resamples(seed=seed) for each in at], axis=1)) for at in tallies]
+    return np.asarray(np.mean(found, axis=0))
+
+
+def _left(cases: Sequence[Judgement], resamples: Float64[np.ndarray, " resamples"], *, worst: bool) -> Judgement:
+    """Of the cases of one set's failures."""
+    least = min(cases, key=lambda case: case.ap)
+    low, high = percentiles(resamples, confidence=CONFIDENCE)
+    if worst:
+        return replace(least, low=min(low, least.ap), high=max(high, least.ap))
+    ap, recall = (float(np.mean([getattr(case, name) for case in cases])) for name in ("ap", "recall"))
+    precisions = [case.precision for case in cases if case.precision is not None]
+    precision = float(np.mean(precisions)) if precisions else None
+    return replace(least, ap=ap, low=min(low, ap), high=max(high, ap), recall=recall, precision=precision)
 
 
 def combined_judgement(tallies: Sequence[Tally], classes: Classes, seed: int) -> Judgement:

@@ -143,7 +143,7 @@ class _Planning:
             candidates=candidates,
             frames=frames,
             scheme=scheme_of(question.scheme),
-            iou=question.iou,
+            iou=question.counting.ious[0],
             seed=question.seed + part,
             cache=self.cache,
             workers=self.workers,
@@ -156,26 +156,31 @@ class _Planning:
         detected = prepared.fidelity("detector")
         if not isinstance(detected, Detected):
             raise TypeError("fidelity detector must be Detected")
-        return Judge(detected, self.question.seed)
+        counting = self.question.counting
+        return Judge(detected.at(counting.ious[0], counting.ious), self.question.seed, counting)
 
     def _objective(self, prepared: Preparation, fidelity: FidelityName) -> Objective:
-        return Objective.of(
+        counting = self.question.counting
+        objective = Objective.of(
             prepared.candidates,
-            prepared.fidelity(fidelity),
+            counting.fidelity(prepared, fidelity),
             prepared.scheme,
             site=self.question.site,
             visibility=prepared.visibility,
             codec=prepared.codec,
             most_price=self.question.most_price,
         )
+        objective.counting = counting  # which kept entrants depend on
+        return objective
 
     def _search_fidelity(self) -> FidelityName:
         """The surrogate where there is one for the scheme and IoU, else coverage."""
         question = self.question
         try:
-            check_fidelity_for(
-                question.site, self.pool, question.scheme, "surrogate", iou=question.iou, classes=question.classes
-            )
+            for iou in question.counting.ious:
+                check_fidelity_for(
+                    question.site, self.pool, question.scheme, "surrogate", iou=iou, classes=question.classes
+                )
         except ValueError:
             return "coverage"
         return "surrogate"

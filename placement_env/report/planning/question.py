@@ -14,8 +14,11 @@ import shapely
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from placement_env.checks import check_iou, check_whole
+from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, classes_of
+from placement_env.fidelity.combined.mean_iou import IoUs
+from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.combined.robust import Failing
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
@@ -35,7 +38,9 @@ class Question:
     best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
     send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
     that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
-    fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file
+    fusion; iou: at which a detection counts, or several, whose mean AP does; failing: sensors that fail (a
+    number, or `Failing`), so that what is left of a set decides; candidates: "pool", "paper" for the site's own
+    sensors, or a GeoJSON file
     of poles; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
     sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
@@ -53,7 +58,8 @@ class Question:
     capacity_kbit: float | None = None
     classes: Any = VEHICLES
     scheme: str = "early"
-    iou: float = 0.7
+    iou: IoUs = 0.7
+    failing: Failing | int = 0
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
     keep_out: tuple[shapely.Geometry, ...] = ()
@@ -80,7 +86,14 @@ class Question:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
         object.__setattr__(self, "classes", classes_of(self.classes))
         scheme_of(self.scheme)
-        check_iou(self.iou)
+        counting = Counting.of(self.iou, self.failing)
+        object.__setattr__(self, "iou", counting.iou)
+        object.__setattr__(self, "failing", counting.failing)
+        if self.sensors is not None and 0 < self.sensors <= counting.failing.sensors:
+            raise ValueError(
+                f"of {self.sensors} sensors nothing is left when {counting.failing.sensors} fail: allow more sensors, "
+                "or let fewer fail"
+            )
         for name in ("search_frames", "judge_frames", "final_frames"):
             check_whole(name, getattr(self, name), least=1)
         check_whole("seed", self.seed, least=0)
@@ -90,6 +103,11 @@ class Question:
             raise ValueError(
                 "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
             )
+
+    @cached_property
+    def counting(self) -> Counting:
+        """At which IoU thresholds sets are scored, and with which failures."""
+        return Counting.of(self.iou, self.failing)
 
     @property
     def most_price(self) -> float:
@@ -136,9 +154,11 @@ class Question:
             "classes": list(self.classes.names),
             "class_weights": list(self.classes.weights),
             "combine": self.classes.combine,
-            "class_ious": [self.classes.iou_of(name, self.iou) for name in self.classes.names],
+            "class_ious": [self.counting.of_class(self.classes, name) for name in self.classes.names],
             "scheme": self.scheme,
-            "iou": self.iou,
+            "iou": self.iou if isinstance(self.iou, float) else list(self.iou),
+            "failing": self.counting.failing.sensors,
+            "failures": self.counting.failing.combine,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,
             "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],
             "keep_out_areas": len(self.keep_out),

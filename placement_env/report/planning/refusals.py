@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.objective import Objective
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.sentences import money, plural
+from placement_env.report.planning.sentences import money, of_what, plural
 from toolkit.arrays import Bool
 
 
@@ -87,9 +88,10 @@ def short_of(question: Question, best: PlanOption, final: Judgement, excluded: t
     price = money(best.price, question.currency)
     reasons = [
         f"The best set found, {plural(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
-        f"({final.low:.3f} to {final.high:.3f}) on {plural(final.vehicles, final.kind)} in the final traffic"
-        + (f" and {best.judged.ap:.3f} in the traffic it was chosen on" if best.judged else "")
-        + f"; {question.min_ap:g} is required at IoU {question.iou:g}."
+        f"({final.low:.3f} to {final.high:.3f}){of_what(question)} on "
+        f"{plural(final.vehicles, final.kind)} in the final traffic"
+        + (f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else "")
+        + f"; {question.min_ap:g} is required at IoU {iou_text(question.iou)}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
         reasons.append(f"The budget of {plural(question.sensors, 'sensor')} is used up: more might reach it.")

@@ -5,22 +5,23 @@ small and cheap ones stay in; the best few of each size are judged on all frames
 the set of the greatest AP. With one it is the cheapest set, by price, number of sensors, then kbit, whose interval lies
 above it; where none does, the cheapest whose AP reaches it; where none does either, the set of the greatest AP. Of sets
 with equal AP the one of the greater mean AP over the detector's IoU thresholds is taken, and of equal ones again the
-cheaper.
+cheaper. Where the plan asks for sensors that fail, the AP is what is left of a set then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from placement_env.fidelity.detector import IOUS
 from placement_env.objective import Objective, Stages
 from placement_env.report.content import Judgement, PlanOption, overlap
 from placement_env.report.planning.judging import Judge
 from placement_env.search.exact.exhaustive import undominated
 from placement_env.search.portfolio.entrants import Entrants
-from placement_env.search.portfolio.evaluators import DetectorEvaluator
 from placement_env.search.portfolio.portfolio import contest
 from toolkit.arrays import Bool
 
@@ -52,14 +53,17 @@ def select(
 ) -> Selection:
     """The answer among the entrants, of which there is at least one. confidence: at which a race of one size ends."""
     judged = _judged(objective, found, judge, confidence=confidence, seed=seed, progress=progress)
-    options = tuple(_option(objective, found, i, *judged.get(i, (None, None))) for i in range(len(found.sets)))
-    chosen, rule = choose(options, min_ap)
-    return Selection(options, found.sets, chosen, rule)
+    options = []
+    for i in range(len(found.sets)):
+        said, mean_ap, left = judged.get(i, (None, None, None))
+        options.append(_option(objective, found, i, said, mean_ap, left=left))
+    chosen, rule = choose(tuple(options), min_ap)
+    return Selection(tuple(options), found.sets, chosen, rule)
 
 
 def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
     """The answer among options of which some are judged, and by which rule."""
-    judged = [(i, option, option.judged) for i, option in enumerate(options) if option.judged is not None]
+    judged = [(i, option, option.counted) for i, option in enumerate(options) if option.counted is not None]
 
     def thrifty(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
         _, option, judgement = entry
@@ -76,20 +80,20 @@ def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, 
 
 def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
     """Judged sets other than the chosen one whose interval overlaps with its interval, cheap ones first."""
-    of_chosen = options[chosen].judged
+    of_chosen = options[chosen].counted
     if of_chosen is None:
         return ()
     near = [
         option
         for i, option in enumerate(options)
-        if i != chosen and option.judged and overlap(option.judged, of_chosen)
+        if i != chosen and option.counted and overlap(option.counted, of_chosen)
     ]
-    return tuple(sorted(near, key=lambda option: (option.price, -option.judged.ap if option.judged else 0.0)))
+    return tuple(sorted(near, key=lambda option: (option.price, -option.counted.ap if option.counted else 0.0)))
 
 
 def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
     """Judged sets that no other one beats in AP, kbit per sensor and price at once, by price, then AP."""
-    judged = [(option, option.judged) for option in options if option.judged is not None]
+    judged = [(option, option.counted) for option in options if option.counted is not None]
     figures = np.array([(-j.ap, o.kbit_per_sensor, o.price) for o, j in judged]).reshape(-1, 3)
     kept = [judged[i] for i in undominated(figures)]
     return tuple(option for option, _ in sorted(kept, key=lambda pair: (pair[0].price, pair[1].ap)))
@@ -97,30 +101,38 @@ def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
 
 def _judged(
     objective: Objective, found: Entrants, judge: Judge, *, confidence: float, seed: int, progress: Stages | None
-) -> dict[int, tuple[Judgement, float]]:
+) -> dict[int, tuple[Judgement, float, Judgement | None]]:
     """Judgement and mean AP over the IoU thresholds of the best of each size, by their place among the entrants."""
     sizes = found.sets.sum(axis=1)
-    judged: dict[int, tuple[Judgement, float]] = {}
-    evaluator = DetectorEvaluator(judge.detected, judge.seed)
+    judged: dict[int, tuple[Judgement, float, Judgement | None]] = {}
+    evaluator = judge.evaluator()
     different = np.unique(sizes)
     for done, size in enumerate(different, 1):
         places = np.flatnonzero(sizes == size)
         ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=seed)
         kept = places[ran.ranking[:KEPT]]
-        mean_ap = np.mean([each.ap for each in judge.detected.estimates(found.sets[kept]).values()], axis=0)
+        estimates = judge.detected.estimates(found.sets[kept])
+        mean_ap = np.mean([estimates[iou].ap for iou in IOUS], axis=0)
         judgements = judge.judge(found.sets[kept])
-        judged |= dict(zip(kept.tolist(), zip(judgements, mean_ap.tolist(), strict=True), strict=True))
+        left: Sequence[Judgement | None] = judge.left(found.sets[kept]) or [None] * len(kept)
+        judged |= dict(zip(kept.tolist(), zip(judgements, mean_ap.tolist(), left, strict=True), strict=True))
         if progress is not None:
             progress("judging", done, len(different))
     return judged
 
 
 def _option(
-    objective: Objective, found: Entrants, i: int, judged: Judgement | None, mean_ap: float | None
+    objective: Objective,
+    found: Entrants,
+    i: int,
+    judged: Judgement | None,
+    mean_ap: float | None,
+    *,
+    left: Judgement | None,
 ) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
     names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
     predicted = round(float(found.predicted[i]), 6)  # as found: scored again beside other sets it may round otherwise
     return PlanOption(
-        names, score.price, score.kbit_per_sensor, score.kbit, predicted, judged, found.searches[i], mean_ap
+        names, score.price, score.kbit_per_sensor, score.kbit, predicted, judged, found.searches[i], mean_ap, left
     )

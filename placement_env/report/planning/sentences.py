@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from placement_env.classes import VEHICLES
+from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning.question import Question
@@ -37,10 +38,16 @@ def figure(judged: Judgement) -> str:
     return f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
 
 
+def of_what(question: Question) -> str:
+    """What an AP by which sets are compared is of: "" for that of the intact set."""
+    failing = question.counting.failing
+    return f", {failing.described}," if failing.sensors else ""
+
+
 def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons: tuple[str, ...]) -> Verdict:
-    """The answer. reasons: why a requirement is not met."""
+    """The answer. final: by which it is compared with the requirement; reasons: why a requirement is not met."""
     count, price = plural(len(chosen.sensors), "sensor"), money(chosen.price, question.currency)
-    said = f"{figure(final)} at IoU {question.iou:g} with {count} for {price}"
+    said = f"{figure(final)}{of_what(question)} at IoU {iou_text(question.iou)} with {count} for {price}"
     if question.min_ap is None:
         return Verdict(None, f"The best set found within the budget has {said}.")
     if final.ap >= question.min_ap:
@@ -77,12 +84,14 @@ def why(
 ) -> tuple[str, ...]:
     """Why this set, with figures."""
     judged = [option.judged for option in options if option.judged is not None]
+    failing = question.counting.failing
     searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
-    second = chosen.judged
+    second = chosen.counted
     sentences = [
         f"{considered:,} sets were scored by the {fidelity}; {len(options)} of them raced by the detector on traffic "
         f"that no search saw, and {len(judged)} were judged on all of it.",
         RULES[rule],
+        *([f"The AP by which sets are compared is {failing.described}."] if failing.sensors else []),
         f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, "
         f"its AP among the judged sets {second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
         if second
@@ -133,7 +142,7 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
         "Traffic is simulated (SUMO) and measurements are cast rays with noise of the sensors' models; nothing was "
         "measured at the place itself.",
         f"AP is {of} centred in the detection area, by the "
-        f"detector {detector} at IoU {question.iou:g} in {question.scheme} fusion.",
+        f"detector {detector} at IoU {iou_text(question.iou)} in {question.scheme} fusion.",
         "Searches, comparison and judgement have traffic of their own each (seeds "
         f"{question.seed}, {question.seed + 1} and {question.seed + 2}): no AP stated for the chosen set is from "
         "traffic that it was searched or chosen on.",
@@ -143,6 +152,11 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
         "links are compared with them at 10 frames a second.",
         _of_errors(question),
     ]
+    if not isinstance(question.iou, float):
+        sentences.append(
+            f"Every AP is the mean of those at IoU {', '.join(f'{iou:g}' for iou in question.iou)}, as in COCO, unless "
+            f"another IoU stands beside it; pictures of single frames show what hits at IoU {question.iou[0]:g}."
+        )
     if others:
         sentences.append(
             f"No AP is asked for {', '.join(others)}: of these a share is stated that the set has at least "

@@ -6,7 +6,7 @@ where there is no detector. Frames of one block of `BLOCK_FRAMES` show the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -69,9 +69,13 @@ def evaluator_of(
     which failures, None for the preparation's own; seed: of the resamples."""
     if counting is None:
         return _plain(preparation, fidelity, seed)
-    each = [_plain(at, fidelity, seed) for at in counting.preparations(preparation)]
+    return counted_evaluator([_plain(at, fidelity, seed) for at in counting.preparations(preparation)], counting)
+
+
+def counted_evaluator(each: Sequence[Evaluator], counting: Counting | None) -> Evaluator:
+    """The mean of evaluators of one IoU threshold each, and what is left where sensors fail."""
     mean = each[0] if len(each) == 1 else MeanEvaluator(tuple(each))
-    return RobustEvaluator(mean, counting.failing) if counting.failing.sensors else mean
+    return RobustEvaluator(mean, counting.failing) if counting is not None and counting.failing.sensors else mean
 
 
 def _plain(preparation: Preparation, fidelity: str, seed: int) -> Evaluator:

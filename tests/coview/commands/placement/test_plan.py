@@ -154,3 +154,18 @@ def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
         judged = row["judged"]
         assert f"  {name:<10} AP {judged['ap']:.3f} ({judged['low']:.3f} to {judged['high']:.3f}) at IoU" in out
     assert "AP of each class with the chosen set" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_plan_goes_by_the_mean_over_thresholds_and_by_what_is_left(tmp_path, run):
+    code, out, err = run(
+        "plan", "tjunction", "--budget", 2, *PAPER, "--iou", "0.8:0.9", "--failing", 1, "--failures", "mean",
+        "--cache", "None", "--workers", 1, "--out", tmp_path / "out", "--json",
+    )  # fmt: skip
+    assert code == 0, err
+    made = json.loads(out)
+    assert (made["iou"], made["question"]["failing"], made["question"]["failures"]) == ([0.8, 0.85, 0.9], 1, "mean")
+    lost = [case["judged"]["ap"] for case in made["failures"]]
+    assert made["chosen"]["left"]["ap"] == pytest.approx(np.mean(lost))
+    assert "in the mean over which 1 sensor fails" in (tmp_path / "out" / "report.html").read_text()
+    code, _, err = run("plan", "tjunction", "--budget", 1, "--failing", 1, *PAPER, "--out", tmp_path / "one")
+    assert (code, "nothing is left when 1 fail" in err) == (2, True)

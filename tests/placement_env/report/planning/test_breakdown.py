@@ -1,9 +1,12 @@
 """AP by group on a known street: every vehicle and false alarm is counted once, where it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.breakdown import (
     by_approach,
@@ -90,3 +93,17 @@ def test_groups_of_several_classes_are_combined(street):
     assert rows[1].judged.ap == alone[0].judged.ap
     (together,) = by_group(scored, ["all"], lambda boxes: np.zeros(len(boxes), np.int64), 0)
     assert together.judged.ap == alone[0].judged.ap / 2
+
+
+def test_groups_at_several_thresholds_are_means(street):
+    """Boxes of the reader are exact in footprint, so both thresholds hit alike; the second is counted by itself."""
+    counting = Counting.of((0.7, 0.9))
+    scored = scored_boxes(Judge(street.detected.at(0.7, counting.ious), 0, counting), (0, 2))
+    (other,) = scored.others
+    for name in ("truth", "boxes", "scores", "frame", "label"):
+        assert np.array_equal(getattr(scored, name), getattr(other, name)), name
+    blind = replace(scored, others=(replace(other, truth=np.full_like(other.truth, -1)),))
+    everything = [lambda boxes: np.zeros(len(boxes), np.int64)]
+    (whole,) = by_group(replace(scored, others=()), ["all"], everything[0], 0)
+    (half,) = by_group(blind, ["all"], everything[0], 0)
+    assert half.judged.ap == pytest.approx(whole.judged.ap / 2)

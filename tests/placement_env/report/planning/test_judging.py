@@ -5,8 +5,10 @@ import pytest
 
 from placement_env.analysis.tally import Tally
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.judging import Judge, combined_judgement, judgement
+from placement_env.report.planning.judging import Judge, combined_judgement, judgement, mean_judgement
 from toolkit.objects import Detections
 
 
@@ -103,3 +105,48 @@ def test_classes_of_which_there_is_nothing(walked):
     some = Tally(np.array([0.9]), np.array([True]), np.array([1]), np.ones(4, np.int64))
     found = combined_judgement([some, none], Classes(("vehicle", "heavy")), 0)
     assert (found.ap, found.recall) == (0.25, 0.25)
+
+
+def test_several_thresholds_give_means_over_them_with_one_interval(street):
+    """Found at both thresholds as at one: the reader's boxes are exact, so the mean is the AP of each."""
+    counting = Counting.of((0.7, 0.9))
+    judge = Judge(street.detected.at(0.7, counting.ious), 0, counting)
+    assert (judge.iou, judge.ious) == ((0.7, 0.9), (0.7, 0.9))
+    (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
+    assert (both.ap, both.low, both.high, both.vehicles) == (0.75, 0.75, 0.75, 32)
+    assert judge.by_class((0, 1))[0].iou == (0.7, 0.9)
+
+
+def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
+    rng = np.random.default_rng(5)
+    frame = np.repeat(np.arange(20), 3)
+    scores, hit = rng.random(60), rng.random(60) < frame / 20
+    loose, strict = (
+        Tally(scores, hit, frame, np.full(20, 4)),
+        Tally(scores, hit & (scores > 0.5), frame, np.full(20, 4)),
+    )
+    found = mean_judgement([[loose], [strict]], VEHICLES, 1)
+    one, other = judgement(loose, 1), judgement(strict, 1)
+    assert found.ap == pytest.approx((one.ap + other.ap) / 2)
+    assert found.recall == pytest.approx((one.recall + other.recall) / 2)
+    assert found.precision == pytest.approx(np.mean([loose.precision, strict.precision]))
+    draws = (loose.resamples(seed=1) + strict.resamples(seed=1)) / 2
+    assert (found.low, found.high) == pytest.approx(tuple(np.quantile(draws, [0.025, 0.975])))
+    assert found.vehicles == 80
+
+
+@pytest.mark.parametrize(("combine", "ap"), [("worst", 0.25), ("mean", 0.375)])
+def test_what_is_left_when_one_fails(street, combine, ap):
+    """Post 0 finds two of four cars, post 3 one of these two; a set of one has nothing left."""
+    judge = Judge(street.detected, 0, Counting.of(0.7, Failing(1, combine)))
+    pair, alone = judge.left(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)) or []
+    assert (pair.ap, pair.recall, pair.low, pair.high) == (ap, ap, ap, ap)
+    assert (alone.ap, alone.recall, alone.precision, alone.vehicles) == (0.0, 0.0, None, 32)
+    (intact,) = judge.judge(np.array([[1, 0, 0, 1]], bool))
+    assert intact.ap == 0.5
+    raced = judge.evaluator().evaluate(np.array([[1, 0, 0, 1]], bool), np.arange(8))
+    assert raced.ap == pytest.approx([ap], abs=1e-5)
+
+
+def test_nothing_is_left_to_say_where_nothing_fails(street):
+    assert street.judge.left(np.array([[1, 0, 0, 1]], bool)) is None

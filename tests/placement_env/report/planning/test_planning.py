@@ -173,3 +173,32 @@ def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, cache):
     assert planned.plan.provenance["errors"]["profile"] == "paper"
     assert rough.provenance["traffic"] == planned.plan.provenance["traffic"]
     assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap
+
+
+def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
+    made = plan(replace(QUESTION, iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01), cache=cache).plan
+    chosen = made.chosen
+    assert made.question["iou"] == [0.7, 0.8, 0.9]
+    assert (made.question["failing"], made.question["failures"]) == (1, "worst")
+    assert len(chosen.sensors) == 2  # of one nothing is left
+    assert chosen.left.ap == pytest.approx(min(case.judged.ap for case in made.failures))
+    assert made.verdict.met is (chosen.left.ap >= 0.01)
+    assert "what is left in the worst case when 1 sensor fails" in made.verdict.sentence
+    assert "IoU 0.7 to 0.9 (mean of 3 thresholds)" in made.verdict.sentence
+    own = {row.iou: row.judged.ap for row in made.schemes if row.scheme == "early"}
+    assert own[(0.7, 0.8, 0.9)] == pytest.approx(np.mean([own[iou] for iou in (0.7, 0.8, 0.9)])) == chosen.judged.ap
+    for rows in (made.by_zone, made.by_range, made.by_approach):
+        assert sum(row.judged.vehicles for row in rows if row.judged) == chosen.judged.vehicles
+    assert sum(worth.shapley for worth in made.worth) == pytest.approx(chosen.judged.ap)
+    assert any("as in COCO" in sentence for sentence in made.assumptions)
+    assert {option.left is None for option in made.considered if option.judged} == {False}
+    assert all(option.left is None for option in planned.plan.considered)
+
+
+def test_another_iou_is_not_answered_from_the_cache_of_one(planned, cache):
+    """Entrants that are kept depend on the IoU by which they were found."""
+    strict = plan(replace(QUESTION, iou=0.9), cache=cache).plan
+    loose = {option.sensors: option.predicted for option in planned.plan.considered}
+    shared = [option for option in strict.considered if option.sensors in loose]
+    assert shared
+    assert all(loose[option.sensors] > option.predicted for option in shared)

@@ -30,6 +30,9 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"classes": ()}, "classes must be one or several different ones"),
         ({"scheme": "middle"}, "middle"),
         ({"iou": 0.0}, "iou must lie in"),
+        ({"iou": (0.7, 0.7)}, "several different ones"),
+        ({"failing": 3}, "0, 1 or 2 sensors may fail, got 3"),
+        ({"sensors": 2, "failing": 2}, "of 2 sensors nothing is left when 2 fail"),
         ({"search_frames": 0}, "search_frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
         ({"candidates": "paper", "catalogue": CATALOGUE}, "the site's own sensors have their models"),
@@ -84,3 +87,11 @@ def test_classes_are_written_down():
     assert question.in_words["combine"] == "worst"
     assert question.in_words["class_ious"] == [0.8, 0.5]
     assert Question(site=SITE, classes=("cyclist",)).classes == Classes(("cyclist",))
+
+
+def test_one_threshold_or_several_and_classes_with_their_own():
+    question = Question(site=SITE, iou=(0.9, 0.7), classes=("vehicle", "pedestrian"), failing=1)
+    assert (question.iou, question.counting.ious) == ((0.7, 0.9), (0.7, 0.9))
+    assert question.in_words["class_ious"] == [(0.7, 0.9), 0.5]
+    assert question.classes.described(question.iou) == "mean of vehicle and pedestrian (IoU 0.5)"
+    assert Question(site=SITE, iou=(0.8,)).iou == 0.8

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.fidelity.combined.prepared import Counting
 from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
 from placement_env.search.portfolio.entrants import Entrants
 
@@ -94,3 +96,16 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert picked.options[2].mean_ap is None
     cheap = select(street.objective, found, street.judge, min_ap=0.75)
     assert (cheap.chosen, cheap.rule) == (4, "interval")
+
+
+def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
+    frail = replace(option(0.95, 0.9, 1.0, price=1.0), left=option(0.2, 0.1, 0.3).judged)
+    tough = replace(option(0.9, 0.8, 1.0, price=2.0), left=option(0.7, 0.6, 0.8).judged)
+    assert choose((frail, tough), None) == (1, "best")
+    assert choose((frail, tough), 0.5) == (1, "interval")
+    assert judged_front((frail, tough)) == (frail, tough)
+    assert near_optimal((frail, tough), 1) == ()
+    judge = Judge(street.detected, 0, Counting.of(0.7, 1))
+    sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)
+    picked = select(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
+    assert [(o.judged.ap, o.left.ap) for o in picked.options] == [(0.75, 0.5), (0.75, 0.5)]
