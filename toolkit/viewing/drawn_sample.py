@@ -69,11 +69,8 @@ class Drawing:
         """What a recording that begins with this sample is counted from, in metres, world frame: the middle of its
         sensors, and its ground where that stays as it is."""
         points = sample.points()
-        low = (
-            np.round(np.percentile(points[:, 2], GROUND_PERCENTILE))
-            if len(points) and self.levelling == "none"
-            else 0.0
-        )
+        stays = self.levelling == "none" and len(points) > 0
+        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
         return np.array([*(middle_of(sample) if self.middle is None else self.middle), low], np.float64)
 
     def drawn(self, sample: Sample, origin: Float64[np.ndarray, "3"]) -> DrawnSample:

@@ -51,6 +51,8 @@ class LiveView:
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, Any] = {handle.name: handle for handle in groups}
         self.shown: list[Any] = []
+        self.switches: dict[str, Any] = {}  # of the page, by what they show
+        self._wanted = 0
         start_at(server, *overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
@@ -69,7 +71,10 @@ class LiveView:
 
     def show(self, number: int) -> None:
         """Show the sample of this number in place of what is shown; nothing, and why, where it cannot be read."""
+        self._wanted = number
         with self._lock:
+            if number != self._wanted:  # the slider has gone on meanwhile
+                return
             try:
                 self._drawn = self.drawing.drawn(self.samples.at(number), self.origin)
                 self.said = _line_of(self._drawn)
@@ -110,6 +115,7 @@ class LiveView:
         if len(self.samples) < 2:
             return
         slider: Any = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+        self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
         after = self.server.gui.add_button("Next frame")
 
@@ -126,6 +132,7 @@ class LiveView:
     def _add_switch(self, folder: Any, name: str, nodes: list[str]) -> None:
         with folder:
             switch = self.server.gui.add_checkbox(name, True)
+        self.switches[name] = switch
 
         def apply(_: Any) -> None:
             for node in nodes:
@@ -152,8 +159,10 @@ def view_live(
 ) -> None:
     """Serve a recording to browsers of this machine until the process is interrupted; ready: is handed the address.
 
-    Raises ImportError without viser, and what reading the first sample raises.
+    Raises ImportError without viser, ValueError for a port that is none, and what reading the first sample raises.
     """
+    if not 1 <= port < 2**16:
+        raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
     with viser_server(port) as server:
         LiveView(server, samples, drawing)
         ready(f"http://127.0.0.1:{server.get_port()}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -65,7 +67,6 @@ def view(
 
     check_least("--frames", frames, 1, "leave it out for all")
     check_least("--every", every, 1)
-    check_least("--port", port, 1)
     check_file(out, inputs=[recording, *([poses] if poses else [])], overwrite=overwrite)
     check_viser()
     opened = open_clouds(recording, layout or "hdf5", poses=poses, inverted=inverted)
@@ -75,7 +76,7 @@ def view(
         network, middle, _ = sample_detector(detector, area)
     drawing = Drawing(network, level or ("none" if layout in (None, "hdf5") else "map"), middle)
     if out is None:
-        view_live(samples, drawing, port=port, ready=lambda url: print_result({"url": url}, _served(url), as_json=json))
+        view_live(samples, drawing, port=port, ready=partial(_say_where, as_json=json))
         return OK
     with progress_bar("frame", len(samples), hidden=json) as bar:
         drawn = drawing.all_of(samples, progress=bar.to)
@@ -86,5 +87,6 @@ def view(
     return OK
 
 
-def _served(url: str) -> str:
-    return f"{url} (this machine alone; Ctrl-C ends it)"
+def _say_where(url: str, *, as_json: bool) -> None:
+    print_result({"url": url}, f"{url} (this machine alone; Ctrl-C ends it)", as_json=as_json)
+    sys.stdout.flush()  # here, as nothing else is printed while it is served

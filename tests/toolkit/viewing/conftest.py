@@ -1,6 +1,5 @@
 """Two samples of two lidars near a car, a pedestrian and a trailer that is none of our classes."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
 from toolkit.objects import Detections, Objects
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 CAR = [12.0, 3.0, 0.75, 4.2, 1.8, 1.5, 0.3]
 
 
@@ -34,16 +31,3 @@ def samples():
 @pytest.fixture(scope="session")
 def finds_the_car():
     return lambda points: Detections(np.array([CAR]) - [0, 0, 0, 0, 0, 0, 0.1], np.array([0.9]))
-
-
-@pytest.fixture(scope="session")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.fail("pages are tested in Chromium, which is not here: run make, or apt-get install chromium")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
-        yield chromium
-        chromium.close()

@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import pytest
@@ -70,6 +71,35 @@ def test_points_are_drawn_in_one_colouring_at_a_time(view):
     view.show(1)
     assert {"/sensors/0/height/0", "/sensors/1/height/0"} < shown(view)
     assert [view.groups[f"/sensors/1/{each}"].visible for each in ("sensor", "height")] == [False, True]
+
+
+def wait_until(true):
+    """Controls act in threads of viser."""
+    for _ in range(200):
+        if true():
+            return
+        time.sleep(0.05)
+    pytest.fail("nothing happened in 10 s")
+
+
+def test_switches_hide_and_the_slider_goes_to_a_frame(view):
+    view.switches["north"].value = False
+    wait_until(lambda: not view.groups["/sensors/0"].visible)
+    view.switches["vehicle"].value = False
+    wait_until(lambda: not view.groups["/truth/vehicle"].visible and not view.groups["/detections/vehicle"].visible)
+    assert view.groups["/truth/pedestrian"].visible
+    assert view.groups["/truth"].visible
+    view.switches["north"].value = True
+    wait_until(lambda: view.groups["/sensors/0"].visible)
+    view.switches["frame"].value = 1
+    wait_until(lambda: view.said.startswith("second") and "/sensors/1/sensor/0" in shown(view))
+    assert "south" in view.switches
+
+
+@pytest.mark.parametrize("port", [0, -1, 65536])
+def test_a_port_that_is_none_is_refused(recording, port):
+    with pytest.raises(ValueError, match=r"port must lie in 1\.\.65535"):
+        view_live(recording, Drawing(), port=port)
 
 
 def test_a_first_sample_that_is_damaged_is_an_error(recording):

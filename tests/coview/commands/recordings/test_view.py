@@ -49,6 +49,7 @@ def test_what_is_refused(recording, clouds, tmp_path, refused):
     assert "--frames must be at least 1" in refused("view", recording, "--frames", 0)
     assert "--every must be at least 1" in refused("view", recording, "--every", 0)
     assert "needs a site" in refused("view", recording, "--detector", "voxelnet")
+    assert "port must lie in 1..65535" in refused("view", recording, "--port", 70000)
     assert "for --layout folder" in refused("view", recording, "--poses", "p.json")
     assert "is empty" in refused("view", recording, "--area", 1, 1, 0, 0)
     assert str(recording) in refused("view", recording, "--out", recording, "--overwrite")

@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import time
 from dataclasses import replace
 
@@ -11,9 +10,7 @@ import pytest
 
 from placement_env.report.pages.files import write_report
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BOXES = ("/truth", "/hit", "/missed", "/false")
-FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 @pytest.fixture(scope="module")
@@ -21,19 +18,6 @@ def report(example, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     write_report(example, folder)
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.fail("the report is tested in Chromium, which is not here: run make, or apt-get install chromium")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture
