@@ -39,6 +39,7 @@ def plan(
     combine: Combine = "mean",
     small_iou: float = 0.5,
     scheme: str = "early",
+    codec: str = "paper",
     iou: float = 0.7,
     candidates: str = "pool",
     sensors: Path | None = None,
@@ -69,7 +70,8 @@ def plan(
         class_weights: Of each class in their mean; equal when left out.
         combine: AP of several classes: their mean, or that of the worst.
         small_iou: In place of --iou for cyclists and pedestrians.
-        scheme: How measurements are fused: early, late or hybrid.
+        scheme: How measurements are fused: early, late, hybrid or foreground.
+        codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm.
         iou: At which a detection counts.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
@@ -89,6 +91,7 @@ def plan(
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
+    from toolkit.detection.link.codecs import codec_named
     from toolkit.sensors.errors.profiles import profile_named
     from toolkit.sites.files import load_site
 
@@ -120,6 +123,7 @@ def plan(
         capacity_kbit=capacity,
         classes=counted,
         scheme=scheme,
+        codec=codec_named(codec),
         iou=iou,
         candidates=candidates,
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),

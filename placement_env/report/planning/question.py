@@ -16,8 +16,10 @@ from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.checks import check_iou, check_whole
 from placement_env.classes import VEHICLES, classes_of
+from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
+from toolkit.detection.sharing.adaptive import Adaptive
 from toolkit.objects import Detector
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
@@ -35,8 +37,9 @@ class Question:
     best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
     send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
     that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
-    fusion; iou: at which a detection counts; candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file
-    of poles; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no
+    fusion; codec: of what is sent; iou: at which a detection counts; candidates: "pool", "paper" for the site's own
+    sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at no price;
+    keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
     sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
     are compared and the answer is judged: searches know the sensors' own noise only; confidence: at which a comparison
@@ -53,6 +56,7 @@ class Question:
     capacity_kbit: float | None = None
     classes: Any = VEHICLES
     scheme: str = "early"
+    codec: Codec = PAPER
     iou: float = 0.7
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
@@ -79,7 +83,9 @@ class Question:
         if self.min_ap is not None and not 0 < self.min_ap <= 1:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
         object.__setattr__(self, "classes", classes_of(self.classes))
-        scheme_of(self.scheme)
+        check_codec(self.codec)
+        if isinstance(scheme_of(self.scheme), Adaptive):
+            raise ValueError("plans count what sensors send before they detect, got adaptive sharing: try foreground")
         check_iou(self.iou)
         for name in ("search_frames", "judge_frames", "final_frames"):
             check_whole(name, getattr(self, name), least=1)
@@ -138,6 +144,7 @@ class Question:
             "combine": self.classes.combine,
             "class_ious": [self.classes.iou_of(name, self.iou) for name in self.classes.names],
             "scheme": self.scheme,
+            "codec": self.codec.digest,
             "iou": self.iou,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,
             "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],

@@ -29,6 +29,7 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"classes": ("vehicle", "tram")}, "there is no class 'tram': choose among vehicle, cyclist"),
         ({"classes": ()}, "classes must be one or several different ones"),
         ({"scheme": "middle"}, "middle"),
+        ({"scheme": "adaptive"}, "got adaptive sharing: try foreground"),
         ({"iou": 0.0}, "iou must lie in"),
         ({"search_frames": 0}, "search_frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
