@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     )
     from toolkit.detection.scheme import Scheme as Scheme
     from toolkit.detection.schemes import scheme_of as scheme_of
+    from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -119,6 +120,7 @@ else:
             "detection.hybrid": ("Hybrid",),
             "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
+            "detection.sharing.adaptive": ("Adaptive",),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),

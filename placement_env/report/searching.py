@@ -27,6 +27,7 @@ from placement_env.search.portfolio.curve import budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
 from placement_env.search.verification import verified_best
+from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import Scheme
 from toolkit.objects import Detector
 from toolkit.runtime.json_files import finite
@@ -72,6 +73,8 @@ class SearchOrder:
     def __post_init__(self) -> None:
         counting = Counting.of(self.settings.get("iou", 0.7), self.settings.get("failing", 0))
         check_search(self.method, self.fidelity, self.candidates, counting)
+        if self.fidelity == "table" and self.settings.get("codec", PAPER) != PAPER:
+            raise ValueError(f"tables hold kbit of the paper's codec, got {self.settings['codec']}: say --codec paper")
         for iou in counting.ious:
             self._check(iou)
 

@@ -46,6 +46,9 @@ def evaluate(
     codec: str = "paper",
     step: float = 0.02,
     rate: float | None = None,
+    budget: float | None = None,
+    whole_link: bool = False,
+    curve: bool = False,
     frames: int | None = None,
     errors: str = "paper",
     seed: int = 0,
@@ -72,8 +75,8 @@ def evaluate(
         level: With --layout, as in coview detect.
         still: With --layout, as in coview detect.
         area: With --layout, as in coview detect.
-        schemes: Which of early, late, hybrid and foreground fusion, the first three when left out; with --layout, all
-            clouds at once.
+        schemes: Which of early, late, hybrid, foreground and adaptive fusion, the first three when left out; with
+            --layout, all clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
         iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
@@ -84,6 +87,9 @@ def evaluate(
             scheme always sends bytes.
         step: In which bytes say distances (m): 0.02, 0.04, 0.08.
         rate: Frames per second (Hz): print what each scheme puts on a link.
+        budget: Of adaptive fusion, 3 when left out: most that a sensor sends and is sent in a frame (kbit).
+        whole_link: The budget is that of all sensors together.
+        curve: Adaptive fusion by budgets from 1 to 6 kbit a sensor, between late and early fusion, in place of schemes.
         frames: Only the first so many frames.
         errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
         seed: Of the sensors' noise and errors.
@@ -102,7 +108,7 @@ def evaluate(
     )
     from toolkit.detection.link.codecs import codec_named
     from toolkit.detection.link.load import format_loads
-    from toolkit.detection.schemes import schemes_in_steps
+    from toolkit.detection.schemes import adaptive_of, schemes_in_steps, sharing_curve
     from toolkit.objects import check_known, known_labels
     from toolkit.points import select_sensors
 
@@ -111,7 +117,12 @@ def evaluate(
     check_errors(errors)
     check_least("--radius", radius, 0.0)
     check_positive("--rate", rate)
-    sent_by, named = codec_named(codec, step=step), schemes_in_steps(step)
+    check_least("--budget", budget, 0.0)
+    refuse_given({"--schemes": schemes is not None, "--budget": budget is not None, "--layout": layout is not None,
+                  "--whole-link with several --sensors": whole_link and len(sensors) > 1} if curve else {},
+                 "does not go with --curve")  # fmt: skip
+    shares = adaptive_of(3.0 if budget is None else budget, whole_link=whole_link)
+    sent_by, named = codec_named(codec, step=step), schemes_in_steps(step, adaptive=shares)
     if layout is not None:
         others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
                   "--errors": errors != "paper", "--site": site is not None, "--rate": rate is not None}  # fmt: skip
@@ -129,8 +140,10 @@ def evaluate(
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
-        for chosen in sets:
-            select_sensors(recording.sensors, chosen)
+        counts = [len(select_sensors(recording.sensors, chosen)) for chosen in sets]
+        compared = [named[name] for name in schemes]
+        if curve:
+            compared = [*sharing_curve(sensors=counts[0] if whole_link else None, step=step)]
         for name in ("table.json", *curve_files(classes or ("vehicle",), iou)):
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         detect = recording_detector(detector, recording)
@@ -140,7 +153,7 @@ def evaluate(
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         with progress_bar("frame", total, hidden=json) as bar:
             rows = evaluate_dataset(
-                recording, detect, schemes=[named[name] for name in schemes], codec=sent_by, rate=rate,
+                recording, detect, schemes=compared, codec=sent_by, rate=rate,
                 classes=labels, iou_thresholds=iou, frames=total,
                 sensor_sets=sets, noise_seed=seed, errors=errors, radius=radius, protocol=protocol, metric=metric,
                 progress=bar.to,

@@ -39,6 +39,7 @@ def plan(
     combine: Combine = "mean",
     small_iou: float = 0.5,
     scheme: str = "early",
+    codec: str = "paper",
     iou: str = "0.7",
     failing: Literal[0, 1, 2] = 0,
     failures: Literal["worst", "mean"] = "worst",
@@ -71,7 +72,8 @@ def plan(
         class_weights: Of each class in their mean; equal when left out.
         combine: AP of several classes: their mean, or that of the worst.
         small_iou: In place of --iou for cyclists and pedestrians.
-        scheme: How measurements are fused: early, late or hybrid.
+        scheme: How measurements are fused: early, late, hybrid or foreground.
+        codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm.
         iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.
         failing: Sensors that fail (0 to 2): sets are compared, and required to reach --min-ap, by what is left then.
         failures: What is left in the worst case, or in the mean over which fail.
@@ -95,6 +97,7 @@ def plan(
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
+    from toolkit.detection.link.codecs import codec_named
     from toolkit.sensors.errors.profiles import profile_named
     from toolkit.sites.files import load_site
 
@@ -126,6 +129,7 @@ def plan(
         capacity_kbit=capacity,
         classes=counted,
         scheme=scheme,
+        codec=codec_named(codec),
         iou=thresholds,
         failing=Failing(failing, failures),
         candidates=candidates,

@@ -40,6 +40,7 @@ def search(
     method: Method | None = None,
     budget: int = 4,
     scheme: str = "early",
+    codec: str = "paper",
     fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate",
     verify: Literal["detector"] | None = None,
     judge: Literal["detector", "surrogate", "coverage"] | None = None,
@@ -86,7 +87,8 @@ def search(
             needs 16 candidates or fewer, raced needs fidelity detector, cmaes turns and lifts what greedy found, ppo
             learns a policy first. Left out: portfolio; exhaustive for fidelity table, greedy with --verify.
         budget: Most sensors.
-        scheme: How their measurements are fused: early, late or hybrid.
+        scheme: How their measurements are fused: early, late, hybrid or foreground; adaptive with the detector alone.
+        codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
         verify: Score what one method found, and its best neighbours, with the detector.
         judge: Of a portfolio's race and answer: the detector when left out, another where none knows these classes.
@@ -128,6 +130,7 @@ def search(
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
+    from toolkit.detection.link.codecs import codec_named
     from toolkit.sites.files import load_site
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):
@@ -169,10 +172,7 @@ def search(
         check_digest(detector, own, ": add one, or say --cache None")
     pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
-        site=place,
-        candidates=pool,
-        method=chosen,
-        budget=budget,
+        site=place, candidates=pool, method=chosen, budget=budget,
         scheme=scheme,
         fidelity=fidelity,
         verify=verify,
@@ -191,7 +191,7 @@ def search(
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
             "failing": Failing(0 if at_least else failing, failures), "workers": workers, "ray": ray,
-            "classes": counted,
+            "classes": counted, "codec": codec_named(codec),
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:

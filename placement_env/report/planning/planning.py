@@ -143,6 +143,7 @@ class _Planning:
             candidates=candidates,
             frames=frames,
             scheme=scheme_of(question.scheme),
+            codec=question.codec,
             iou=question.counting.ious[0],
             seed=question.seed + part,
             cache=self.cache,

@@ -12,7 +12,6 @@ from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.question import Question
-from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import coview_version, detector_origin
 from toolkit.objects import Detector
 from toolkit.sites.geojson import dumps
@@ -42,7 +41,7 @@ def plan_origin(
         "network": network,
         "search_fidelity": search_fidelity,
         "classes": question.classes.origin,
-        "codec": PAPER.digest,
+        "codec": question.codec.digest,
         "errors": question.errors.origin,
         "traffic": {
             name: {"seed": question.seed + i, "frames": len(each), "sha256": each.digest()}

@@ -19,8 +19,10 @@ from placement_env.classes import VEHICLES, classes_of
 from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
+from toolkit.detection.sharing.adaptive import Adaptive
 from toolkit.objects import Detector
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
@@ -38,10 +40,10 @@ class Question:
     best set within the budget, else the cheapest set that reaches it is the answer; max_kbit: most that one sensor may
     send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
     that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
-    fusion; iou: at which a detection counts, or several, whose mean AP does; failing: sensors that fail (a
-    number, or `Failing`), so that what is left of a set decides; candidates: "pool", "paper" for the site's own
-    sensors, or a GeoJSON file
-    of poles; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no
+    fusion; codec: of what is sent; iou: at which a detection counts, or several, whose mean AP does; failing: sensors
+    that fail (a number, or `Failing`), so that what is left of a set decides; candidates: "pool", "paper" for the
+    site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at
+    no price; keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
     sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
     are compared and the answer is judged: searches know the sensors' own noise only; confidence: at which a comparison
@@ -58,6 +60,7 @@ class Question:
     capacity_kbit: float | None = None
     classes: Any = VEHICLES
     scheme: str = "early"
+    codec: Codec = PAPER
     iou: IoUs = 0.7
     failing: Failing | int = 0
     candidates: str | Path = "pool"
@@ -85,7 +88,9 @@ class Question:
         if self.min_ap is not None and not 0 < self.min_ap <= 1:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
         object.__setattr__(self, "classes", classes_of(self.classes))
-        scheme_of(self.scheme)
+        check_codec(self.codec)
+        if isinstance(scheme_of(self.scheme), Adaptive):
+            raise ValueError("plans count what sensors send before they detect, got adaptive sharing: try foreground")
         counting = Counting.of(self.iou, self.failing)
         object.__setattr__(self, "iou", counting.iou)
         object.__setattr__(self, "failing", counting.failing)
@@ -156,6 +161,7 @@ class Question:
             "combine": self.classes.combine,
             "class_ious": [self.counting.of_class(self.classes, name) for name in self.classes.names],
             "scheme": self.scheme,
+            "codec": self.codec.digest,
             "iou": self.iou if isinstance(self.iou, float) else list(self.iou),
             "failing": self.counting.failing.sensors,
             "failures": self.counting.failing.combine,

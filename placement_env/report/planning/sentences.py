@@ -8,6 +8,9 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Rule
+from toolkit.detection.codec import PAPER
+from toolkit.detection.scheme import codec_for
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 from toolkit.sensors.errors.profiles import only_own_noise
 
@@ -127,6 +130,13 @@ def _of_errors(question: Question) -> str:
     )
 
 
+def _of_codec(question: Question) -> str:
+    codec = codec_for(scheme_of(question.scheme), question.codec)
+    if codec == PAPER:
+        return "count 96 bits for a point and 256 for a box, as the paper does, without headers or compression"
+    return f"are of messages as {codec.digest} writes them: in searches by what it expects, in judgements as sent"
+
+
 def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
     """What the figures take for granted."""
     classes = question.classes
@@ -148,8 +158,7 @@ def assumptions(question: Question, *, search_fidelity: str, detector: str, wort
         "traffic that it was searched or chosen on.",
         "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they are of this detector in "
         "this kind of traffic, not of other weather, traffic or sensors.",
-        "kbit count 96 bits for a point and 256 for a box, as the paper does, without headers or compression; "
-        "links are compared with them at 10 frames a second.",
+        f"kbit {_of_codec(question)}; links are compared with them at 10 frames a second.",
         _of_errors(question),
     ]
     if not isinstance(question.iou, float):

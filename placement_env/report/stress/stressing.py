@@ -28,6 +28,7 @@ from toolkit.detection.link.tracks import Tracks
 from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.sharing.adaptive import Adaptive
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, label_index
@@ -136,6 +137,9 @@ def _systems(schemes: Sequence[Scheme], condition: Condition) -> list[_System]:
     systems = []
     for scheme in schemes:
         own = getattr(scheme, "codec", None)
+        if isinstance(scheme, Adaptive):  # chooses its steps itself
+            systems.append(_System(scheme, scheme.codec, "own"))
+            continue
         if own is None:
             systems.append(_System(scheme, PAPER, "paper"))
         for step in STEPS:

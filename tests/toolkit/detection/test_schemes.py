@@ -4,8 +4,17 @@ import pytest
 
 from toolkit.detection.early import Early
 from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
+from toolkit.detection.schemes import (
+    PAPER_SCHEMES,
+    SCHEMES,
+    adaptive_of,
+    scheme_of,
+    schemes_in_steps,
+    sharing_curve,
+)
+from toolkit.detection.sharing.adaptive import Adaptive
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -15,6 +24,23 @@ def test_each_goes_by_its_name(name):
     assert scheme.name == name
     assert scheme_of(scheme) is scheme
     assert scheme.sends_points or scheme.sends_boxes
+
+
+def test_the_curve_goes_from_boxes_only_to_everything():
+    names = [scheme.name for scheme in sharing_curve((2.0, 0.5))]
+    assert names == ["late", "adaptive 0.5", "adaptive 2", "foreground", "early"]
+    assert sharing_curve((0.5,))[1] == Adaptive(500, name="adaptive 0.5")
+    assert sharing_curve((0.5,), sensors=6)[1] == Adaptive(3000, whole_link=True, name="adaptive 0.5")
+    assert sharing_curve((1.0,), step=0.08)[2] == Foreground(0.08)
+
+
+def test_a_budget_in_kbit():
+    assert adaptive_of(2.5) == Adaptive(2500)
+    assert schemes_in_steps(0.04, adaptive=adaptive_of(1.0, whole_link=True))["adaptive"] == Adaptive(1000, True)
+    assert schemes_in_steps(0.04)["adaptive"] == Adaptive()
+    for wrong in (-1.0, float("nan"), 5e6):
+        with pytest.raises(ValueError, match="a budget must be 0 to 4294967 kbit"):
+            adaptive_of(wrong)
 
 
 def test_the_papers_are_there_in_its_order():

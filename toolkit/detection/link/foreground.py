@@ -30,7 +30,7 @@ from toolkit.detection.link.message import (
 )
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, fused
-from toolkit.detection.view import View
+from toolkit.detection.view import Captured, View
 from toolkit.geometry import Slope, levelled
 from toolkit.points import area_of, height_of, inside, slope_of, unproject
 from toolkit.sensors.model import returned
@@ -85,11 +85,7 @@ class Foreground:
         stands_out = ~scene.shows(captured.measurement, self.sigmas).ravel()[captured.pixels]
         message = encode_foreground(captured.sending(captured.pixels[stands_out]), scene, step=self.step)
         restored = decode_foreground(message, scene)
-        place = captured.area
-        crop = tuple(area_of(place).tolist()), height_of(place, captured.height), slope_of(place)
-        drawn, pixels = _drawn(scene, captured.sensor, *crop)
-        measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
-        return np.concatenate([measured, drawn[~restored.sent.ravel()[pixels]]]), 8 * len(message)
+        return restored_points(captured, scene, restored.image, restored.sent)[0], 8 * len(message)
 
 
 class Restored(NamedTuple):
@@ -120,6 +116,21 @@ def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     check_header(header, MessageKind.FOREGROUND, **expected)
     steps, sent = decode_pixels(content, (rows, columns))
     return Restored(header, np.where(sent, from_steps(steps, sent, header.step, scene.model), scene.first), sent)
+
+
+def restored_points(
+    captured: Captured,
+    scene: EmptyScene,
+    image: Float32[np.ndarray, "rows columns"],
+    sent: Bool[np.ndarray, "rows columns"],
+) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
+    """The points of a sensor in its crop: of an image where it was sent, of the empty scene elsewhere; and the first of
+    them, which were sent, alone. captured: for sensor and crop."""
+    place = captured.area
+    crop = tuple(area_of(place).tolist()), height_of(place, captured.height), slope_of(place)
+    drawn, pixels = _drawn(scene, captured.sensor, *crop)
+    measured = captured.points(np.where(sent, image, np.float32(0)))
+    return np.concatenate([measured, drawn[~sent.ravel()[pixels]]]), measured
 
 
 def scene_number(scene: EmptyScene) -> int:

@@ -7,6 +7,7 @@ from placement_env.classes import Classes
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.sentences import assumptions, money, unknown, verdict_of, why
+from toolkit.detection.link.range_images import RangeImages
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
 
@@ -75,6 +76,16 @@ def test_assumptions_follow_the_question():
     assert "AP is of pedestrian alone, centred" in third
     assert "searches went by coverage" in other
     assert "With so many sensors" in other
+
+
+def test_how_bits_are_counted_is_said():
+    def said(**asked):
+        question = Question(site=SITE, **asked)
+        return " ".join(assumptions(question, search_fidelity="surrogate", detector="x", worth_sampled=False))
+
+    assert "kbit count 96 bits for a point and 256 for a box" in said()
+    assert "kbit are of messages as RangeImages(step=0.04) writes them" in said(codec=RangeImages(0.04))
+    assert "kbit are of messages as RangeImages(step=0.02) writes them" in said(scheme="foreground")
 
 
 def test_errors_of_sensors_are_assumed_aloud():
