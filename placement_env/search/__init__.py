@@ -11,6 +11,7 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
     annealing    simulated annealing, many chains at once
     cpsat        coverage and k-coverage with a proven bound (OR-Tools)
     cmaes        height, heading and tilt of each sensor, continuous (CMA-ES)
+    gradient     the same by gradient ascent on a smooth coverage
     nsga2        the AP-kbit-price front over sets (pymoo)
 
 `placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what

@@ -5,11 +5,14 @@
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
 (0 to 1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so
-every vector is rendered: a few hundred are affordable, and the start should be good, greedy's for instance.
+every vector is looked at: in panoramas of the mounts where the preparation makes these (`Preparation.live`), else by
+rays, of which a few hundred vectors are affordable. The start should be good, greedy's for instance. Panoramas agree
+with rays within 3 % or 8 points of an object nearly always; in the end the answer is scored by rays beside its start.
 """
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -28,7 +31,9 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
 
 if TYPE_CHECKING:
+    from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.preparation import Preparation
+    from placement_env.fidelity.visibility import Visibility
 
 TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # scored where no limit is given
@@ -36,6 +41,7 @@ STEP = 0.15  # standard deviation of the first vectors around the start
 INFEASIBLE_COST = 1e6  # cost of a set that may not be built
 Poses = tuple[Sensor, ...]
 PoseScorer = Callable[[Sequence[Poses]], Sequence[Score | None]]  # scores sets of sensors; None: may not be built
+Improve = Callable[[PoseScorer, Candidates, float | None], Result]
 FREE = Weights()
 
 
@@ -55,19 +61,49 @@ def search(
     pays, that is the answer. Raises ValueError for an objective without a site, which cannot tell what a moved sensor
     sees.
     """
+    check_continuous(objective, "CMA-ES")
+
+    def evolve(score_poses: PoseScorer, start: Candidates, left: float | None) -> Result:
+        return improve(score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
+
+    return improved(objective, budget, evolve, seconds=seconds)
+
+
+def check_continuous(objective: Objective, method: str) -> Preparation:
+    """What moved sensors are looked at with. Raises ValueError for an objective that cannot tell what they see, and one
+    of several IoU thresholds or failures."""
     if objective.preparation is None:
-        raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site, ...)")
+        raise ValueError(f"{method} moves sensors, so it needs an objective made from a site: Objective(site, ...)")
     if objective.counting is not None and not objective.counting.plain:
-        raise ValueError("CMA-ES knows one IoU threshold and no failures: say --method portfolio or swap")
+        raise ValueError(f"{method} knows one IoU threshold and no failures: say --method portfolio or swap")
+    return objective.preparation
+
+
+def improved(objective: Objective, budget: int, improve_from: Improve, *, seconds: float | None = None) -> Result:
+    """Greedy's set, improved. improve_from: called with a scorer of poses, the set, and the seconds that are left.
+    Where poses were looked at in panoramas, the answer is scored by rays in the end; it is the start where that is
+    better."""
+    made = objective.preparation
+    if made is None:
+        raise ValueError("sensors are moved at a site: make the objective of one, Objective(site, ...)")
+    began = time.monotonic()
     first = greedy.search(objective, budget, seconds=seconds)
     if not first.best.subset:
         return first
-    left = None if seconds is None else max(0.0, seconds - first.seconds)
     start = objective.candidates.select(first.best.subset)
-    score_poses = pose_scorer(objective.preparation, objective.fidelity, objective.weights)
-    result = improve(score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
+    live = None if objective.fidelity == "detector" else made.live
+    score_poses = pose_scorer(made, objective.fidelity, objective.weights, live=live)
+    left = None if seconds is None else max(1e-3, seconds - (time.monotonic() - began))
+    result = improve_from(score_poses, start, left)
+    if live is not None and result.sensors:
+        cast_at = pose_scorer(made, objective.fidelity, objective.weights)
+        before, after = cast_at([start.sensors, result.sensors])
+        if after is None or (before is not None and before.reward >= after.reward):
+            result, after = replace(result, sensors=start.sensors), before
+        result = replace(result, best=after or result.best)
     best = replace(result.best, subset=first.best.subset)
-    return replace(result, best=best, seconds=first.seconds + result.seconds)
+    certificate = replace(result.certificate, value=best.reward)
+    return replace(result, best=best, certificate=certificate, seconds=time.monotonic() - began)
 
 
 def improve(
@@ -128,8 +164,26 @@ def improve(
     )
 
 
-def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE) -> PoseScorer:
-    """Scores sets of sensors by rendering all of them at once, in the traffic of an objective's preparation.
+def look_of(preparation: Preparation) -> Callable[[Sequence[Sensor]], Visibility]:
+    """What sensors on a preparation's mounts see of its traffic, in its panoramas where it has them."""
+    from placement_env.fidelity.visibility import see
+
+    mounts, live = preparation.candidates.mounts, preparation.live
+
+    def look(sensors: Sequence[Sensor]) -> Visibility:
+        there = as_candidates(sensors, mounts)
+        if live is not None:
+            return live.see(there)
+        return see(preparation.traffic, there, labels=preparation.classes.labels, workers=preparation.workers)
+
+    return look
+
+
+def pose_scorer(
+    preparation: Preparation, fidelity: str, weights: Weights = FREE, *, live: LiveView | None = None
+) -> PoseScorer:
+    """Scores sets of sensors by looking through all of them at once, in the traffic of an objective's preparation.
+    live: panoramas to look at, None to render in full.
 
     A set that two sensors of one mount, or a link too small for what its sensor sends, make unbuildable scores None.
     """
@@ -140,7 +194,7 @@ def pose_scorer(preparation: Preparation, fidelity: str, weights: Weights = FREE
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
         candidates = as_candidates(sensors, mounts, preparation.candidates.axes)
-        seen = see(
+        seen = live.see(candidates) if live is not None else see(
             preparation.traffic, candidates, labels=preparation.classes.labels, workers=preparation.workers,
             ray=preparation.ray,
         )  # fmt: skip

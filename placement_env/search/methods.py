@@ -40,11 +40,13 @@ METHODS: dict[str, Method] = {
     "cheapest": Method(f"{_SEARCH}.exact.cheapest", needs="ortools"),
     "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
+    "gradient": Method(f"{_SEARCH}.gradient"),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),
 }
 RENDERED = (
     "cpsat",
     "cmaes",
+    "gradient",
     "portfolio",
     "hits",
     "cheapest",
@@ -52,6 +54,7 @@ RENDERED = (
 
 ONE_COUNTED = (
     "cmaes",
+    "gradient",
     "hits",
     "cheapest",
 )  # they know one IoU threshold, and what is left after a failure by themselves

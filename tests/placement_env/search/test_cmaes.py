@@ -1,8 +1,10 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from placement_env.candidates.aim import aimed
 from placement_env.objective import Objective, Weights
 from placement_env.search import cmaes, greedy
 
@@ -115,3 +117,40 @@ def test_where_no_sensor_pays_there_is_none_to_move():
 def test_an_objective_from_parts_knows_no_moved_sensors(make):
     with pytest.raises(ValueError, match="made from a site"):
         cmaes.search(make(4, 1), 2)
+
+
+@pytest.fixture(scope="module")
+def panoramic():
+    return Objective("tjunction", 1, fidelity="coverage", rendering="panorama")
+
+
+def test_poses_are_looked_at_in_panoramas_and_the_answer_is_scored_by_rays(panoramic):
+    objective, made = panoramic, panoramic.preparation
+    calls = []
+    live = made.live
+
+    def counted(candidates):
+        calls.append(len(candidates))
+        return live.see(candidates)
+
+    vars(made)["live"] = SimpleNamespace(see=counted)
+    found = cmaes.search(objective, 1, evaluations=8)
+    assert sum(calls) == found.evaluations == 8
+    start = objective.candidates.select(found.best.subset).sensors
+    before, after = cmaes.pose_scorer(made, "coverage")([start, found.sensors])
+    assert (found.best.reward, found.certificate.value) == (after.reward, after.reward)
+    assert after.reward >= before.reward
+
+
+def test_an_answer_that_panoramas_overrate_is_its_start(panoramic):
+    objective = panoramic
+    start = objective.candidates.select(greedy.search(objective, 2).best.subset)
+    skyward = tuple(aimed(s, s.position, cmaes.angles(s)[1], -1.5) for s in start.sensors)
+
+    def overrated(score_poses, there, left):
+        assert left is None
+        return replace(cmaes.improve(score_poses, there, evaluations=1), sensors=skyward)
+
+    found = cmaes.improved(objective, 2, overrated)
+    assert found.sensors == start.sensors
+    assert found.best.reward == cmaes.pose_scorer(objective.preparation, "coverage")([start.sensors])[0].reward
