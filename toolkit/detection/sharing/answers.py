@@ -19,7 +19,7 @@ from toolkit.detection.sharing.wants import Wants
 from toolkit.detection.view import Captured
 from toolkit.objects import Detections
 
-STEP_WORTH = dict(zip(STEPS, (1.0, 0.99, 0.98), strict=True))  # of points in these steps: see docs/concepts/messages.md
+STEP_WORTH = dict(zip(STEPS, (1.0, 0.99, 0.98), strict=True))  # of points in these steps: by judgement, not measured
 LEAST_ANSWER = 400  # bits: of a foreground of a few pixels
 MANY = 2.0  # times what is left, for which places are asked by what is expected of them
 MOST_ASKING = 0.25  # of what is left, that a request may take
