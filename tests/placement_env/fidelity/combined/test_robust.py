@@ -36,8 +36,8 @@ def test_what_is_left_is_that_of_every_failure(seen, failing, combine):
     assert (found.name, found.classes) == ("coverage", plain.classes)
 
 
-def test_nothing_fails():
-    plain = object()
+def test_nothing_fails(seen):
+    plain = Coverage(seen)
     assert robust(plain, Failing()) is plain
 
 
