@@ -22,18 +22,15 @@ import open3d as o3d
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
-from toolkit.geometry import levelled
 from toolkit.pcd import read_pcd
 from toolkit.points import (
     Area,
+    Crop,
     Distance,
     area_of,
     beyond,
     frame_points,
-    height_of,
-    inside,
     select_sensors,
-    slope_of,
     unproject,
 )
 from toolkit.runtime.files import reserve, writing
@@ -203,8 +200,7 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
-    points = levelled(positions(cloud), slope_of(area))
-    return _select(cloud, inside(points, area_of(area), height_of(area, height), floor))
+    return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
 
 
 def outside_radius(

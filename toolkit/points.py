@@ -39,14 +39,13 @@ def frame_points(
     rng draws the sensors' noise; without one the measurements are taken as they are.
     Raises ValueError for a sensor the frame does not have and for an area that is none.
     """
-    bounds, top, slope = area_of(area), height_of(area, height), slope_of(area)
-    clouds = []
+    crop, clouds = Crop.of(area, height), []
     for index in select_sensors(frame.sensors, sensors):
         sensor, measurement = frame.sensors[index], frame.measurements[index]
         if rng is not None:
             measurement = sensor.model.noisy(measurement, rng)
         shift = frame.shifts[index] if frame.shifts else None
-        xyz, keep = _cropped(sensor, measurement, shift, _Crop(bounds, top, slope))
+        xyz, keep = cropped(sensor, measurement, crop, shift=shift)
         clouds.append(np.ascontiguousarray(xyz.take(keep, axis=1).T))
     return clouds
 
@@ -54,27 +53,39 @@ def frame_points(
 def cropped_pixels(frame: Frame, sensor: int, *, area: Area, height: float | None = None) -> Int64[np.ndarray, " n"]:
     """The pixels, counted row after row, whose points `frame_points` has of a sensor (index), in the same order."""
     shift = frame.shifts[sensor] if frame.shifts else None
-    crop = _Crop(area_of(area), height_of(area, height), slope_of(area))
-    return _cropped(frame.sensors[sensor], frame.measurements[sensor], shift, crop)[1]
+    return cropped(frame.sensors[sensor], frame.measurements[sensor], Crop.of(area, height), shift=shift)[1]
 
 
-class _Crop(NamedTuple):
-    area: Float64[np.ndarray, "4"]
+class Crop(NamedTuple):
+    """What is kept: points in the area (xmin ymin xmax ymax, m), up to a height (m) over the plane that the ground
+    slopes with."""
+
+    area: tuple[float, ...]
     height: float
-    slope: Slope
+    slope: Slope = LEVEL
+
+    @staticmethod
+    def of(place: Area, height: float | None = None) -> Crop:
+        """Of a site or an area, up to the height given, else the site's own, else 4 m."""
+        return Crop(tuple(area_of(place).tolist()), height_of(place, height), slope_of(place))
+
+    def holds(self, points: Float[np.ndarray, "n 3"], floor: float = 0.0) -> Bool[np.ndarray, " n"]:
+        """Which points, world frame, it keeps; floor: in place of the ground."""
+        return inside(levelled(points, self.slope), np.array(self.area), self.height, floor)
 
 
-def _cropped(
+def cropped(
     sensor: Sensor,
     measurement: Float32[np.ndarray, "rows columns"],
-    shift: Float32[np.ndarray, "rows columns 3"] | None,
-    crop: _Crop,
+    crop: Crop,
+    *,
+    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
-    """x, y and z of every pixel, and which of them are kept."""
+    """x, y and z in the world of every pixel, row after row, and which of them are kept; shift: see `Frame.shifts`."""
     xyz, valid = unproject(sensor, measurement)
     if shift is not None:
         xyz += shift.reshape(-1, 3).T
-    return xyz, np.flatnonzero(valid & inside(levelled(xyz.T, crop.slope), crop.area, crop.height))
+    return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
 
 
 def unproject(

@@ -14,7 +14,7 @@ from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
 from toolkit.geometry import levelled
 from toolkit.objects import VEHICLE
-from toolkit.points import inside
+from toolkit.points import Crop, inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.sensors.sensor import Sensor
@@ -70,7 +70,7 @@ class _Scene:
     """The sensors of a block at the empty site, and buffers for one frame."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        self._site, self._views = site, SensorRays(renderer, sensors)
+        self._site, self._views, self._crop = site, SensorRays(renderer, sensors), Crop.of(site)
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
@@ -92,7 +92,7 @@ class _Scene:
         """One object seen by itself."""
         pixels, sensors, depth, points = self._views.silhouette(body, box)
         sent, far = self._worth(points, self._views.rays.take(pixels, axis=0), depth, sensors)
-        counted = inside(levelled(points, self._site.relief.slope), self._site.area, self._site.height)
+        counted = self._crop.holds(points)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 

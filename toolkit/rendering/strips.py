@@ -10,14 +10,12 @@ found by bisection. A strip is what lies between two such edges. Other objects a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
-from toolkit.geometry import LEVEL, Slope, levelled
-from toolkit.points import inside
+from toolkit.points import Crop
 from toolkit.rendering.moment import Footprints, Moment
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.model import NEAR
@@ -44,15 +42,12 @@ class Strips(NamedTuple):
     shows: Int32[np.ndarray, " n"]
 
 
-@dataclass(frozen=True, eq=False)
-class Crop:
-    """What counts: points in the area (xmin ymin xmax ymax) and below the height (m) over the plane that the ground
-    slopes with; those farther from the viewpoint than the radius (m), seen from above, are far."""
+class Counted(NamedTuple):
+    """What counts: points in the crop; those farther from the viewpoint than the radius (m), seen from above, are
+    far."""
 
-    area: Float64[np.ndarray, "4"]
-    height: float
+    crop: Crop
     radius: float
-    slope: Slope = LEVEL
 
 
 class _Windows(NamedTuple):
@@ -82,14 +77,14 @@ def strips_of(
     renderer: Renderer,
     moment: Moment,
     viewpoints: Float64[np.ndarray, "V 3"],
-    crop: Crop,
+    counted: Counted,
     fine: Bool[np.ndarray, " n"],
 ) -> Strips:
     """What is seen of a moment's objects from viewpoints. renderer: of the site, for what stands still; fine: which
     objects are looked at on the `STRIP_WIDTH`, the others `COARSE`."""
     windows = _windows(moment.ground, viewpoints, fine)
     columns = _columns(moment.ground, viewpoints, windows)
-    rays = _Rays(renderer, moment, viewpoints, crop, windows)
+    rays = _Rays(renderer, moment, viewpoints, counted, windows)
     return joined([_strips(rays, windows, some) for some in _portions(columns)])
 
 
@@ -173,9 +168,9 @@ class _Rays:
     """Casts rays of windows and says what each shows of the window's object: 0 where it is not seen."""
 
     def __init__(
-        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, crop: Crop, windows: _Windows
+        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, counted: Counted, windows: _Windows
     ) -> None:
-        self._renderer, self._moment, self._crop = renderer, moment, crop
+        self._renderer, self._moment, self._counted = renderer, moment, counted
         self._item = windows.item.astype(np.int32)
         self._start = viewpoints[windows.viewpoint].astype(np.float32)
 
@@ -197,8 +192,8 @@ class _Rays:
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         seen = self._renderer.cast_still(lines) + np.float32(NEAR) > length
-        within = inside(levelled(points, self._crop.slope), self._crop.area, self._crop.height)
-        kinds = np.where(within, np.where(across > self._crop.radius, BEYOND, WITHIN), OUTSIDE)
+        kinds = np.where(across > self._counted.radius, BEYOND, WITHIN)
+        kinds = np.where(self._counted.crop.holds(points), kinds, OUTSIDE)
         shows[own] = kinds * seen
         return shows
 

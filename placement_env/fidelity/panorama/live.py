@@ -22,9 +22,9 @@ from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from placement_env.fidelity.visibility import Visibility, distances, scored_objects
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
-from toolkit.points import centred_in
+from toolkit.points import Crop, centred_in
 from toolkit.rendering.moment import Moment
-from toolkit.rendering.strips import Crop, Strips, joined, strips_of
+from toolkit.rendering.strips import Counted, Strips, joined, strips_of
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.model import SensorModel
@@ -104,10 +104,10 @@ class LiveView:
         if not places:
             return []
         site, first, parts = self.traffic.site, 0, []
-        crop = Crop(site.area, site.height, site.hybrid_radius, site.relief.slope)
+        counted = Counted(Crop.of(site), site.hybrid_radius)
         for k, snapshot in enumerate(self.traffic.snapshots):
             fine = centred_in(snapshot.objects.boxes, site.area)
-            strips = strips_of(self._renderer, self._moment(k), np.array(places), crop, fine)
+            strips = strips_of(self._renderer, self._moment(k), np.array(places), counted, fine)
             parts.append(strips._replace(item=strips.item + np.int32(first)))
             first += len(fine)
         whole = joined(parts)

@@ -15,8 +15,8 @@ from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_th
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Bool, Float64
-from toolkit.points import centred_in
-from toolkit.rendering.strips import Crop, strips_of
+from toolkit.points import Crop, centred_in
+from toolkit.rendering.strips import Counted, strips_of
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -96,10 +96,10 @@ class _Job:
 
     def _frame(self, k: int) -> Seen:
         site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
-        crop = Crop(site.area, site.height, site.hybrid_radius, site.relief.slope)
+        counted = Counted(Crop.of(site), site.hybrid_radius)
         boxes = snapshot.objects.boxes
         strips = strips_of(
-            renderer, renderer.moment(snapshot), self._views.viewpoints, crop, centred_in(boxes, site.area)
+            renderer, renderer.moment(snapshot), self._views.viewpoints, counted, centred_in(boxes, site.area)
         )
         sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
         seen = look_through(self._views, sight, self._stills, self._alone, (len(boxes), 1))

@@ -6,16 +6,16 @@ import pytest
 from toolkit.bodies.body import centred
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
-from toolkit.points import inside
+from toolkit.points import Crop, inside
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Crop, Strips, counting, joined, strips_of
+from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Counted, Strips, counting, joined, strips_of
 from toolkit.sites.site import Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
 CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
 WALL = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, -3], [4, -3]]), 0.0, 4.0)
 SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
-CROP = Crop(SITE.area, 4.0, 12.0)
+COUNTED = Counted(Crop.of(SITE), 12.0)
 BOXES = np.array(
     [[8.0, -4, 0.75, 4, 2, 1.5, 0.3], [8.0, 4, 0.75, 4, 2, 1.5, 1.0], [12.0, 4.5, 0.75, 4, 2, 1.5, 0.0],
      [-20.0, 3.0, 0.75, 4, 2, 1.5, 0.0], [-8.0, -3.0, 0.75, 4, 2, 1.5, -2.0]]
@@ -32,7 +32,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def strips(scene):
-    return strips_of(scene[0], scene[1], EYES, CROP, np.ones(5, bool))
+    return strips_of(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool))
 
 
 def shown(scene, eye, azimuth, elevation):
@@ -77,7 +77,7 @@ def test_each_kind_is_shown(strips):
 
 def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
     open_site = Renderer(Site("open", SITE.area), (CAR,), (), threads=1)
-    free = strips_of(open_site, scene[1], EYES, CROP, np.ones(5, bool))
+    free = strips_of(open_site, scene[1], EYES, COUNTED, np.ones(5, bool))
 
     def extent(some):
         own = (some.viewpoint == 0) & (some.item == 0)
@@ -93,7 +93,7 @@ def test_a_box_has_the_solid_angle_it_has(scene):
     boxes = np.array([[20.0, 0, 0.75, 0.01, 4, 1.5, 0.0]])
     moment = renderer.moment(Snapshot(Objects(boxes, np.array([VEHICLE])), np.zeros(1, np.int64)))
     for fine, within in ((True, 0.003), (False, 0.02)):
-        s = strips_of(renderer, moment, np.array([[0.0, 0, 0.75]]), CROP, np.array([fine]))
+        s = strips_of(renderer, moment, np.array([[0.0, 0, 0.75]]), COUNTED, np.array([fine]))
         assert s.left.min() == pytest.approx(-np.arctan(2 / 19.995), abs=1e-5)
         assert s.right.max() == pytest.approx(np.arctan(2 / 19.995), abs=1e-5)
         angle = ((np.sin(s.top) - np.sin(s.bottom)) * (s.right - s.left)).sum()
@@ -104,19 +104,19 @@ def test_a_box_has_the_solid_angle_it_has(scene):
 
 def test_portions_make_no_difference(scene, strips, monkeypatch):
     monkeypatch.setattr("toolkit.rendering.strips.RAYS_AT_ONCE", 500)
-    for one, other in zip(strips_of(scene[0], scene[1], EYES, CROP, np.ones(5, bool)), strips, strict=True):
+    for one, other in zip(strips_of(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_coarse_ones_are_fewer(scene, strips):
-    coarse = strips_of(scene[0], scene[1], EYES, CROP, np.array([True, False, True, True, True]))
+    coarse = strips_of(scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True]))
     assert 2 * (coarse.item == 1).sum() < (strips.item == 1).sum()
     assert (coarse.item == 0).sum() == (strips.item == 0).sum()
 
 
 def test_nothing_to_see(scene):
     empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
-    for some in (strips_of(scene[0], empty, EYES, CROP, np.zeros(0, bool)), joined([])):
+    for some in (strips_of(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), joined([])):
         assert [len(each) for each in some] == [0] * 7
-    assert len(strips_of(scene[0], scene[1], np.zeros((0, 3)), CROP, np.ones(5, bool)).item) == 0
+    assert len(strips_of(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
     assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]

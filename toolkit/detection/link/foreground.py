@@ -31,8 +31,7 @@ from toolkit.detection.link.message import (
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, fused
 from toolkit.detection.view import Captured, View
-from toolkit.geometry import Slope, levelled
-from toolkit.points import area_of, height_of, inside, slope_of, unproject
+from toolkit.points import Crop, cropped
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 
@@ -126,9 +125,7 @@ def restored_points(
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
     """The points of a sensor in its crop: of an image where it was sent, of the empty scene elsewhere; and the first of
     them, which were sent, alone. captured: for sensor and crop."""
-    place = captured.area
-    crop = tuple(area_of(place).tolist()), height_of(place, captured.height), slope_of(place)
-    drawn, pixels = _drawn(scene, captured.sensor, *crop)
+    drawn, pixels = _drawn(scene, captured.sensor, Crop.of(captured.area, captured.height))
     measured = captured.points(np.where(sent, image, np.float32(0)))
     return np.concatenate([measured, drawn[~sent.ravel()[pixels]]]), measured
 
@@ -139,10 +136,7 @@ def scene_number(scene: EmptyScene) -> int:
 
 
 @lru_cache(maxsize=64)
-def _drawn(
-    scene: EmptyScene, sensor: Sensor, bounds: tuple[float, ...], top: float, slope: Slope
-) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
+def _drawn(scene: EmptyScene, sensor: Sensor, crop: Crop) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
     """The points of the empty scene in the crop, and their pixels."""
-    xyz, valid = unproject(sensor, scene.first)
-    pixels = np.flatnonzero(valid & inside(levelled(xyz.T, slope), np.array(bounds), top))
+    xyz, pixels = cropped(sensor, scene.first, crop)
     return np.ascontiguousarray(xyz[:, pixels].T), pixels
