@@ -8,6 +8,7 @@ one comparison per coordinate (paper equations 1 and 2 and the crop of section I
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +16,8 @@ import numpy as np
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
-from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled
+from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled, on_slope
+from toolkit.objects import Detections, Detector
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
@@ -128,6 +130,14 @@ def points_on(
     both are taken as on level ground."""
     slope = slope_of(place)
     return count_points(levelled(points, slope), levelled(boxes, slope))
+
+
+def detect_on_ground(detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area) -> Detections:
+    """What a detector, which knows level ground at z = 0 only, says of points of a place that may slope; its boxes come
+    back upright on the slope."""
+    slope = slope_of(place)
+    detections = detector(levelled(points, slope))
+    return detections if slope == LEVEL else replace(detections, boxes=on_slope(detections.boxes, slope))
 
 
 def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:

@@ -38,9 +38,9 @@ from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import scheme_of
-from toolkit.detection.view import Captured, Cloud, View, detect_on_slope, together
+from toolkit.detection.view import Captured, Cloud, View, together
 from toolkit.objects import LABELS, Detections, Detector, Objects, check_known
-from toolkit.points import slope_of
+from toolkit.points import detect_on_ground
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -349,8 +349,7 @@ class _Frame:
         if key not in self._detected:
             kept = self._rules.memo.get([key])[0]
             if kept is None:
-                slope = slope_of(self._rules.renders.site)
-                found = detect_on_slope(self._rules.detector, together(adding), slope)
+                found = detect_on_ground(self._rules.detector, together(adding), self._rules.renders.site)
                 kept = self.new[key] = found.boxes, found.scores, found.labels
             self._detected[key] = Detections(*kept)
         return self._detected[key]

@@ -5,11 +5,12 @@ from toolkit.boxes import count_points
 from toolkit.clouds import crop, from_depth, from_points, positions
 from toolkit.frame import Frame
 from toolkit.geometry import levelled, look, on_slope, pose
-from toolkit.objects import Objects
+from toolkit.objects import Detections, Objects
 from toolkit.points import (
     beyond,
     centred_in,
     cropped_pixels,
+    detect_on_ground,
     frame_points,
     inside,
     points_on,
@@ -146,3 +147,20 @@ def test_pixels_of_the_cropped_points():
         sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
         np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
         assert (np.diff(pixels) > 0).all()
+
+
+def test_a_detector_of_level_ground_serves_on_a_slope():
+    given = []
+
+    def detect(points):
+        given.append(points)
+        return Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9]))
+
+    steep = Site("steep", np.array([-50.0, -50, 50, 50]), relief=Relief(0.0, 0, (0.05, -0.02)))
+    points = np.array([[10.0, 20, 1.1], [0, 0, 1]], np.float32)
+    found = detect_on_ground(detect, points, steep)
+    np.testing.assert_allclose(given[0], [[10, 20, 1.0], [0, 0, 1]], atol=1e-6)
+    np.testing.assert_allclose(found.boxes, [[10.0, 20, 1.1, 4, 2, 1.5, 0.3]])
+    assert found.scores.tolist() == [0.9]
+    np.testing.assert_allclose(detect_on_ground(detect, points, AREA).boxes[0, 2], 1.0)
+    assert given[1] is points

@@ -18,9 +18,9 @@ from toolkit.calibration.joint import Pairs, Poses
 from toolkit.calibration.registration import LEVER, resistance
 from toolkit.datasets.readings import Readable
 from toolkit.frame import Frame
-from toolkit.geometry import invert, levelled, on_slope, transform
+from toolkit.geometry import invert, transform
 from toolkit.objects import Detector
-from toolkit.points import frame_points
+from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
 
 PAIR_GATE = 1.5  # m between the centres that two sensors give one road user, at first and at most
@@ -59,10 +59,10 @@ SeenFrames = Sequence[Sequence[SeenBoxes]]  # of each frame, of each sensor
 
 def seen_objects(recording: SitedRecording, frames: Sequence[Frame], detector: Detector) -> list[list[SeenBoxes]]:
     """What a detector finds in the cloud of each sensor alone, frame by frame."""
-    slope, seen = recording.site.relief.slope, []
+    seen = []
     for frame in frames:
         clouds = frame_points(frame, area=recording.site)
-        boxes = [on_slope(detector(levelled(cloud, slope)).boxes, slope) for cloud in clouds]
+        boxes = [detect_on_ground(detector, cloud, recording.site).boxes for cloud in clouds]
         seen.append([SeenBoxes.of(found, sensor.pose) for found, sensor in zip(boxes, frame.sensors, strict=True)])
     return seen
 

@@ -7,7 +7,7 @@ after the measurement, the sensors working side by side, so that a step begins w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from time import perf_counter
 from typing import NamedTuple, TypeVar
@@ -19,9 +19,8 @@ from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.frame import Frame
-from toolkit.geometry import LEVEL, Slope, levelled, on_slope
 from toolkit.objects import Detections, Detector
-from toolkit.points import Area, cropped_pixels, frame_points, slope_of, unproject
+from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points, unproject
 from toolkit.sensors.sensor import Sensor
 
 NMS_IOU = 0.1
@@ -240,7 +239,7 @@ def frame_view(
         return frame_points(frame, [sensor], area=site, height=height)[0]
 
     def run(clouds: Sequence[Cloud]) -> Detections:
-        return detect_on_slope(detector, together(clouds), slope_of(site))
+        return detect_on_ground(detector, together(clouds), site)
 
     def capture(sensor: int) -> Captured:
         return Captured(frame, sensor, site, height)
@@ -248,13 +247,6 @@ def frame_view(
     return View(
         site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou, capture=capture, scene=scene
     )
-
-
-def detect_on_slope(detector: Detector, points: Float32[np.ndarray, "n 3"], slope: Slope) -> Detections:
-    """What a detector, which knows level ground at z = 0 only, says of points on ground of that slope; its boxes come
-    back upright on the slope."""
-    detections = detector(levelled(points, slope))
-    return detections if slope == LEVEL else replace(detections, boxes=on_slope(detections.boxes, slope))
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:

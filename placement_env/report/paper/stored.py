@@ -28,9 +28,9 @@ from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Fused
 from toolkit.detection.schemes import scheme_of
-from toolkit.detection.view import View, detect_on_slope, together
+from toolkit.detection.view import View, together
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import beyond, centred_in, points_on, slope_of
+from toolkit.points import beyond, centred_in, detect_on_ground, points_on
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -171,7 +171,7 @@ class _Detecting:
             renders.site,
             renders.sensors,
             measure=partial(renders.clouds, k),
-            run=lambda clouds: detect_on_slope(self.detector, together(clouds), slope_of(renders.site)),
+            run=lambda clouds: detect_on_ground(self.detector, together(clouds), renders.site),
         )
         boxes = objects.boxes[counted]
         clouds = [view.cloud(c).points for c in range(len(renders.sensors))]

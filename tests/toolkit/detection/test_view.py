@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.detection.codec import Message
-from toolkit.detection.view import View, detect_on_slope, frame_view, suppress, together
+from toolkit.detection.view import View, frame_view, suppress, together
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
@@ -113,23 +113,6 @@ def test_the_order_of_equal_boxes_of_different_classes_makes_no_difference(order
     box = np.array([0.0, 0, 1, 4, 2, 1.5, 0])
     found = Detections(np.stack([box] * 3), np.full(3, 0.5), np.array([2, 0, 3]))[order]
     assert suppress(found).labels.tolist() == [0, 2, 3]
-
-
-def test_a_detector_of_level_ground_serves_on_a_slope():
-    given = []
-
-    def detect(points):
-        given.append(points)
-        return Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9]))
-
-    slope = (0.05, -0.02)
-    points = np.array([[10.0, 20, 1.1], [0, 0, 1]], np.float32)
-    found = detect_on_slope(detect, points, slope)
-    np.testing.assert_allclose(given[0], [[10, 20, 1.0], [0, 0, 1]], atol=1e-6)
-    np.testing.assert_allclose(found.boxes, [[10.0, 20, 1.1, 4, 2, 1.5, 0.3]])
-    assert found.scores.tolist() == [0.9]
-    np.testing.assert_allclose(detect_on_slope(detect, points, (0.0, 0.0)).boxes[0, 2], 1.0)
-    assert given[1] is points
 
 
 class Dimmed(Halved):
