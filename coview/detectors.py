@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.objects import Detector
@@ -52,6 +50,8 @@ def sample_detector(
     name: str, area: tuple[float, float, float, float] | None
 ) -> tuple[Detector, tuple[float, float] | None, tuple[float, float]]:
     """A detector for clouds of any recording, the middle of its area and half its sides, as `area_about`."""
+    import numpy as np
+
     from toolkit.sites.site import Site
 
     middle, (x, y) = area_about(area)
