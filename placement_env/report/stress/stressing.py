@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.analysis.intervals import ap_interval
+from placement_env.analysis.tally import Tally
 from placement_env.report.content import Judgement
 from placement_env.report.stress.conditions import IN_SEQUENCE, KINDS, Condition, conditions_of
 from toolkit.calibration.recording_scenes import RecordingScenes
@@ -25,7 +25,7 @@ from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.lagged import Lagged, lagged_frames
 from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.link.tracks import Tracks
-from toolkit.detection.metrics import average_precision, match, precision_recall
+from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.detection.sharing.adaptive import Adaptive
@@ -116,17 +116,17 @@ def stress(
     settled = STALE if _apart(recording) <= MOST_APART else 0.0
     scenes, rows, done = RecordingScenes(recording, noise_seed=seed), [], 0
     for condition in conditions:
-        tallies = [_Tally(system, label, iou) for system in _systems(chosen, condition)]
+        runs = [_Run(system, label, iou) for system in _systems(chosen, condition)]
         for lagged in lagged_frames(
             recording, condition.channel, frames=count, seed=seed, errors=condition.errors, noise_seed=seed,
             frozen=condition.frozen,
         ):  # fmt: skip
             seen, scored = _seen(lagged, condition), lagged.since >= settled
-            _look(tallies, seen, condition, recording, detector, scenes, scored=scored)
+            _look(runs, seen, condition, recording, detector, scenes, scored=scored)
             done += 1
             if progress is not None:
                 progress(done, count * len(conditions))
-        rows += [tally.row(condition, seed) for tally in tallies]
+        rows += [run.row(condition, seed) for run in runs]
     return tuple(rows)
 
 
@@ -162,7 +162,7 @@ def _seen(lagged: Lagged, condition: Condition) -> Lagged:
 
 
 def _look(
-    tallies: Sequence[_Tally],
+    runs: Sequence[_Run],
     lagged: Lagged,
     condition: Condition,
     recording: Recording,
@@ -174,19 +174,19 @@ def _look(
     """One frame, fused by every system; views are shared by those that send alike."""
     frame, views = lagged.frame, {}
     sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
-    for tally in tallies:
-        codec = tally.system.codec
+    for run in runs:
+        codec = run.system.codec
         if codec.digest not in views:
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
-        fused = tally.system.scheme.fuse(views[codec.digest], sending)
+        fused = run.system.scheme.fuse(views[codec.digest], sending)
         ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
         if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
-            detections = tally.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
+            detections = run.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
         if scored:
-            tally.add(frame, recording, detections, fused.kbit_per_sensor, float(ages.mean()))
+            run.add(frame, recording, detections, fused.kbit_per_sensor, float(ages.mean()))
 
 
-class _Tally:
+class _Run:
     """What became of one system's detections, frame after frame."""
 
     def __init__(self, system: _System, label: str, iou: float) -> None:
@@ -214,18 +214,15 @@ class _Tally:
         matched = match(detections, frame.objects, self._iou, label=self._label, counted=counted)
         self._scores.append(detections.scores[~matched.ignored])
         self._hits.append(matched.truth[~matched.ignored] >= 0)
-        self._truths.append(int((counted & (frame.objects.labels == label_index(self._label))).sum()))
+        self._truths.append(int(matched.scored.sum()))
         self._kbit.append(kbit)
         self._ages.append(age)
 
     def row(self, condition: Condition, seed: int) -> StressRow:
         """The figures of all frames."""
-        scores, hits, truths = np.concatenate(self._scores), np.concatenate(self._hits), sum(self._truths)
-        ap = average_precision(precision_recall(scores, hits, truths)) if truths else np.nan
-        low, high = ap_interval(self._scores, self._hits, self._truths, seed=seed)
-        recall = float(hits.sum() / truths) if truths else np.nan
-        precision = float(hits.mean()) if len(hits) else None
-        judged = Judgement(ap, low, high, recall, precision, truths, len(self._truths), self._label)
+        tally = Tally.of_frames(self._scores, self._hits, self._truths)
+        figures = (tally.ap, *tally.interval(seed=seed), tally.recall, tally.precision if len(tally.hit) else None)
+        judged = Judgement(*figures, int(tally.truths.sum()), len(tally.truths), self._label)
         ages = np.array(self._ages)
         age = float(ages[~np.isnan(ages)].mean()) if (~np.isnan(ages)).any() else np.nan
         kbit, system = float(np.mean(self._kbit)), self.system
