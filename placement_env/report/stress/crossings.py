@@ -58,7 +58,7 @@ def crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ..
     for (kind, iou), schemes in _graded(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])
         aps = {name: _aps(each) for name, each in schemes.items()}
-        drawn = {name: np.stack([row.outcome.resampled(seed) for row in each]) for name, each in schemes.items()}
+        drawn = {name: np.stack([_resampled(row, seed) for row in each]) for name, each in schemes.items()}
         for one, other in combinations(schemes, 2):
             before, after = (one, other) if aps[other][-1] > aps[one][-1] else (other, one)
             level = overtaken(levels, aps[after] - aps[before])
@@ -118,6 +118,12 @@ def _graded(rows: Sequence[StressRow]) -> dict[tuple[str, float], dict[str, list
 
 def _aps(rows: Sequence[StressRow]) -> Float64[np.ndarray, " levels"]:
     return np.nan_to_num(np.array([row.judged.ap for row in rows]))
+
+
+def _resampled(row: StressRow, seed: int) -> Float64[np.ndarray, " resamples"]:
+    if row.tally is None:
+        raise ValueError(f"{row.kind} {row.level}: nothing is known of its frames: take rows as stress makes them")
+    return row.tally.resamples(seed=seed)
 
 
 def _zeros(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:

@@ -4,40 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from placement_env.analysis.intervals import ap_interval, ap_resamples
+from placement_env.analysis.tally import Tally
 from placement_env.report.content import Judgement
 from placement_env.report.stress.conditions import Condition
 from placement_env.report.stress.systems import System
-from toolkit.arrays import Bool, Float64
 from toolkit.detection.link.tracks import Tracks
-from toolkit.detection.metrics import average_precision, match, precision_recall
+from toolkit.detection.metrics import match
 from toolkit.frame import Frame
-from toolkit.objects import Detections, label_index
+from toolkit.objects import Detections
 from toolkit.points import centred_in
 from toolkit.sites.site import Site
-
-
-class Outcome(NamedTuple):
-    """Of each frame scores and hits of the detections that count, and how many there were to find."""
-
-    scores: tuple[Float64[np.ndarray, " n"], ...]
-    hits: tuple[Bool[np.ndarray, " n"], ...]
-    truths: tuple[int, ...]
-
-    def resampled(self, seed: int) -> Float64[np.ndarray, " resamples"]:
-        """AP of each draw of blocks of frames; of one seed, the same draws for all outcomes of as many frames."""
-        return ap_resamples(self.scores, self.hits, self.truths, seed=seed)
 
 
 @dataclass(frozen=True)
 class StressRow:
     """One scheme under one condition. judged: AP with its interval; kbit_per_sensor: per frame, of the sensors that
     send; age: of what the centre shows, mean over sensors and frames (s); label, iou: of what is to be found; amount:
-    of what goes wrong, None where it is no number; outcome: what `judged` is computed from."""
+    of what goes wrong, None where it is no number; tally: what `judged` is computed from."""
 
     kind: str
     level: str
@@ -49,15 +36,15 @@ class StressRow:
     label: str
     iou: float
     amount: float | None = None
-    outcome: Outcome = field(default=Outcome((), (), ()), repr=False, compare=False)
+    tally: Tally | None = field(default=None, repr=False, compare=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, without its outcome."""
-        said = {name: value for name, value in vars(self).items() if name != "outcome"}
+        """For JSON, without its tally."""
+        said = {name: value for name, value in vars(self).items() if name != "tally"}
         return said | {"judged": asdict(self.judged)}
 
 
-class Tally:
+class Run:
     """One system under one condition: label and IoU thresholds of what is to be found."""
 
     def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
@@ -86,7 +73,7 @@ class Tally:
             matched = match(detections, frame.objects, iou, label=self._label, counted=counted)
             self._scores[k].append(detections.scores[~matched.ignored])
             self._hits[k].append(matched.truth[~matched.ignored] >= 0)
-        self._truths.append(int((counted & (frame.objects.labels == label_index(self._label))).sum()))
+        self._truths.append(int(matched.scored.sum()))
         self._kbit.append(kbit)
         self._ages.append(age)
 
@@ -96,20 +83,15 @@ class Tally:
         age = float(ages[~np.isnan(ages)].mean()) if (~np.isnan(ages)).any() else np.nan
         kbit, system = float(np.mean(self._kbit)), self.system
         said = (condition.kind, condition.level, system.scheme.name, system.name)
-        outcomes = [
-            Outcome(tuple(scores), tuple(hits), tuple(self._truths))
-            for scores, hits in zip(self._scores, self._hits, strict=True)
+        tallies = [
+            Tally.of_frames(scores, hits, self._truths) for scores, hits in zip(self._scores, self._hits, strict=True)
         ]
         return [
             StressRow(*said, _judged(each, self._label, seed), kbit, age, self._label, iou, condition.amount, each)
-            for iou, each in zip(self._ious, outcomes, strict=True)
+            for iou, each in zip(self._ious, tallies, strict=True)
         ]
 
 
-def _judged(outcome: Outcome, label: str, seed: int) -> Judgement:
-    scores, hits, truths = np.concatenate(outcome.scores), np.concatenate(outcome.hits), sum(outcome.truths)
-    ap = average_precision(precision_recall(scores, hits, truths)) if truths else np.nan
-    low, high = ap_interval(*outcome, seed=seed)
-    recall = float(hits.sum() / truths) if truths else np.nan
-    precision = float(hits.mean()) if len(hits) else None
-    return Judgement(ap, low, high, recall, precision, truths, len(outcome.truths), label)
+def _judged(tally: Tally, label: str, seed: int) -> Judgement:
+    figures = (tally.ap, *tally.interval(seed=seed), tally.recall, tally.precision if len(tally.hit) else None)
+    return Judgement(*figures, int(tally.truths.sum()), len(tally.truths), label)

@@ -16,7 +16,7 @@ import numpy as np
 from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.report.stress.conditions import IN_SEQUENCE, KINDS, Condition, conditions_of
 from placement_env.report.stress.kept_detections import KeptDetections
-from placement_env.report.stress.outcomes import StressRow, Tally
+from placement_env.report.stress.outcomes import Run, StressRow
 from placement_env.report.stress.systems import systems_of
 from toolkit.calibration.recording_scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
@@ -88,15 +88,15 @@ def stress(
     scenes, detect = RecordingScenes(recording, noise_seed=seed), KeptDetections(detector, cache)
     rows: list[StressRow] = []
     for done, condition in enumerate(conditions):
-        tallies = [Tally(system, label, ious) for system in systems_of(chosen, condition.kind)]
+        runs = [Run(system, label, ious) for system in systems_of(chosen, condition.kind)]
         for k, lagged in enumerate(_arriving(recording, condition, count, seed)):
             seen, scored = _seen(lagged, condition), lagged.since >= settled
-            _look(tallies, seen, condition, recording, detect, scenes, scored=scored)
+            _look(runs, seen, condition, recording, detect, scenes, scored=scored)
             if progress is not None:
                 progress(done * count + k + 1, count * len(conditions))
-        rows += [row for tally in tallies for row in tally.rows(condition, seed)]
+        rows += [row for run in runs for row in run.rows(condition, seed)]
         if finished is not None:
-            finished(rows[-len(tallies) * len(ious) :])
+            finished(rows[-len(runs) * len(ious) :])
     return tuple(rows)
 
 
@@ -135,7 +135,7 @@ def _seen(lagged: Lagged, condition: Condition) -> Lagged:
 
 
 def _look(
-    tallies: Sequence[Tally],
+    runs: Sequence[Run],
     lagged: Lagged,
     condition: Condition,
     recording: Recording,
@@ -147,13 +147,13 @@ def _look(
     """One frame, fused by every system; views are shared by those that send alike."""
     frame, views = lagged.frame, {}
     sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
-    for tally in tallies:
-        codec = tally.system.codec
+    for run in runs:
+        codec = run.system.codec
         if codec.digest not in views:
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
-        fused = tally.system.scheme.fuse(views[codec.digest], sending)
+        fused = run.system.scheme.fuse(views[codec.digest], sending)
         ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
         if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
-            detections = tally.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
+            detections = run.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
         if scored:
-            tally.add(frame, recording.site, detections, fused.kbit_per_sensor, float(ages.mean()))
+            run.add(frame, recording.site, detections, fused.kbit_per_sensor, float(ages.mean()))

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import interval_about
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
@@ -96,7 +96,7 @@ def budget_curve(
     points = []
     for place, (row, sure) in enumerate(winners):
         ap = float(judged.ap[place])
-        low, high = percentiles(judged.resamples[place], confidence=INTERVAL_SHARE)
+        low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         points.append(
             CurvePoint(
@@ -107,8 +107,8 @@ def budget_curve(
                 searches=found.searches[row],
                 predicted=float(found.predicted[row]),
                 ap=ap,
-                low=min(low, ap),
-                high=max(high, ap),
+                low=low,
+                high=high,
                 confidence=sure,
                 pays=not bool((judged.ap[rivals] >= ap).any()),
             )

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import interval_about
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
@@ -190,9 +190,9 @@ def _assessed(
 
 def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Contender:
     ap = float(judged.ap[place])
-    low, high = percentiles(judged.resamples[place], confidence=INTERVAL_SHARE)
+    low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
     members = tuple(np.flatnonzero(found.sets[row]).tolist())
-    return Contender(found.searches[row], members, float(found.predicted[row]), ap, min(low, ap), max(high, ap))
+    return Contender(found.searches[row], members, float(found.predicted[row]), ap, low, high)
 
 
 def _done(progress: Stages, stage: str, total: int, done: int) -> None:

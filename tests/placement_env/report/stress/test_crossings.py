@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from placement_env.analysis.tally import Tally
 from placement_env.report.content import Judgement
 from placement_env.report.stress.crossings import best_schemes, crossings, overtaken
-from placement_env.report.stress.outcomes import Outcome, StressRow
+from placement_env.report.stress.outcomes import StressRow
 
 LEVELS = (0.0, 0.2, 0.4)
 
@@ -15,10 +16,9 @@ LEVELS = (0.0, 0.2, 0.4)
 def row(scheme, amount, ap, *, kind="pose", iou=0.7, frames=8):
     """Of each frame of ten, so many tenths are found, in turn more and less of them."""
     found = [round(10 * ap) + (1 if k % 8 < 4 else -1) * (0 < ap < 1) for k in range(frames)]
-    hits = tuple(np.ones(n, bool) for n in found)
-    outcome = Outcome(tuple(np.full(n, 0.9) for n in found), hits, (10,) * frames)
+    tally = Tally.of_frames([np.full(n, 0.9) for n in found], [np.ones(n, bool) for n in found], [10] * frames)
     judged = Judgement(ap, ap, ap, ap, 1.0, 10 * frames, frames)
-    return StressRow(kind, f"{amount}", scheme, "2 cm", judged, 1.0, 0.0, "vehicle", iou, amount, outcome)
+    return StressRow(kind, f"{amount}", scheme, "2 cm", judged, 1.0, 0.0, "vehicle", iou, amount, tally)
 
 
 def rows(**schemes):
@@ -46,10 +46,8 @@ def test_of_two_schemes_that_change_places_the_level_and_how_sure_it_is():
 
 
 def test_what_varies_from_draw_to_draw_makes_the_interval():
-    steady = [row("late", x, ap) for x, ap in zip(LEVELS, (0.5, 0.5, 0.5), strict=True)]
-    steady = [
-        StressRow(**{**vars(r), "outcome": Outcome(*(x[:1] * 8 for x in r.outcome))}) for r in steady
-    ]  # 0.6 always
+    always = Tally.of_frames([np.full(6, 0.9)] * 8, [np.ones(6, bool)] * 8, [10] * 8)  # 0.6 in every draw
+    steady = [StressRow(**{**vars(row("late", x, 0.5)), "tally": always}) for x in LEVELS]
     varied = [row("early", x, ap) for x, ap in zip(LEVELS, (0.9, 0.7, 0.3), strict=True)]
     (found,) = crossings([*steady, *varied])
     assert found.low < 0.25 < found.high
@@ -61,7 +59,7 @@ def test_what_varies_from_draw_to_draw_makes_the_interval():
 def test_beyond_what_was_tried_is_infinite_and_null_in_json():
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
     always = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
-    last = StressRow(**{**vars(always[2]), "outcome": row("early", 0.4, 0.5).outcome})  # as good in every draw
+    last = StressRow(**{**vars(always[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
     (found,) = crossings([*unsure, *always[:2], last])
     assert (found.low, found.high, found.share) == (math.inf, math.inf, 0)
     assert found.as_dict()["high"] is None
