@@ -18,6 +18,11 @@ if TYPE_CHECKING:
         load_empty_scenes as load_empty_scenes,
         save_empty_scenes as save_empty_scenes,
     )
+    from toolkit.calibration.samples.sample_poses import find_sample_poses as find_sample_poses
+    from toolkit.calibration.samples.sample_scenes import (
+        SampleScenes as SampleScenes,
+        learn_sample_scenes as learn_sample_scenes,
+    )
     from toolkit.clouds import (
         crop as crop,
         down_sample as down_sample,
@@ -88,6 +93,7 @@ if TYPE_CHECKING:
     from toolkit.sensors.errors.profile import ErrorProfile as ErrorProfile
     from toolkit.sensors.errors.profiles import profile_named as profile_named
     from toolkit.sensors.model import SensorModel as SensorModel
+    from toolkit.sensors.row_lidar import RowLidar as RowLidar
     from toolkit.sensors.sensor import Sensor as Sensor
     from toolkit.sensors.solid_state_lidar import SolidStateLidar as SolidStateLidar
     from toolkit.sensors.spinning_lidar import SpinningLidar as SpinningLidar
@@ -113,6 +119,8 @@ else:
                 "load_empty_scenes",
                 "save_empty_scenes",
             ),
+            "calibration.samples.sample_poses": ("find_sample_poses",),
+            "calibration.samples.sample_scenes": ("SampleScenes", "learn_sample_scenes"),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
@@ -151,6 +159,7 @@ else:
             "sensors.errors.profile": ("ErrorProfile",),
             "sensors.errors.profiles": ("profile_named",),
             "sensors.model": ("SensorModel",),
+            "sensors.row_lidar": ("RowLidar",),
             "sensors.sensor": ("Sensor",),
             "sensors.solid_state_lidar": ("SolidStateLidar",),
             "sensors.spinning_lidar": ("SpinningLidar",),
