@@ -1,7 +1,8 @@
-"""Our own recordings and the paper's published ones: one HDF5 file of depth or range images.
+"""Our own recordings and the paper's published ones: one HDF5 file of depth or range images, or of recorded clouds.
 
-World frame: the site's. Clouds are those of all returns, without noise, as `toolkit.points` makes them of the images;
-labels are complete in the site's detection area. A published file that shows no built-in site is refused.
+Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's. Clouds are those of
+all returns, without noise, as `toolkit.points` makes them of the images; labels are complete in the site's detection
+area. A published file that shows no built-in site is refused.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.layouts.hdf5_clouds import hdf5_clouds, holds_clouds
 from toolkit.datasets.records.fields import Listing
 from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
 from toolkit.objects import LABELS
@@ -18,7 +20,9 @@ from toolkit.points import unproject
 
 
 def hdf5(path: Path) -> Listing:
-    """The frames of a file. Raises what `CoopDataset` raises."""
+    """The frames of a file, or its samples. Raises what `CoopDataset` and `hdf5_clouds` raise."""
+    if holds_clouds(path):
+        return hdf5_clouds(path)
     dataset = CoopDataset(path)
     xmin, ymin, xmax, ymax = dataset.site.area.tolist()
 
