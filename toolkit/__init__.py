@@ -42,6 +42,11 @@ if TYPE_CHECKING:
     from toolkit.detection.hybrid import Hybrid as Hybrid
     from toolkit.detection.link.channel import LinkChannel as LinkChannel
     from toolkit.detection.link.codecs import codec_named as codec_named
+    from toolkit.detection.link.differences import (
+        DifferenceReader as DifferenceReader,
+        DifferenceSender as DifferenceSender,
+        MissedReference as MissedReference,
+    )
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
         decode_foreground as decode_foreground,
@@ -60,6 +65,7 @@ if TYPE_CHECKING:
     from toolkit.detection.scheme import Scheme as Scheme
     from toolkit.detection.schemes import scheme_of as scheme_of
     from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
+    from toolkit.detection.sharing.foreground_differences import ForegroundDifferences as ForegroundDifferences
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -121,6 +127,8 @@ else:
             "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
             "detection.sharing.adaptive": ("Adaptive",),
+            "detection.sharing.foreground_differences": ("ForegroundDifferences",),
+            "detection.link.differences": ("DifferenceReader", "DifferenceSender", "MissedReference"),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),

@@ -29,7 +29,8 @@ from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.detection.sharing.adaptive import Adaptive
-from toolkit.detection.view import frame_view
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, label_index
 from toolkit.points import centred_in
@@ -114,18 +115,21 @@ def stress(
     if count < 1:
         raise ValueError(f"there must be a frame to stress, got {frames} of {len(recording)}")
     settled = STALE if _apart(recording) <= MOST_APART else 0.0
-    scenes, rows, done = RecordingScenes(recording, noise_seed=seed), [], 0
-    for condition in conditions:
+    scenes, rows = RecordingScenes(recording, noise_seed=seed), []
+    for number, condition in enumerate(conditions):
+        done = 0
         tallies = [_Tally(system, label, iou) for system in _systems(chosen, condition)]
-        for lagged in lagged_frames(
-            recording, condition.channel, frames=count, seed=seed, errors=condition.errors, noise_seed=seed,
-            frozen=condition.frozen,
-        ):  # fmt: skip
-            seen, scored = _seen(lagged, condition), lagged.since >= settled
-            _look(tallies, seen, condition, recording, detector, scenes, scored=scored)
-            done += 1
-            if progress is not None:
-                progress(done, count * len(conditions))
+        for some, needed in _arriving_alike(tallies):
+            memory: LinkMemory = {}
+            for lagged in lagged_frames(
+                recording, condition.channel, frames=count, seed=seed, errors=condition.errors, noise_seed=seed,
+                frozen=condition.frozen, needed=needed,
+            ):  # fmt: skip
+                seen, scored = _seen(lagged, condition), lagged.since >= settled
+                _look(some, seen, condition, recording, detector, scenes, memory, scored=scored)
+                done += len(some)
+                if progress is not None:
+                    progress(number * count + done // len(tallies), count * len(conditions))
         rows += [tally.row(condition, seed) for tally in tallies]
     return tuple(rows)
 
@@ -143,9 +147,21 @@ def _systems(schemes: Sequence[Scheme], condition: Condition) -> list[_System]:
         if own is None:
             systems.append(_System(scheme, PAPER, "paper"))
         for step in STEPS:
-            stepped = scheme if not isinstance(scheme, Foreground) else replace(scheme, step=step)
+            stepped = replace(scheme, step=step) if isinstance(scheme, Foreground | ForegroundDifferences) else scheme
             systems.append(_System(stepped, RangeImages(step), _step_words(step)))
     return systems
+
+
+def _arriving_alike(
+    tallies: Sequence[_Tally],
+) -> list[tuple[list[_Tally], Callable[[int], Sequence[int]] | None]]:
+    """The systems whose messages can be read when they arrive, and each of those that need others before."""
+    alone = [tally for tally in tallies if not isinstance(tally.system.scheme, ForegroundDifferences)]
+    after = [(tally, tally.system.scheme) for tally in tallies]
+    chained: list[tuple[list[_Tally], Callable[[int], Sequence[int]] | None]] = [
+        ([tally], scheme.needed) for tally, scheme in after if isinstance(scheme, ForegroundDifferences)
+    ]
+    return ([(alone, None)] if alone else []) + chained
 
 
 def _step_words(step: float) -> str:
@@ -154,11 +170,14 @@ def _step_words(step: float) -> str:
 
 def _seen(lagged: Lagged, condition: Condition) -> Lagged:
     """Without what blinded sensors measure."""
-    frame = lagged.frame
-    measured = tuple(
-        np.zeros_like(image) if k in condition.blinded else image for k, image in enumerate(frame.measurements)
+    return lagged._replace(
+        frame=_without(lagged.frame, condition.blinded), sent=_without(lagged.sent, condition.blinded)
     )
-    return lagged._replace(frame=replace(frame, measurements=measured))
+
+
+def _without(frame: Frame, blinded: Sequence[int]) -> Frame:
+    measured = tuple(np.zeros_like(image) if k in blinded else image for k, image in enumerate(frame.measurements))
+    return replace(frame, measurements=measured)
 
 
 def _look(
@@ -168,17 +187,23 @@ def _look(
     recording: Recording,
     detector: Detector,
     scenes: RecordingScenes,
+    memory: LinkMemory,
     *,
     scored: bool,
 ) -> None:
-    """One frame, fused by every system; views are shared by those that send alike."""
+    """One frame, fused by every system; views are shared by those that send alike. What differences send follows from
+    frames as they were measured, whichever arrive, and what they restore is what whole images would."""
     frame, views = lagged.frame, {}
+    sent = frame_view(lagged.sent, detector, recording.site, scene=scenes, memory=memory)
     sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
     for tally in tallies:
         codec = tally.system.codec
         if codec.digest not in views:
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
-        fused = tally.system.scheme.fuse(views[codec.digest], sending)
+        scheme = tally.system.scheme
+        fused = scheme.fuse(views[codec.digest], sending)
+        if isinstance(scheme, ForegroundDifferences):
+            fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
         ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
         if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
             detections = tally.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)

@@ -113,10 +113,24 @@ def encode_foreground(
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     """The image that a message and the empty scene make together. Raises ValueError for a message that is damaged, of
     another version or sensor, or was made with another empty scene."""
+    header, steps, sent, missing = read_foreground(message, scene)
+    return drawn_about(header, scene, steps, sent, missing)
+
+
+def read_foreground(
+    message: bytes, scene: EmptyScene
+) -> tuple[
+    MessageHeader,
+    Int64[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+]:
+    """Header, measurements in steps, which pixels were sent, and which are missing. Raises ValueError as
+    `decode_foreground`."""
     header, content = read_message(message)
     check_header(header, MessageKind.FOREGROUND, **expected_header(scene))
     steps, sent, end = read_pixels(content, 0, scene.model.shape)
-    return drawn_about(header, scene, steps, sent, decode_missing(content, end, sent))
+    return header, steps, sent, decode_missing(content, end, sent)
 
 
 def checked_pixels(
