@@ -42,7 +42,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class Best:
+class BestScheme:
     """The scheme of the highest AP from one level to another, both of what was tried or where schemes cross."""
 
     kind: str
@@ -70,9 +70,9 @@ def crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ..
     return tuple(sorted(made, key=lambda each: (each.kind, each.iou, each.level)))
 
 
-def best_schemes(rows: Sequence[StressRow]) -> tuple[Best, ...]:
+def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
     """Which scheme is best at which levels, kind by kind and IoU by IoU."""
-    made: list[Best] = []
+    made: list[BestScheme] = []
     for (kind, iou), schemes in _graded(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])
         aps = np.stack([_aps(each) for each in schemes.values()])
@@ -83,7 +83,7 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[Best, ...]:
             name = list(schemes)[k]
             if made and (made[-1].kind, made[-1].iou, made[-1].scheme) == (kind, iou, name):
                 start = made.pop().start
-            made.append(Best(kind, iou, name, start, end))
+            made.append(BestScheme(kind, iou, name, start, end))
     return tuple(made)
 
 
