@@ -29,11 +29,15 @@ from toolkit.detection.sharing.foreground_differences import ForegroundDifferenc
 from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known, label_index
-from toolkit.runtime.cache import Cache
 from toolkit.sensors.errors.clock import MOST_APART
 from toolkit.sensors.errors.profile import ErrorProfile
 
 Needed = Callable[[int], Sequence[int]]  # which messages must have arrived for one to be read
+
+
+def in_sequence(recording: Recording) -> bool:
+    """Whether its frames lie close enough together to show what is late or lost."""
+    return 0 < _apart(recording) <= MOST_APART
 
 
 def kinds_for(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
@@ -41,13 +45,12 @@ def kinds_for(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...
     needs frames closer together."""
     for kind in kinds:
         conditions_of(kind, ())
-    apart = _apart(recording)
-    close = 0 < apart <= MOST_APART
+    close = in_sequence(recording)
     for kind in kinds:
         if kind in IN_SEQUENCE and not close:
             raise ValueError(
-                f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {apart:g} s: record some with "
-                "coview simulate --every 0.1"
+                f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_apart(recording):g} s: record "
+                "some with coview simulate --every 0.1"
             )
     return tuple(kinds) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
 
@@ -67,16 +70,15 @@ def stress(
     label: str = LABELS[VEHICLE],
     ious: Sequence[float] = (0.7,),
     seed: int = 0,
-    cache: Cache | None = None,
     progress: Callable[[int, int], None] | None = None,
     finished: Callable[[Sequence[StressRow]], None] | None = None,
 ) -> tuple[StressRow, ...]:
     """Every scheme under the conditions of every kind, all that the recording can show if none is named, at every IoU.
 
     frames: only the first so many; label, ious: of what is to be found; seed: of noise, errors, channels and bootstrap;
-    cache: where detections are kept, so that a run that was stopped goes on where it was; progress: called with how
-    many frames are done, of how many; finished: called with the rows of each condition. Raises ValueError as
-    `kinds_for`, for a label that there is not or the detector does not know, and as `KeptDetections`.
+    progress: called with how many frames are done, of how many; finished: called with the rows of each condition. A
+    detector that is a `KeptDetections` with a file goes on where a run was stopped. Raises ValueError as `kinds_for`,
+    and for a label that there is not or the detector does not know.
     """
     check_known(detector, [LABELS[label_index(label)]])
     chosen = [scheme_of(scheme) for scheme in schemes]
@@ -88,7 +90,7 @@ def stress(
     if count < 1:
         raise ValueError(f"there must be a frame to stress, got {frames} of {len(recording)}")
     settled = STALE if _apart(recording) <= MOST_APART else 0.0
-    scenes, detect = RecordingScenes(recording, noise_seed=seed), KeptDetections(detector, cache)
+    scenes, detect = RecordingScenes(recording, noise_seed=seed), KeptDetections.of(detector)
     rows: list[StressRow] = []
     for number, condition in enumerate(conditions):
         runs = [Run(system, label, ious) for system in systems_of(chosen, condition.kind)]
