@@ -55,6 +55,12 @@ if TYPE_CHECKING:
     from toolkit.detection.link.inbox import Inbox as Inbox
     from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
+    from toolkit.detection.link.monitor import (
+        Fault as Fault,
+        SensorMonitor as SensorMonitor,
+        Shown as Shown,
+        standing_before as standing_before,
+    )
     from toolkit.detection.link.range_images import RangeImages as RangeImages
     from toolkit.detection.link.tracks import Tracks as Tracks
     from toolkit.detection.metrics import (
@@ -137,6 +143,7 @@ else:
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
+            "detection.link.monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),

@@ -1,8 +1,9 @@
-"""Our own recordings and the paper's published ones: one HDF5 file of depth or range images.
+"""Our own recordings and the paper's published ones: one HDF5 file of depth or range images, or of recorded clouds.
 
-World frame: the site's. Clouds are those of all returns, each in its sensor's body frame (x forward, y left, z up);
-without noise, or as sensors with errors say them, who then do not stand where they are believed to. Labels are complete
-in the site's detection area. A published file that shows no built-in site is refused.
+Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's. Clouds are those of
+all returns, each in its sensor's body frame (x forward, y left, z up); without noise, or as sensors with errors say
+them, who then do not stand where they are believed to. Labels are complete in the site's detection area. A published
+file that shows no built-in site is refused.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.layouts.hdf5_clouds import hdf5_clouds, holds_clouds
 from toolkit.datasets.readings import read_frame
 from toolkit.datasets.records.fields import Listing
 from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
@@ -23,8 +25,13 @@ from toolkit.sensors.errors.profiles import PAPER_ERRORS
 
 
 def hdf5(path: Path, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = None) -> Listing:
-    """The frames of a file. errors, noise_seed: of its sensors, as of `toolkit.datasets.readings.read_frame`; no seed
-    for none. Raises what `CoopDataset` and `read_frame` raise."""
+    """The frames of a file, or its samples. errors, noise_seed: of its sensors, as of
+    `toolkit.datasets.readings.read_frame`; no seed for none. Raises what `CoopDataset`, `read_frame` and `hdf5_clouds`
+    raise, ValueError for errors of clouds that were recorded."""
+    if holds_clouds(path):
+        if noise_seed is not None:
+            raise ValueError(f"{path}: holds recorded clouds, whose sensors have errors of their own: leave out errors")
+        return hdf5_clouds(path)
     dataset = CoopDataset(path)
     xmin, ymin, xmax, ymax = dataset.site.area.tolist()
 
