@@ -115,7 +115,7 @@ def search(
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
-        seconds: Stop after so many; a portfolio judges its answer after that.
+        seconds: Stop so many after the candidates are rendered; a portfolio races and judges within that time too.
         evaluations: Stop after so many sets.
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
