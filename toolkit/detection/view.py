@@ -25,6 +25,7 @@ from toolkit.sensors.sensor import Sensor
 
 NMS_IOU = 0.1
 _Value = TypeVar("_Value")
+Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +43,15 @@ class Cloud:
 @dataclass(frozen=True, eq=False)
 class Captured:
     """The image that the points of one sensor were measured in. frame: of which it is number `index`; area, height: of
-    the crop; kept: the pixels of the points in the crop in the order of these, None to find them."""
+    the crop; kept: the pixels of the points in the crop in the order of these, None to find them; lift: what was done
+    to points of the frame's world before they were cropped, such as putting them on level ground."""
 
     frame: Frame
     index: int
     area: Area
     height: float | None = None
     kept: Int64[np.ndarray, " n"] | None = None
+    lift: Lift | None = None
 
     @property
     def sensor(self) -> Sensor:
@@ -79,7 +82,8 @@ class Captured:
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         if shift is not None:
             xyz += shift.reshape(-1, 3).T
-        return np.ascontiguousarray(xyz[:, valid].T)
+        points = np.ascontiguousarray(xyz[:, valid].T)
+        return points if self.lift is None else self.lift(points)
 
 
 @dataclass(frozen=True, eq=False)

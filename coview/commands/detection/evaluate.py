@@ -46,6 +46,7 @@ def evaluate(
     codec: str = "paper",
     step: float = 0.02,
     rate: float | None = None,
+    calibrate: str | None = None,
     budget: float | None = None,
     whole_link: bool = False,
     curve: bool = False,
@@ -64,6 +65,8 @@ def evaluate(
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
     Example: coview evaluate my-log --layout argoverse --detector general
+
+    Example: coview evaluate my-junction --layout folder --schemes early late foreground --calibrate together --still
 
     Args:
         dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
@@ -87,6 +90,8 @@ def evaluate(
             scheme always sends bytes.
         step: In which bytes say distances (m): 0.02, 0.04, 0.08.
         rate: Frames per second (Hz): print what each scheme puts on a link.
+        calibrate: With --layout, first find where the sensors are: by a reference as in coview calibrate, or together,
+            by each other.
         budget: Of adaptive fusion, 3 when left out: most that a sensor sends and is sent in a frame (kbit).
         whole_link: The budget is that of all sensors together.
         curve: Adaptive fusion by budgets from 1 to 6 kbit a sensor, between late and early fusion, in place of schemes.
@@ -125,17 +130,19 @@ def evaluate(
     sent_by, named = codec_named(codec, step=step), schemes_in_steps(step, adaptive=shares)
     if layout is not None:
         others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
-                  "--errors": errors != "paper", "--site": site is not None, "--rate": rate is not None}  # fmt: skip
+                  "--errors": errors != "paper", "--site": site is not None}  # fmt: skip
         refuse_given(others, "is not for --layout")
         check_folder(out, holds="table.json", inputs=[dataset], overwrite=overwrite)
         figures = score_clouds(
             dataset, layout, detector or "general", schemes=[named[name] for name in schemes or ()], codec=sent_by,
-            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, hidden=json,
+            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, rate=rate,
+            calibrate=calibrate, hidden=json,
         )  # fmt: skip
         figures.save(out / "table.json")
         print_result(figures.as_dict(), f"{figures.text()}\nwritten to {out}/table.json", as_json=json)
         return OK
-    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None}, "needs --layout")
+    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None,
+                  "--calibrate": calibrate is not None}, "needs --layout")  # fmt: skip
     schemes, detector = schemes or ("early", "late", "hybrid"), detector or "cluster"
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
 from placement_env.racing import Contest, Resampled, race_until
+from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
 from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, evaluator_of, race_order
 from placement_env.search.portfolio.schedule import Schedule
@@ -49,6 +51,7 @@ def search(
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
     progress: Stages | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """The winner of the race. `Result.best` is its score by the objective, `Result.assessment` what the third part of
     traffic says of it and of each search's own answer.
@@ -58,7 +61,8 @@ def search(
     each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
     fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
     neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
-    must be of a site; evaluators: of race and assessment, in place of all these. Raises ValueError where these do not
+    must be of a site; evaluators: of race and assessment, in place of all these; checkpoint: keeps
+    how far the searches are (what race and assessment detect is in the cache). Raises ValueError where these do not
     fit.
     """
     check_whole("budget", budget, least=1)
@@ -69,7 +73,7 @@ def search(
     frames = schedule.frames(race_frames), schedule.frames(final_frames)
     racing, final = evaluators or evaluators_of(objective, preparation, judge, frames, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, neighbours)
-    found = found_entrants(objective, effort, seed, progress)
+    found = found_entrants(objective, effort, seed, progress, checkpoint)
     limits.count = found.considered
     if not len(found.sets):
         return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
@@ -147,12 +151,15 @@ def evaluators_of(
     return race, final
 
 
-def found_entrants(objective: Objective, effort: Effort, seed: int, progress: Stages | None) -> Entrants:
+def found_entrants(
+    objective: Objective, effort: Effort, seed: int, progress: Stages | None, checkpoint: Checkpoint = NOWHERE
+) -> Entrants:
     """The entrants, from the cache of the objective's preparation where it keeps them."""
     made = objective.preparation
     cache = None if made is None else made.disk_cache
     depends_on = "" if made is None else made.traffic.digest()
-    return kept_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, progress=progress)
+    settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
+    return kept_entrants(objective, effort, cache, depends_on=depends_on, **settings)
 
 
 def _assessed(

@@ -30,8 +30,8 @@ from toolkit.detection.link.message import (
 )
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, fused
-from toolkit.detection.view import Captured, View
-from toolkit.points import Crop, cropped
+from toolkit.detection.view import Captured, Lift, View
+from toolkit.points import Crop, cropped, unproject
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 
@@ -125,7 +125,7 @@ def restored_points(
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
     """The points of a sensor in its crop: of an image where it was sent, of the empty scene elsewhere; and the first of
     them, which were sent, alone. captured: for sensor and crop."""
-    drawn, pixels = _drawn(scene, captured.sensor, Crop.of(captured.area, captured.height))
+    drawn, pixels = _drawn(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
     measured = captured.points(np.where(sent, image, np.float32(0)))
     return np.concatenate([measured, drawn[~sent.ravel()[pixels]]]), measured
 
@@ -136,7 +136,14 @@ def scene_number(scene: EmptyScene) -> int:
 
 
 @lru_cache(maxsize=64)
-def _drawn(scene: EmptyScene, sensor: Sensor, crop: Crop) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
+def _drawn(
+    scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None
+) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
     """The points of the empty scene in the crop, and their pixels."""
-    xyz, pixels = cropped(sensor, scene.first, crop)
-    return np.ascontiguousarray(xyz[:, pixels].T), pixels
+    if lift is None:
+        xyz, pixels = cropped(sensor, scene.first, crop)
+        return np.ascontiguousarray(xyz[:, pixels].T), pixels
+    xyz, valid = unproject(sensor, scene.first)
+    points = lift(np.ascontiguousarray(xyz[:, valid].T))
+    kept = crop.holds(points)
+    return points[kept], np.flatnonzero(valid)[kept]

@@ -19,7 +19,7 @@ def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
 
 def test_wrong_arguments(recording, refused, tmp_path):
     for arguments, said in (
-        (("--kinds", "storm"), "choose among bytes, pose, silent"),
+        (("--kinds", "storm"), "choose among bytes, pose, mounting, silent"),
         (("--kinds", "delay"), "needs frames at most 0.5 s apart, these are 5 s"),
         (("--schemes", "middle"), "choose among early"),
         (("--iou", "1.5"), "--iou"),

@@ -6,7 +6,7 @@ import numpy as np
 
 from placement_env.report.content import Judgement
 from placement_env.report.stress.files import STRESS_FILES, format_stress, write_stress
-from placement_env.report.stress.stressing import StressRow
+from placement_env.report.stress.outcomes import StressRow
 
 JUDGED = Judgement(0.875, 0.8, 0.9123, 0.9, None, 40, 10)
 ROWS = [
@@ -17,9 +17,9 @@ ROWS = [
 
 def test_as_text():
     assert format_stress(ROWS).splitlines() == [
-        "stress  level  scheme  sent as     AP   95 % interval  kbit/sensor     age",
-        "delay   0.3 s  early   2 cm     0.875  0.800 to 0.912         6.12  0.30 s",
-        "loss    10%    late    paper    0.875  0.800 to 0.912         0.25   nan s",
+        "stress  level  scheme  sent as  IoU     AP   95 % interval  kbit/sensor     age",
+        "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
+        "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
     ]
 
 

@@ -128,7 +128,7 @@ def test_one_silent_sensor_leaves_the_other_and_a_frozen_one_shows_ghosts(rows):
 
 def test_what_a_recording_can_show():
     assert "delay" in kinds_for(Driving())
-    assert kinds_for(Driving(apart=5.0)) == ("bytes", "pose", "silent", "blinded", "frozen")
+    assert kinds_for(Driving(apart=5.0)) == ("bytes", "pose", "mounting", "silent", "pairs", "blinded", "frozen")
     assert kinds_for(Driving(), ["loss"]) == ("loss",)
     with pytest.raises(ValueError, match=r"'delay' needs frames at most 0\.5 s apart, these are 5 s"):
         kinds_for(Driving(apart=5.0), ["delay"])
@@ -142,9 +142,11 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress():
         Driving(4, 5.0), Tops(), schemes=[Foreground()], kinds=["pose", "blinded"], frames=3,
         progress=lambda *counts: done.append(counts),
     )  # fmt: skip
-    assert [row.level for row in rows] == ["0.2 m, 0.2°", "0.4 m, 0.4°", "0.6 m, 0.6°", "a", "b"]
-    assert done[0] == (1, 15)
-    assert done[-1] == (15, 15)
+    assert [row.level for row in rows[:6]] == [f"{x} m, {x}°" for x in ("0", "0.1", "0.2", "0.4", "0.6", "1")]
+    assert [row.level for row in rows[6:]] == ["a", "b"]
+    assert [row.amount for row in rows] == [0, 0.1, 0.2, 0.4, 0.6, 1, None, None]
+    assert done[0] == (1, 24)
+    assert done[-1] == (24, 24)
     assert {row.judged.frames for row in rows} == {3}
     assert len({row.judged.ap for row in rows[:3]} | {row.kbit_per_sensor for row in rows}) > 2
 
@@ -152,6 +154,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress():
 def test_nonsense_is_refused():
     for wrong, said in (
         ({"schemes": []}, "a scheme to stress"),
+        ({"ious": ()}, "and an IoU"),
         ({"frames": 0}, "a frame to stress"),
         ({"label": "ox"}, "ox"),
     ):
