@@ -32,7 +32,7 @@ from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.datasets.samples import open_samples, write_samples
 from toolkit.detection.samples import label_fits
 from toolkit.detection.samples.diagnosis import diagnose_samples
-from toolkit.detection.samples.label_mistakes import moved
+from toolkit.detection.samples.label_mistakes import boxes_through
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
 
@@ -110,7 +110,7 @@ def write_layout(samples: Sequence[Sample], path: Path, layout: str) -> None:
         return
     for sample in samples:
         for cloud in sample.clouds:
-            local = moved(sample.objects.boxes, invert(cloud.world_SE3_sensor))
+            local = boxes_through(sample.objects.boxes, invert(cloud.world_SE3_sensor))
             own = Sample(sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids))
             label = path / "label/106-105" / cloud.name / "seq-1" / f"{sample.time:.3f}.json"
             label.parent.mkdir(parents=True, exist_ok=True)

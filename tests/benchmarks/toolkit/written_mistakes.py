@@ -59,7 +59,7 @@ def make(mistake: Mistake, path: Path, terms: Terms) -> None:
     """Make a mistake in the files of a recording."""
     agents = terms.read(path)
     if mistake == "late":
-        made = [[samples[max(k - LATE, 0)] for k in range(len(samples))] for samples in agents]
+        made = [[samples[k - LATE] if k >= LATE else [] for k in range(len(samples))] for samples in agents]
     else:
         made = [[[replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows] for rows in samples]
                 for samples in agents]  # fmt: skip

@@ -53,7 +53,7 @@ def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
     findings += _sunk(some, boxes)
     if findings:
         return findings
-    return _headed(some) or _late(some) or _misfits(some, current)
+    return _late(some) or _misfits(some, current) or _headed(some)
 
 
 class _Undone(NamedTuple):
@@ -74,10 +74,15 @@ def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
         attempts += [_undone(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
     best = _most(attempts, current)
     in_sensors = [_undone_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
-    for freer in (_most(in_sensors, current, FREER), None if best is None else _each_turned(some)):
-        if freer is not None and (best is None or freer.fits.mean() > best.fits.mean() + FREER):
-            best = freer
-    return best
+    best = _clearer(best, _most(in_sensors, current, FREER))
+    return best if best is None else _clearer(best, _each_turned(some))
+
+
+def _clearer(best: _Undone | None, freer: _Undone | None) -> _Undone | None:
+    """An explanation, or another that chooses for each box, where that fits clearly better."""
+    if best is None or freer is None:
+        return best or freer
+    return freer if freer.fits.mean() > best.fits.mean() + FREER else best
 
 
 def _undone(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:

@@ -86,13 +86,13 @@ def undone_in(
     """Boxes of the world frame without a mistake that was made in another, whose z is up as well."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
-    return moved(mistake.undo(moved(boxes, frame_SE3_world)), invert(frame_SE3_world))
+    return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
 
 
-def moved(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
+def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
     """Boxes in another frame, whose z is up as well.
 
-    >>> moved(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
+    >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
     [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
     """
     headings = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))]) @ motion[:3, :3].T

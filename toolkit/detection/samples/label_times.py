@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.datasets.sample import Sample
 from toolkit.detection.samples.label_fits import LEAST_BOXES, Seen, better, fits
-from toolkit.detection.samples.label_mistakes import moved
+from toolkit.detection.samples.label_mistakes import boxes_through
 from toolkit.geometry import invert, transform
 
 SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s that labels may be late or early
@@ -90,7 +90,7 @@ def _gain(shift: Shift) -> float:
 
 
 def _boxes_in(labels: Sample, cloud: Sample) -> np.ndarray:
-    return moved(labels.objects.boxes, invert(cloud.map_SE3_world) @ labels.map_SE3_world)
+    return boxes_through(labels.objects.boxes, invert(cloud.map_SE3_world) @ labels.map_SE3_world)
 
 
 class Headed(NamedTuple):

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.samples.label_mistakes import LABEL_MISTAKES, YAW_SIGN, degrees_of_turns, moved, undone_in
+from toolkit.detection.samples.label_mistakes import (
+    LABEL_MISTAKES,
+    YAW_SIGN,
+    boxes_through,
+    degrees_of_turns,
+    undone_in,
+)
 from toolkit.geometry import invert, pose
 
 BOX = np.array([[3.0, 5.0, 1.0, 4.0, 2.0, 1.5, 0.4]])
@@ -37,10 +43,10 @@ def test_what_undoes_each(place, undone):
 
 def test_a_mistake_made_in_a_map_is_undone_there():
     world_SE3_map = invert(pose(600.0, 1600.0, 30.0, yaw=0.7))
-    in_map = moved(BOX, invert(world_SE3_map))
+    in_map = boxes_through(BOX, invert(world_SE3_map))
     mirrored = LABEL_MISTAKES[0].undo(in_map)
-    assert np.abs(moved(mirrored, world_SE3_map)[0, :2]).max() > 1000
-    back = undone_in(LABEL_MISTAKES[0], moved(mirrored, world_SE3_map), invert(world_SE3_map))
+    assert np.abs(boxes_through(mirrored, world_SE3_map)[0, :2]).max() > 1000
+    back = undone_in(LABEL_MISTAKES[0], boxes_through(mirrored, world_SE3_map), invert(world_SE3_map))
     np.testing.assert_allclose(back, BOX, atol=1e-9)
     np.testing.assert_array_equal(undone_in(YAW_SIGN, BOX, np.eye(4)), YAW_SIGN.undo(BOX))
 
