@@ -219,9 +219,10 @@ class Objective:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": self._of_none(), "_progress": None}
 
-    def weighed(self, weights: Weights) -> Objective:
-        """The same objective with other weights; it has its own memory."""
+    def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
+        """The same objective with other weights, and another most price where one is given; it has its own memory."""
         other = copy(self)
+        other.most_price = self.most_price if most_price is None else float(most_price)
         other.weights, other._known, other._scored = weights, dict(self._known), 0
         return other
 

@@ -226,8 +226,9 @@ def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
     found = portfolio.search(judging.objective, k, evaluators=judging.evaluators())
     said = found.assessment
     return {
-        "subset": list(found.best.subset), "predicted": found.best.ap, "ap": said.ap, "low": said.low,
-        "high": said.high, "confidence": said.confidence, "raced": said.raced, "entrants": said.entrants,
+        "subset": list(found.best.subset), "predicted": found.best.ap, "expected": said.expected, "ap": said.ap,
+        "low": said.low, "high": said.high, "confidence": said.confidence, "raced": said.raced,
+        "entrants": said.entrants,
         "searching": round(found.seconds, 2), "seconds": round(perf_counter() - began, 2),
     }  # fmt: skip
 

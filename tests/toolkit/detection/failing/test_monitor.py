@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.detection.link.monitor import Fault, SensorMonitor, Shown, farther, standing_before
+from toolkit.detection.failing.monitor import Fault, SensorMonitor, Shown, farther, standing_before
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
