@@ -9,12 +9,15 @@ from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from coview.arguments import check_least, sensor_set
+from coview.arguments import check_errors, check_least, sensor_set
 from coview.detectors import area_about, sample_detector
 from coview.progress_bar import progress_bar
 
+TOGETHER = "together"
+
 if TYPE_CHECKING:
     from models.training.packing import Recording
+    from toolkit.calibration.sensor_poses import FoundPose
     from toolkit.datasets.records.fields import Samples
     from toolkit.datasets.sample import Sample
     from toolkit.detection.codec import Codec
@@ -33,6 +36,16 @@ def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted:
     if layout != "folder":
         raise ValueError(f"--poses and --inverted are for --layout folder: {layout} has its own")
     return folder(path, poses=poses, inverted=inverted)
+
+
+def open_with_errors(path: Path, layout: str, errors: str, seed: int) -> Samples:
+    """The samples of one of our recordings as sensors with such errors say them."""
+    from toolkit.datasets.layouts.hdf5 import hdf5
+
+    if layout != "hdf5":
+        raise ValueError(f"--errors are for --layout hdf5: clouds of {layout} have their own")
+    check_errors(errors)
+    return hdf5(path, errors=errors, noise_seed=seed)
 
 
 def first_of(samples: Iterable[Sample], frames: int | None) -> Iterator[Sample]:
@@ -92,9 +105,12 @@ def score_clouds(
     still: bool,
     area: tuple[float, float, float, float] | None,
     frames: int | None,
+    rate: float | None,
+    calibrate: str | None,
     hidden: bool,
 ) -> SampleEvaluation:
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
+    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
     from toolkit.detection.samples.evaluated import evaluate_samples
     from toolkit.objects import known_labels
 
@@ -106,10 +122,24 @@ def score_clouds(
     network, middle, half = sample_detector(detector, area)
     total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
     steps = count(1)
+    opened: Callable[[], Iterable[Sample]] = partial(first_of, samples, frames)
+    found = () if calibrate is None else found_poses(opened, calibrate)
+    corrected = corrections(found)
     with progress_bar("cloud", total, hidden=hidden) as bar:
-        return evaluate_samples(
-            partial(first_of, samples, frames), network, schemes=schemes, codec=codec,
+        figures = evaluate_samples(
+            lambda: with_corrections(opened(), corrected), network, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
             middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
-            seen=partial(watched, progress=lambda _: bar.to(next(steps))),
+            rate=rate, seen=partial(watched, progress=lambda _: bar.to(next(steps))),
         )  # fmt: skip
+    return figures.with_poses(found)
+
+
+def found_poses(
+    opened: Callable[[], Iterable[Sample]], reference: str, *, held: Sequence[int | str] = ()
+) -> tuple[FoundPose, ...]:
+    """Where the lidars of a recording are, by a reference as in coview calibrate, or "together" by each other."""
+    from toolkit.calibration.reference import read_surface
+    from toolkit.calibration.samples.sample_poses import find_sample_poses
+
+    return find_sample_poses(opened, None if reference == TOGETHER else read_surface(reference), held=held)

@@ -48,10 +48,14 @@ class Race:
 
 
 class Resampled(NamedTuple):
-    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all."""
+    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all.
+    frames: how many of those asked for they are from, the first ones, where time was up; None for all; blocks: of these
+    frames, from which resamples are drawn, inf for very many."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
+    frames: int | None = None
+    blocks: float = math.inf
 
 
 ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Resampled]
@@ -137,13 +141,16 @@ def race_until(
 ) -> Contest:
     """Sets scored on more and more frames until it is sure enough which is the best, or the frames are used up.
 
-    scores: asked for sets on the first frames of `order`, each time more of them; confidence: asked for; tolerance: a
-    set that is better by no more does not count; first, eta: frames of the first rung, and by how much the next ones
-    are longer; most: set-frames, beyond which only the best go on; stop: asked after each rung whether to end.
+    scores: asked for sets on the first frames of `order`, each time more of them; where it takes fewer, the race ends
+    with these; confidence: asked for; tolerance: a set that is better by no more does not count; first, eta: frames of
+    the first rung, and by how much the next ones are longer; most: set-frames, beyond which only the best go on; stop:
+    asked after each rung whether to end.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
     doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
-    tolerance, and of those dropped the sum of these shares when they were. Raises ValueError as `race` does.
+    tolerance, and of those dropped the sum of these shares when they were. Where time was up it is no less than
+    2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError as `race`
+    does.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> def scores(sets, frames):
@@ -165,13 +172,16 @@ def race_until(
     rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]] = []
     while True:
         reached = min(frames, max(first, seen * eta))
-        spent, seen = spent + len(running) * (reached - seen), reached
-        found = scores(sets[running], order[:seen])
+        found = scores(sets[running], order[:reached])
+        counted = reached if found.frames is None else found.frames
+        spent, seen = spent + len(running) * (counted - seen), counted
         ranked = _best_first(found.figure)
-        running, found = running[ranked], Resampled(found.figure[ranked], found.resamples[ranked])
+        found = found._replace(figure=found.figure[ranked], resamples=found.resamples[ranked])
+        running = running[ranked]
         rungs.append((running, found))
-        sure = 1 - _doubt(rungs, int(running[0]), tolerance)
-        if seen == frames or sure >= confidence or stop():
+        by_chance = 0.0 if found.frames is None or len(sets) == 1 else 0.5**found.blocks
+        sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), tolerance))
+        if seen == frames or seen < reached or sure >= confidence or stop():
             dropped.append((running, found.figure, seen))
             break
         lead = found.resamples - found.resamples[0]

@@ -214,7 +214,8 @@ def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> An
     if isinstance(entry.default, int):
         return _member(properties, key, int, where)
     if isinstance(properties[key], list) and not isinstance(entry.default, float):
-        return tuple(_numbers(properties[key], len(properties[key]), f"{where}.{key}"))
+        numbers = _numbers(properties[key], len(properties[key]), f"{where}.{key}")
+        return tuple(np.deg2rad(numbers).tolist() if is_angle(entry) else numbers)
     number = _number(properties, key, where)
     return float(np.deg2rad(number)) if is_angle(entry) else number
 
@@ -308,7 +309,7 @@ def _model(model: SensorModel) -> Json:
 
 def _written_value(entry: Field[Any], value: Any) -> Any:
     if is_angle(entry):
-        return _degrees(value)
+        return [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -44,8 +44,8 @@ def stress(
     Args:
         dataset: Recording; for delay, loss, rate and clock made by coview simulate --every 0.1.
         detector: As in coview evaluate.
-        schemes: Which of early, late, hybrid, foreground and adaptive fusion, the last within 3 kbit a sensor, and
-            where bytes are looked at, within 0.5 to 6.
+        schemes: Which of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion, the last
+            within 3 kbit a sensor, and where bytes are looked at, within 0.5 to 6.
         kinds: Which of bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate and clock; all that the
             recording can show when left out.
         label: Class of the road users to be found.

@@ -115,12 +115,12 @@ def search(
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
-        seconds: Stop after so many; a portfolio judges its answer after that.
+        seconds: Stop so many after the candidates are rendered; a portfolio races and judges within that time too.
         evaluations: Stop after so many sets.
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
         ray: Address of a Ray cluster instead; local for this machine.
-        out: Folder for the site with its sensors (coview simulate takes it), schedule, map, picture, and their origin.
+        out: Folder for the site with its sensors, schedule, map, picture, origin; killed and asked again, it goes on.
         overwrite: Replace these files.
         json: Print as JSON.
     """
@@ -135,10 +135,10 @@ def search(
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):
         check_least(option, value, 1)
-    for option, limit in (("--seconds", seconds), ("--evaluations", evaluations)):
-        check_positive(option, limit)
-    for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
-        check_least(option, weight, 0)
+    check_positive("--seconds", seconds)
+    check_positive("--evaluations", evaluations)
+    for name, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
+        check_least(name, weight, 0)
     check_share("--confidence", confidence)
     thresholds = iou_range(iou)
     check_schemes([scheme])
@@ -195,6 +195,6 @@ def search(
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:
-        found = answered(order, out=out, progress=bar.stage)
+        found = answered(order, out=out, overwrite=overwrite, progress=bar.stage)
     print_result(found.summary, "\n".join(found.lines), as_json=json)
     return OK if found.met else NOT_MET

@@ -274,17 +274,17 @@ def greedy_cover(
     [1]
     """
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
-    if prices is not None:
-        free &= prices.each <= prices.most
     chosen: list[int] = []
-    while len(chosen) < budget and free.any():
+    while len(chosen) < budget:
+        if prices is not None:
+            free &= prices.each <= prices.most - prices.each[chosen].sum()
+        if not free.any():
+            break
         needed = (missing > 0).astype(np.float64) * weight
         best = int(np.where(free, seen @ needed, -1.0).argmax())
         chosen.append(best)
         missing = missing - seen[best]
         free &= mount != mount[best]
-        if prices is not None:
-            free &= prices.each <= prices.most - prices.each[chosen].sum()
     return chosen
 
 

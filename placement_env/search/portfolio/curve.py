@@ -17,15 +17,17 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort
-from placement_env.search.portfolio.evaluators import Evaluator
+from placement_env.search.portfolio.evaluators import Evaluator, race_order
 from placement_env.search.portfolio.portfolio import (
     INTERVAL_SHARE,
     JUDGED_FRAMES,
     RACE_FRAMES,
+    SEARCHES,
     contest,
     evaluators_of,
     found_entrants,
 )
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 
 
@@ -67,23 +69,22 @@ def budget_curve(
 ) -> tuple[CurvePoint, ...]:
     """A point for each number of sensors from 1 to `most` of which a set may be built, by number.
 
-    Arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of each search at each number, and of
-    the races together. Raises ValueError as that does.
+    Arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of all searches, races and the judgement
+    together. Raises ValueError as that does.
     """
     check_whole("budget", most, least=1)
-    limits = Limits(seconds, evaluations)
-    racing, final = evaluators or evaluators_of(objective, preparation, judge, (race_frames, final_frames), seed=seed)
-    effort = Effort(tuple(range(1, most + 1)), seconds, evaluations, neighbours)
+    Limits(seconds, evaluations)
+    schedule = Schedule.of(seconds, objective.preparation if preparation is None else preparation)
+    parts = schedule.frames(race_frames), schedule.frames(final_frames)
+    racing, final = evaluators or evaluators_of(objective, preparation, judge, parts, seed=seed)
+    effort = Effort(tuple(range(1, most + 1)), schedule.searching(SEARCHES * most), evaluations, neighbours)
     found = found_entrants(objective, effort, seed, progress)
-    limits = Limits(seconds, evaluations)
     sizes = found.sets.sum(axis=1)
     winners: list[tuple[int, float]] = []
-    for size in np.unique(sizes):
+    for size in (different := np.unique(sizes)):
         places = np.flatnonzero(sizes == size)
-        ran = contest(
-            objective, found.sets[places], racing, confidence=confidence, seed=seed, progress=progress,
-            stop=lambda: limits.elapsed >= limits.seconds,
-        )  # fmt: skip
+        timed = schedule.racing(racing, len(different) - len(winners))
+        ran = contest(objective, found.sets[places], timed, confidence=confidence, seed=seed, progress=progress)
         winners.append((int(places[ran.ranking[0]]), ran.confidence))
     if not winners:
         return ()
@@ -91,7 +92,8 @@ def budget_curve(
     report: Callable[[int], None] | None = None
     if progress is not None:
         report = partial(_done, progress, final.frames)
-    judged = final.evaluate(found.sets[rows], np.arange(final.frames), report)
+    order = np.arange(final.frames) if seconds is None else race_order(final.frames)
+    judged = schedule.judging(final).evaluate(found.sets[rows], order, report)
     price = objective.price(found.sets[rows])
     points = []
     for place, (row, sure) in enumerate(winners):

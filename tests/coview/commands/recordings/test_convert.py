@@ -24,10 +24,43 @@ def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
     assert json.loads(said)["objects_per_sample"]["vehicle"] == len(again.objects)
 
 
+def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, monkeypatch):
+    """Recorded clouds as one file, which is scored, surveyed and packed as any other layout."""
+    source = "import toolkit.objects as o\ndef it(points): return o.Detections.empty()\n"
+    (tmp_path / "finds_nothing.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    clouds = tmp_path / "clouds.hdf5"
+    assert run("convert", recording, "--layout", "hdf5", "--to", "hdf5", "--frames", 1, "--out", clouds)[0] == 0
+    (before,), (after,) = [next(read(recording, "hdf5"))], read(clouds, "hdf5")
+    np.testing.assert_array_equal(after.objects.boxes, before.objects.boxes)
+    np.testing.assert_array_equal(after.points(), before.points())
+    assert after.complete.record() == before.complete.record() == {"kind": "rectangle", "area": [-40, -20, 40, 20]}
+    code, said, _ = run("survey", clouds, "--layout", "hdf5", "--json")
+    assert code == 0
+    assert json.loads(said)["samples"] == 1
+    assert run("doctor", clouds, "--layout", "hdf5")[:2] == (0, "nothing suspected\n")
+    area = ("--layout", "hdf5", "--area", -40, -20, 40, 20)
+    assert run("pack", clouds, *area, "--out", tmp_path / "c.packed")[0] == 0
+    code, said, problems = run("evaluate", clouds, "--detector", "finds_nothing:it", *area, "--out", tmp_path / "e")
+    assert code == 0, problems
+    assert run("convert", clouds, "--layout", "hdf5", "--to", "openlabel", "--out", tmp_path / "back")[0] == 0
+    (back,) = read(tmp_path / "back", "openlabel")
+    np.testing.assert_allclose(back.objects.boxes[:, :6], before.objects.boxes[:, :6], atol=1e-3)
+
+
+def test_a_file_that_is_there_is_kept(recording, tmp_path, refused):
+    clouds = tmp_path / "clouds.hdf5"
+    clouds.write_bytes(b"mine")
+    arguments = ("convert", recording, "--layout", "hdf5", "--to", "hdf5")
+    assert "--overwrite" in refused(*arguments, "--out", clouds)
+    assert "is a folder" in refused(*arguments, "--out", tmp_path, "--overwrite")
+    assert clouds.read_bytes() == b"mine"
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--to", "hdf5"), "only read"),
+        (("--to", "rcooper"), "only read"),
         (("--to", "kiti"), "no layout 'kiti'"),
         (("--to", "folder", "--frames", 0), "--frames must be at least 1"),
     ],
@@ -39,3 +72,16 @@ def test_what_is_refused(recording, tmp_path, refused, arguments, says):
 
 def test_survey_refuses_what_is_for_images(recording, refused):
     assert "--site is not for --layout" in refused("survey", recording, "--layout", "hdf5", "--site", "tjunction")
+
+
+def test_sensors_with_errors(recording, tmp_path, run, refused):
+    arguments = ("convert", recording, "--layout", "hdf5", "--frames", 1, "--to", "folder")
+    assert run(*arguments, "--errors", "surveyed", "--seed", 3, "--out", tmp_path / "e")[0] == 0
+    (crooked,), true = read(tmp_path / "e", "folder"), next(read(recording, "hdf5"))
+    pairs = zip(crooked.clouds, true.clouds, strict=True)
+    moved = [np.abs(a.world_SE3_sensor - b.world_SE3_sensor).max() for a, b in pairs]
+    assert 0 < min(moved) < max(moved) < 0.1
+    assert "there is no error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
+    says = refused("convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical",
+                   "--out", tmp_path / "x")  # fmt: skip
+    assert "--errors are for --layout hdf5" in says

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from placement_env.report.stress.stressing import kinds_for, stress
 from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 
 
 def by(rows, **wanted):
@@ -57,6 +59,29 @@ def test_a_lower_rate_is_as_old_as_it_is_rare(rows):
     rate = by(rows, kind="rate", level="every 5 frames")[0]
     assert rate.age == pytest.approx(0.2, abs=0.01)
     assert rate.judged.ap < by(rows, kind="rate", level="every 5 frames, tracks")[0].judged.ap
+
+
+def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_are_lost(monkeypatch, driving, tops):
+    """Where the block stands still; with losses the centre waits for whole images, less so where all refer to these."""
+    monkeypatch.setattr("placement_env.report.stress.conditions.LOSSES", ((0.3, None),))
+
+    standing = driving()
+    here, away = standing.box(0), np.array([[40.0, 0, 0, 0, 0, 0, 0]])
+    monkeypatch.setattr(standing, "box", lambda k: here + (k < 8) * away)
+    key = ForegroundDifferences(refers_to="key", name="to key")
+    rows = stress(standing, tops(), schemes=["foreground", "differences", key], kinds=("bytes", "loss"))
+    found = {(row.kind, row.level, row.scheme): row for row in rows if row.codec == "2 cm"}
+    nothing = "nothing goes wrong"
+    whole, previous, to_key = (found["bytes", nothing, name] for name in ("foreground", "differences", "to key"))
+    assert previous.judged.ap == to_key.judged.ap == whole.judged.ap
+    assert previous.kbit_per_sensor < 0.95 * whole.kbit_per_sensor
+    assert to_key.kbit_per_sensor < 0.95 * whole.kbit_per_sensor
+    lossy = [found["loss", "30%", name] for name in ("foreground", "differences", "to key")]
+    ages = [row.age for row in lossy]
+    assert 0 < ages[0] <= ages[2] < ages[1]
+    assert lossy[1].kbit_per_sensor == pytest.approx(previous.kbit_per_sensor)
+    assert lossy[2].kbit_per_sensor == pytest.approx(to_key.kbit_per_sensor)
+    assert {row.codec for row in rows if row.kind == "bytes"} == {"2 cm", "4 cm", "8 cm"}
 
 
 def test_one_silent_sensor_leaves_the_other_and_a_frozen_one_shows_ghosts(rows):

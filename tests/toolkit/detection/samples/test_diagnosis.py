@@ -25,7 +25,7 @@ def hull(box, rng, count=150):
     return np.column_stack([turned + np.array([x, y]), up])
 
 
-def recording(count=2, seconds=0.1, late=0.0):
+def recording(count=2, seconds=0.1, late=0.0, *, ground_points=8000):
     """Cars that drive along their headings on flat ground; late: by how much their labels lag behind (s)."""
     rng = np.random.default_rng(1)
     angle, away = np.linspace(0, 2 * np.pi, 14, endpoint=False), rng.uniform(8, 30, 14)
@@ -39,7 +39,7 @@ def recording(count=2, seconds=0.1, late=0.0):
         now, labelled = start.copy(), start.copy()
         now[:, :2] += velocity * seconds * k
         labelled[:, :2] += velocity * (seconds * k - late)
-        ground = np.column_stack([rng.uniform(-45, 45, (8000, 2)), rng.normal(0, 0.01, 8000)])
+        ground = np.column_stack([rng.uniform(-45, 45, (ground_points, 2)), rng.normal(0, 0.01, ground_points)])
         points = np.concatenate([ground, *(hull(box, rng) for box in now)]).astype(np.float32)
         objects = Objects(labelled, ids=np.arange(14))
         made.append(Sample(str(k), (SensorCloud("s", points, np.eye(4)),), objects, time=100 + seconds * k))
