@@ -76,7 +76,7 @@ def search(
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
-    """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
+    """Search the sensors to build: which poles, headings and tilts, at most a budget of them.
 
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 

@@ -151,7 +151,10 @@ def amounts_up_to(objective: Objective, most: int, money: float, count: int = AM
     """Amounts of money, ascending, at which a set of at most `most` sensors may cost as much: all up to `money` where
     these are no more than `count`, else so many, spread evenly and as great as can be."""
     check_whole("budget", most, least=1)
-    prices = np.unique(objective.candidates.prices[objective.allowed([])])
+    candidates, alone = objective.candidates, objective.allowed([])
+    prices = np.unique(candidates.prices[alone])
+    if candidates.several:
+        prices = np.union1d(prices, candidates.model_prices[alone])
     sums = np.zeros(1)
     for _ in range(most):
         sums = _different(np.concatenate([sums, (sums[:, None] + prices).ravel()]), money)

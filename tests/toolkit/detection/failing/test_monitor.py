@@ -95,6 +95,20 @@ def test_blinded_is_noticed_at_once_in_whole_images_and_by_others_in_foreground(
     assert watched(sent) == [None] * 9
 
 
+def test_foreground_says_itself_what_is_missing():
+    lower = np.zeros(EMPTY.shape, bool)
+    lower[30:] = True  # three fifths of what returns
+
+    def dark(k):
+        return Shown(0.1 * k, NOTHING, np.zeros(EMPTY.shape, bool), lower)
+
+    assert watched([dark(k) for k in range(5)]) == [None, None, *[Fault.BLINDED] * 3]
+    upper = np.zeros(EMPTY.shape, bool)
+    upper[:40] = True  # its crop: a third of that is missing
+    assert watched([dark(k) for k in range(5)], view=upper) == [None] * 5
+    assert watched([dark(k) for k in range(5)], view=~upper)[-1] is Fault.BLINDED
+
+
 def test_others_are_asked_only_where_next_to_nothing_is_sent():
     def never():
         raise AssertionError("asked")
