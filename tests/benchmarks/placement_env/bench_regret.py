@@ -74,7 +74,7 @@ class Judging:
 
         return Objective(
             self.site, SEARCHED, self.scheme, candidates=self.candidates, seed=self.seed, cache=self.cache,
-            workers=self.workers, detector=_detector(self.site),
+            workers=self.workers, detector=general(self.site),
         )  # fmt: skip
 
     def prepared(self, part: int, frames: int, **settings: Any) -> Any:
@@ -186,7 +186,7 @@ class Judging:
         return made
 
 
-def _detector(site: Any) -> Any:
+def general(site: Any) -> Any:
     """`general`, its layers laid out so that they take less time: the same but for rounding."""
     import torch
 
