@@ -21,7 +21,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-SURE = 0.005  # in AP, that no prediction is better than
+SURE = 0.02  # in AP, by which predictions of sets that are near the best are off from each other, at least
 OF_A_BLOCK = 0.05  # in AP, by which sets differ by chance on one block of frames, at least
 FEWEST_SETS = 3  # of which it can be said how far predictions are off
 
@@ -45,7 +45,7 @@ def believed(
 
     >>> noisy = np.array([[0.5, 0.7], [0.7, 0.5], [0.6, 0.6]])
     >>> believed(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
-    array([0.55, 0.65, 0.6 ])
+    array([0.553, 0.647, 0.6  ])
     """
     if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
         return Believed(figure, resamples)

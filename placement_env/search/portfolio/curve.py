@@ -6,6 +6,7 @@ judged together on the third part of traffic, with the same resamples, so that t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +24,7 @@ from placement_env.search.portfolio.portfolio import (
     JUDGED_FRAMES,
     RACE_FRAMES,
     SEARCHES,
+    SET_FRAMES,
     contest,
     evaluators_of,
     found_entrants,
@@ -84,7 +86,10 @@ def budget_curve(
     for size in (different := np.unique(sizes)):
         places = np.flatnonzero(sizes == size)
         timed = schedule.racing(racing, len(different) - len(winners))
-        ran = contest(objective, found.sets[places], timed, confidence=confidence, seed=seed, progress=progress)
+        ran = contest(
+            objective, found.sets[places], timed, confidence=confidence, seed=seed, progress=progress,
+            most=SET_FRAMES if seconds is None else math.inf,
+        )  # fmt: skip
         winners.append((int(places[ran.ranking[0]]), ran.confidence))
     if not winners:
         return ()
