@@ -47,6 +47,11 @@ if TYPE_CHECKING:
     from toolkit.detection.hybrid import Hybrid as Hybrid
     from toolkit.detection.link.channel import LinkChannel as LinkChannel
     from toolkit.detection.link.codecs import codec_named as codec_named
+    from toolkit.detection.link.differences import (
+        DifferenceReader as DifferenceReader,
+        DifferenceSender as DifferenceSender,
+        MissedReference as MissedReference,
+    )
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
         decode_foreground as decode_foreground,
@@ -55,7 +60,7 @@ if TYPE_CHECKING:
     from toolkit.detection.link.inbox import Inbox as Inbox
     from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
-    from toolkit.detection.link.monitor import (
+    from toolkit.detection.failing.monitor import (
         Fault as Fault,
         SensorMonitor as SensorMonitor,
         Shown as Shown,
@@ -68,9 +73,14 @@ if TYPE_CHECKING:
         evaluate as evaluate,
         precision_recall as precision_recall,
     )
+    from toolkit.detection.samples.clusters import (
+        foreground_clusters as foreground_clusters,
+        learn_cluster_detector as learn_cluster_detector,
+    )
     from toolkit.detection.scheme import Scheme as Scheme
     from toolkit.detection.schemes import scheme_of as scheme_of
     from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
+    from toolkit.detection.sharing.foreground_differences import ForegroundDifferences as ForegroundDifferences
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -135,14 +145,17 @@ else:
             "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
             "detection.sharing.adaptive": ("Adaptive",),
+            "detection.sharing.foreground_differences": ("ForegroundDifferences",),
+            "detection.link.differences": ("DifferenceReader", "DifferenceSender", "MissedReference"),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
-            "detection.link.monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
+            "detection.failing.monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
+            "detection.samples.clusters": ("foreground_clusters", "learn_cluster_detector"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),
             "detection.survey": ("survey",),

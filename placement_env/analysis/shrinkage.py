@@ -26,29 +26,29 @@ OF_A_BLOCK = 0.05  # in AP, by which sets differ by chance on one block of frame
 FEWEST_SETS = 3  # of which it can be said how far predictions are off
 
 
-class Believed(NamedTuple):
+class Shrunk(NamedTuple):
     """Figures of n sets as they are likeliest, and draws that spread as much as these are unsure."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
 
 
-def believed(
+def shrunk(
     figure: Float64[np.ndarray, " n"],
     resamples: Float64[np.ndarray, "n resamples"],
     predicted: Float64[np.ndarray, " n"],
     blocks: float = math.inf,
-) -> Believed:
+) -> Shrunk:
     """Of n sets. resamples: of each figure, drawn alike for all; blocks: how many these draw from: of one nothing is
     known of the noise, so that predictions rank. Fewer than `FEWEST_SETS` sets, or figures that are not defined, are
     left as they are.
 
     >>> noisy = np.array([[0.5, 0.7], [0.7, 0.5], [0.6, 0.6]])
-    >>> believed(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
+    >>> shrunk(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
     array([0.553, 0.647, 0.6  ])
     """
     if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
-        return Believed(figure, resamples)
+        return Shrunk(figure, resamples)
     common = resamples.mean(axis=0)
     noise = resamples - common
     noise = noise - noise.mean(axis=1, keepdims=True)
@@ -62,4 +62,4 @@ def believed(
         spread = max(SURE**2, float(off.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
     likeliest = predicted + shift + weight * (off - shift)
-    return Believed(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))
+    return Shrunk(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))

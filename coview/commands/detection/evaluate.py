@@ -45,6 +45,8 @@ def evaluate(
     radius: float | None = None,
     codec: str = "paper",
     step: float = 0.02,
+    refers_to: Literal["previous", "key"] = "previous",
+    key_every: int = 10,
     rate: float | None = None,
     calibrate: str | None = None,
     budget: float | None = None,
@@ -70,7 +72,7 @@ def evaluate(
 
     Args:
         dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
-        detector: cluster, or general with --layout; a trained network: voxelnet for the site's own, a name, or a
+        detector: cluster, general with --layout; a trained network: voxelnet for the site's own, a name, or a
             weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
             toolkit.detection.imported).
         layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in
@@ -78,8 +80,8 @@ def evaluate(
         level: With --layout, as in coview detect.
         still: With --layout, as in coview detect.
         area: With --layout, as in coview detect.
-        schemes: Which of early, late, hybrid, foreground and adaptive fusion, the first three when left out; with
-            --layout, all clouds at once.
+        schemes: Which of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion, the first
+            three when left out; with --layout, all clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
         iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
@@ -89,6 +91,9 @@ def evaluate(
         codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes. The foreground
             scheme always sends bytes.
         step: In which bytes say distances (m): 0.02, 0.04, 0.08.
+        refers_to: What differences are taken from: the previous message, or the last whole image (key), where messages
+            may be lost. Frames must be close together (coview simulate --every 0.1).
+        key_every: Messages from one whole image to the next at most, where differences are sent.
         rate: Frames per second (Hz): print what each scheme puts on a link.
         calibrate: With --layout, first find where the sensors are: by a reference as in coview calibrate, or together,
             by each other.
@@ -123,11 +128,15 @@ def evaluate(
     check_least("--radius", radius, 0.0)
     check_positive("--rate", rate)
     check_least("--budget", budget, 0.0)
+    check_least("--key-every", key_every, 1)
     refuse_given({"--schemes": schemes is not None, "--budget": budget is not None, "--layout": layout is not None,
                   "--whole-link with several --sensors": whole_link and len(sensors) > 1} if curve else {},
                  "does not go with --curve")  # fmt: skip
     shares = adaptive_of(3.0 if budget is None else budget, whole_link=whole_link)
-    sent_by, named = codec_named(codec, step=step), schemes_in_steps(step, adaptive=shares)
+    sent_by, named = (
+        codec_named(codec, step=step),
+        schemes_in_steps(step, adaptive=shares, refers_to=refers_to, key_every=key_every),
+    )
     if layout is not None:
         others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
                   "--errors": errors != "paper", "--site": site is not None}  # fmt: skip

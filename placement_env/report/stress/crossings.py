@@ -1,8 +1,9 @@
 """Where one scheme overtakes another as more of the same goes wrong.
 
 AP between two levels is taken to be linear. The second scheme overtakes the first at the level from which on it has the
-higher AP up to the greatest level that was tried. The interval is that of these levels over draws of blocks of frames,
-the same draws for both schemes; in a draw where the second never overtakes, the level is infinite.
+higher AP up to the greatest level that was tried; where one of them never leads by `LEAST_LEAD`, nobody overtakes. The
+interval is that of these levels over draws of blocks of frames, the same draws for both schemes; in a draw where the
+second never overtakes, the level is infinite.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from placement_env.report.content import CONFIDENCE
 from placement_env.report.stress.outcomes import StressRow
 from toolkit.arrays import Float64
 from toolkit.runtime.json_files import finite
+
+LEAST_LEAD = 0.005  # of AP, from which on one scheme is said to be better than another
 
 
 @dataclass(frozen=True)
@@ -61,26 +64,31 @@ def crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ..
         drawn = {name: np.stack([_resampled(row, seed) for row in each]) for name, each in schemes.items()}
         for one, other in combinations(schemes, 2):
             before, after = (one, other) if aps[other][-1] > aps[one][-1] else (other, one)
-            level = overtaken(levels, aps[after] - aps[before])
-            if not levels[0] < level < math.inf:
+            lead = aps[after] - aps[before]
+            if not (lead[-1] >= LEAST_LEAD and lead.min() <= -LEAST_LEAD):
                 continue
+            level = overtaken(levels, lead)
             each = np.array([overtaken(levels, d) for d in (drawn[after] - drawn[before]).T if not np.isnan(d).any()])
             share = float(np.isfinite(each).mean()) if len(each) else 0.0
-            made.append(Crossing(kind, iou, before, after, level, *_middle(each), share))
+            low, high = _middle(each)
+            made.append(Crossing(kind, iou, before, after, level, min(low, level), max(high, level), share))
     return tuple(sorted(made, key=lambda each: (each.kind, each.iou, each.level)))
 
 
 def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
-    """Which scheme is best at which levels, kind by kind and IoU by IoU."""
+    """Which scheme is best at which levels, kind by kind and IoU by IoU: one stays so until another leads by
+    `LEAST_LEAD`."""
     made: list[BestScheme] = []
     for (kind, iou), schemes in _graded(rows).items():
         levels = np.array([row.amount for row in next(iter(schemes.values()))])
         aps = np.stack([_aps(each) for each in schemes.values()])
         places = np.unique(np.concatenate([levels, *(_zeros(levels, a - b) for a, b in combinations(aps, 2))]))
         middles = (places[1:] + places[:-1]) / 2
-        best = [int(np.argmax([np.interp(x, levels, ap) for ap in aps])) for x in middles]
-        for start, end, k in zip(places[:-1].tolist(), places[1:].tolist(), best, strict=True):
-            name = list(schemes)[k]
+        best = 0
+        for start, end, middle in zip(places[:-1].tolist(), places[1:].tolist(), middles.tolist(), strict=True):
+            at = np.array([np.interp(middle, levels, ap) for ap in aps])
+            best = best if at[best] > at.max() - LEAST_LEAD else int(at.argmax())
+            name = list(schemes)[best]
             if made and (made[-1].kind, made[-1].iou, made[-1].scheme) == (kind, iou, name):
                 start = made.pop().start
             made.append(BestScheme(kind, iou, name, start, end))

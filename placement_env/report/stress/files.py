@@ -9,6 +9,8 @@ from typing import Any
 
 from placement_env.report.drawings.charts import interval_bars
 from placement_env.report.stress.crossings import Crossing, best_schemes
+from placement_env.report.stress.exact_failures import ExactFailure
+from placement_env.report.stress.noticing import FalseAlarms, Noticed
 from placement_env.report.stress.outcomes import StressRow
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.runtime.json_files import finite
@@ -41,12 +43,31 @@ def format_crossings(rows: Sequence[StressRow], crossed: Sequence[Crossing]) -> 
     return "\n\n".join(text for text, lines in zip(texts, (best, table), strict=True) if len(lines) > 1)
 
 
-def stress_content(
-    rows: Sequence[StressRow], provenance: Mapping[str, Any], crossed: Sequence[Crossing] = ()
-) -> dict[str, Any]:
-    """For JSON: figures that are undefined are None."""
-    said = {"rows": [row.as_dict() for row in rows], "crossings": [each.as_dict() for each in crossed]}
-    return {"provenance": dict(provenance), **finite(said)}
+def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) -> str:
+    """How soon faults are noticed, and how often one is said to be that is none."""
+    table = [["fault", "sent as", "cases", "noticed", "median", "worst"]]
+    for each in noticed:
+        times = [f"{seconds:.1f} s" for seconds in (each.median, each.worst)]
+        table.append([each.fault, each.sent_as, str(each.cases), str(each.noticed), *times])
+    false = [["false alarms: link", "sent as", "alarms", "sensor-minutes"]]
+    false += [[each.link, each.sent_as, str(each.alarms), f"{each.minutes:.1f}"] for each in alarms]
+    return f"{aligned(table, texts=2)}\n\n{aligned(false, texts=2)}"
+
+
+def format_exact(left: Sequence[ExactFailure]) -> str:
+    """N-1 and N-2 of a table, a line each."""
+    table = [["exact", "scheme", "IoU", "intact", "mean", "worst", "without"]]
+    for each in left:
+        figures = [f"{ap:.3f}" for ap in (each.intact, each.mean, each.worst)]
+        table.append([f"N-{each.failing}", each.scheme, f"{each.iou:g}", *figures, ", ".join(each.without)])
+    return aligned(table, texts=2)
+
+
+def stress_content(rows: Sequence[StressRow], provenance: Mapping[str, Any], **beside: Sequence[Any]) -> dict[str, Any]:
+    """For JSON: figures that are undefined are None. beside: lists of what else is known, by what it is, such as
+    crossings."""
+    lists = {name: [each.as_dict() for each in some] for name, some in beside.items()}
+    return {"provenance": dict(provenance), **finite({"rows": [row.as_dict() for row in rows], **lists})}
 
 
 def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, Any], folder: str | Path) -> None:
@@ -56,12 +77,10 @@ def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, Any], folder:
     write_text(path, json.dumps(stress_content(rows, provenance), indent=1, allow_nan=False))
 
 
-def write_stress(
-    rows: Sequence[StressRow], provenance: Mapping[str, Any], folder: str | Path, crossed: Sequence[Crossing] = ()
-) -> None:
-    """Write `STRESS_FILES` into a folder made if missing: all, or where that fails (OSError) none."""
+def write_stress(rows: Sequence[StressRow], content: Mapping[str, Any], folder: str | Path) -> None:
+    """Write `STRESS_FILES` into a folder made if missing: all, or where that fails (OSError) none. content: of
+    `stress_content`."""
     named = [(f"{row.kind} {row.level}: {row.scheme}, {row.codec}, IoU {row.iou:g}", row.judged) for row in rows]
-    content = stress_content(rows, provenance, crossed)
     with writing_together(folder) as unfinished:
         write_text(unfinished / "stress.json", json.dumps(content, indent=1, allow_nan=False))
         write_text(unfinished / "stress.svg", interval_bars(named, "AP under stress"))

@@ -12,7 +12,7 @@ from hashlib import sha256
 import numpy as np
 
 from toolkit.arrays import Float32
-from toolkit.objects import Detections, Detector
+from toolkit.objects import Detections, Detector, known_labels
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 
@@ -30,7 +30,13 @@ class KeptDetections:
                 "to keep what a detector says, it needs an attribute digest, a text that changes with all it depends "
                 "on: add one, or keep nothing"
             )
+        self.labels = known_labels(detector)
         self._detector, self._depends_on = detector, [digest, code_digest(type(detector).__module__)]
+
+    @staticmethod
+    def of(detector: Detector) -> KeptDetections:
+        """The detector itself where it keeps already, else one that keeps in memory."""
+        return detector if isinstance(detector, KeptDetections) else KeptDetections(detector)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """What the detector says of these points, in this order."""

@@ -25,12 +25,19 @@ from toolkit.detection.link.channel import STALE
 from toolkit.detection.link.lagged import Lagged, lagged_frames
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import SCHEMES, scheme_of
-from toolkit.detection.view import frame_view
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known, label_index
-from toolkit.runtime.cache import Cache
 from toolkit.sensors.errors.clock import MOST_APART
 from toolkit.sensors.errors.profile import ErrorProfile
+
+Needed = Callable[[int], Sequence[int]]  # which messages must have arrived for one to be read
+
+
+def in_sequence(recording: Recording) -> bool:
+    """Whether its frames lie close enough together to show what is late or lost."""
+    return 0 < _apart(recording) <= MOST_APART
 
 
 def kinds_for(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
@@ -38,13 +45,12 @@ def kinds_for(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...
     needs frames closer together."""
     for kind in kinds:
         conditions_of(kind, ())
-    apart = _apart(recording)
-    close = 0 < apart <= MOST_APART
+    close = in_sequence(recording)
     for kind in kinds:
         if kind in IN_SEQUENCE and not close:
             raise ValueError(
-                f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {apart:g} s: record some with "
-                "coview simulate --every 0.1"
+                f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_apart(recording):g} s: record "
+                "some with coview simulate --every 0.1"
             )
     return tuple(kinds) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
 
@@ -64,16 +70,15 @@ def stress(
     label: str = LABELS[VEHICLE],
     ious: Sequence[float] = (0.7,),
     seed: int = 0,
-    cache: Cache | None = None,
     progress: Callable[[int, int], None] | None = None,
     finished: Callable[[Sequence[StressRow]], None] | None = None,
 ) -> tuple[StressRow, ...]:
     """Every scheme under the conditions of every kind, all that the recording can show if none is named, at every IoU.
 
     frames: only the first so many; label, ious: of what is to be found; seed: of noise, errors, channels and bootstrap;
-    cache: where detections are kept, so that a run that was stopped goes on where it was; progress: called with how
-    many frames are done, of how many; finished: called with the rows of each condition. Raises ValueError as
-    `kinds_for`, for a label that there is not or the detector does not know, and as `KeptDetections`.
+    progress: called with how many frames are done, of how many; finished: called with the rows of each condition. A
+    detector that is a `KeptDetections` with a file goes on where a run was stopped. Raises ValueError as `kinds_for`,
+    and for a label that there is not or the detector does not know.
     """
     check_known(detector, [LABELS[label_index(label)]])
     chosen = [scheme_of(scheme) for scheme in schemes]
@@ -85,29 +90,47 @@ def stress(
     if count < 1:
         raise ValueError(f"there must be a frame to stress, got {frames} of {len(recording)}")
     settled = STALE if _apart(recording) <= MOST_APART else 0.0
-    scenes, detect = RecordingScenes(recording, noise_seed=seed), KeptDetections(detector, cache)
+    scenes, detect = RecordingScenes(recording, noise_seed=seed), KeptDetections.of(detector)
     rows: list[StressRow] = []
-    for done, condition in enumerate(conditions):
+    for number, condition in enumerate(conditions):
         runs = [Run(system, label, ious) for system in systems_of(chosen, condition.kind)]
-        for k, lagged in enumerate(_arriving(recording, condition, count, seed)):
-            seen, scored = _seen(lagged, condition), lagged.since >= settled
-            _look(runs, seen, condition, recording, detect, scenes, scored=scored)
-            if progress is not None:
-                progress(done * count + k + 1, count * len(conditions))
+        done = 0
+        for some, needed in _arriving_alike(runs):
+            memory: LinkMemory = {}
+            for lagged in _arriving(recording, condition, count, seed, needed):
+                seen, scored = _seen(lagged, condition), lagged.since >= settled
+                _look(some, seen, condition, recording, detect, scenes, memory, scored=scored)
+                done += len(some)
+                if progress is not None:
+                    progress(number * count + done // len(runs), count * len(conditions))
         rows += [row for run in runs for row in run.rows(condition, seed)]
         if finished is not None:
             finished(rows[-len(runs) * len(ious) :])
     return tuple(rows)
 
 
-def _arriving(recording: Recording, condition: Condition, count: int, seed: int) -> Iterator[Lagged]:
+def _arriving_alike(runs: Sequence[Run]) -> list[tuple[list[Run], Needed | None]]:
+    """The systems whose messages can be read when they arrive, and each of those that need others before."""
+    alone: list[Run] = []
+    chained: list[tuple[list[Run], Needed | None]] = []
+    for run in runs:
+        if isinstance(run.system.scheme, ForegroundDifferences):
+            chained.append(([run], run.system.scheme.needed))
+        else:
+            alone.append(run)
+    return [*([(alone, None)] if alone else []), *chained]
+
+
+def _arriving(
+    recording: Recording, condition: Condition, count: int, seed: int, needed: Needed | None
+) -> Iterator[Lagged]:
     """What the centre has in each frame under a condition."""
     if condition.redrawn:
         read = _Redrawn(recording, condition.errors, seed)
-        return lagged_frames(read, condition.channel, frames=count, seed=seed, noise_seed=None)
+        return lagged_frames(read, condition.channel, frames=count, seed=seed, noise_seed=None, needed=needed)
     return lagged_frames(
         recording, condition.channel, frames=count, seed=seed, errors=condition.errors, noise_seed=seed,
-        frozen=condition.frozen,
+        frozen=condition.frozen, needed=needed,
     )  # fmt: skip
 
 
@@ -127,11 +150,14 @@ class _Redrawn:
 
 def _seen(lagged: Lagged, condition: Condition) -> Lagged:
     """Without what blinded sensors measure."""
-    frame = lagged.frame
-    measured = tuple(
-        np.zeros_like(image) if k in condition.blinded else image for k, image in enumerate(frame.measurements)
+    return lagged._replace(
+        frame=_without(lagged.frame, condition.blinded), sent=_without(lagged.sent, condition.blinded)
     )
-    return lagged._replace(frame=replace(frame, measurements=measured))
+
+
+def _without(frame: Frame, blinded: Sequence[int]) -> Frame:
+    measured = tuple(np.zeros_like(image) if k in blinded else image for k, image in enumerate(frame.measurements))
+    return replace(frame, measurements=measured)
 
 
 def _look(
@@ -141,17 +167,23 @@ def _look(
     recording: Recording,
     detector: Detector,
     scenes: RecordingScenes,
+    memory: LinkMemory,
     *,
     scored: bool,
 ) -> None:
-    """One frame, fused by every system; views are shared by those that send alike."""
+    """One frame, fused by every system; views are shared by those that send alike. What differences send follows from
+    frames as they were measured, whichever arrive, and what they restore is what whole images would."""
     frame, views = lagged.frame, {}
+    sent = frame_view(lagged.sent, detector, recording.site, scene=scenes, memory=memory)
     sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
     for run in runs:
         codec = run.system.codec
         if codec.digest not in views:
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
-        fused = run.system.scheme.fuse(views[codec.digest], sending)
+        scheme = run.system.scheme
+        fused = scheme.fuse(views[codec.digest], sending)
+        if isinstance(scheme, ForegroundDifferences):
+            fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
         ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
         if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
             detections = run.tracked(detections, frame.time, float(np.median(ages)), begins=not lagged.since)

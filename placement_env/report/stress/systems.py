@@ -11,6 +11,7 @@ from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import CURVE_KBIT
 from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 
 BUDGETS_KBIT = (0.5, *CURVE_KBIT)  # per sensor and frame, of adaptive sharing
 
@@ -42,7 +43,7 @@ def systems_of(schemes: Sequence[Scheme], kind: str) -> list[System]:
             systems.append(System(scheme, RangeImages(), "bytes"))
             continue
         for step in STEPS:
-            stepped = scheme if not isinstance(scheme, Foreground) else replace(scheme, step=step)
+            stepped = replace(scheme, step=step) if isinstance(scheme, Foreground | ForegroundDifferences) else scheme
             systems.append(System(stepped, RangeImages(step), step_words(step)))
     return systems
 

@@ -48,13 +48,14 @@ def main() -> None:
     parser.add_argument("recordings", nargs="*", type=Path)
     parser.add_argument("--layouts", nargs="*", default=[*(name for name in LAYOUTS if terms_of(name)), IMAGES])
     parser.add_argument("--samples", type=int, default=10)
+    parser.add_argument("--recorded-as", default="hdf5", help="the layout of the recordings, such as argoverse")
     given = parser.parse_args()
     vars(label_fits).update(level=remembered(level))  # the clouds stay as they are, and so does their ground
     with tempfile.TemporaryDirectory() as folder:
         for recording in given.recordings or simulated(Path(folder), given.samples):
             print(f"\n{recording.stem}, {given.samples} samples\n")
             print(f"| layout | untouched | {' | '.join(MISTAKES)} |\n|{'---|' * (2 + len(MISTAKES))}", flush=True)
-            samples = [*islice(open_samples(recording, "hdf5"), given.samples)]
+            samples = [*islice(open_samples(recording, given.recorded_as), given.samples)]
             for layout in given.layouts:
                 row = verdicts(layout, recording, two_lidars(samples), Path(folder, "written"))
                 print(f"| {layout} |", *(f"{cell} |" for cell in row), flush=True)

@@ -17,12 +17,32 @@ def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
     assert json.loads(out) == json.loads((tmp_path / "stress.json").read_text())
 
 
+def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
+    arguments = (
+        "stress", recording, "--frames", 1, "--schemes", "early", "foreground", "--kinds", "mounting", "--iou", "0.5",
+        "0.7", "--table", "tjunction", "--cache", tmp_path / "kept", "--out", tmp_path / "out", "--overwrite",
+    )  # fmt: skip
+    code, out, _ = run(*arguments)
+    assert code == 0
+    assert "highest AP" in out
+    assert "exact  scheme" in out
+    assert "fault" not in out  # frames too far apart
+    written = json.loads((tmp_path / "out" / "stress.json").read_text())
+    assert len(written["rows"]) == 6 * 2 * 2
+    assert {each["failing"] for each in written["exact"]} == {1, 2}
+    assert "crossings" in written
+    assert (tmp_path / "kept").stat().st_size > 0
+    assert run(*arguments)[1] == out
+
+
 def test_wrong_arguments(recording, refused, tmp_path):
     for arguments, said in (
         (("--kinds", "storm"), "choose among bytes, pose, mounting, silent"),
         (("--kinds", "delay"), "needs frames at most 0.5 s apart, these are 5 s"),
         (("--schemes", "middle"), "choose among early"),
         (("--iou", "1.5"), "--iou"),
+        (("--table", "nowhere"), "no table 'nowhere'"),
+        (("--table", "tjunction", "--iou", "0.5"), "holds AP at IoU 0.7"),
         (("--frames", "0"), "--frames must be at least 1"),
         (("--seed", "-1"), "--seed"),
     ):

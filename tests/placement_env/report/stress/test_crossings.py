@@ -15,7 +15,7 @@ LEVELS = (0.0, 0.2, 0.4)
 
 def row(scheme, amount, ap, *, kind="pose", iou=0.7, frames=8):
     """Of each frame of ten, so many tenths are found, in turn more and less of them."""
-    found = [round(10 * ap) + (1 if k % 8 < 4 else -1) * (0 < ap < 1) for k in range(frames)]
+    found = [min(10, round(10 * ap) + (1 if k % 8 < 4 else -1) * (0 < ap < 1)) for k in range(frames)]
     tally = Tally.of_frames([np.full(n, 0.9) for n in found], [np.ones(n, bool) for n in found], [10] * frames)
     judged = Judgement(ap, ap, ap, ap, 1.0, 10 * frames, frames)
     return StressRow(kind, f"{amount}", scheme, "2 cm", judged, 1.0, 0.0, "vehicle", iou, amount, tally)
@@ -60,8 +60,8 @@ def test_beyond_what_was_tried_is_infinite_and_null_in_json():
     unsure = [row("late", x, ap) for x, ap in zip(LEVELS, (0.2, 0.2, 0.5), strict=True)]
     always = [row("early", x, ap) for x, ap in zip(LEVELS, (1.0, 1.0, 0.0), strict=True)]
     last = StressRow(**{**vars(always[2]), "tally": row("early", 0.4, 0.5).tally})  # as good in every draw
-    (found,) = crossings([*unsure, *always[:2], last])
-    assert (found.low, found.high, found.share) == (math.inf, math.inf, 0)
+    (found,) = crossings([*unsure, *always[:2], last])  # the figure itself is never left out
+    assert (found.low, found.high, found.share) == (found.level, math.inf, 0)
     assert found.as_dict()["high"] is None
     assert found.as_dict()["level"] == pytest.approx(found.level)
 
@@ -72,6 +72,14 @@ def test_which_is_best_from_where_to_where():
         ("early", 0, 0.1), ("hybrid", 0.1, 0.267), ("late", 0.267, 0.4)
     ]  # fmt: skip
     assert best_schemes([row("early", None, 0.5), row("late", None, 0.5)]) == ()
+
+
+def test_what_is_nearly_equal_is_not_told_apart():
+    assert crossings(rows(early=(1.0, 0.9, 0.5), late=(0.996, 0.9, 0.6))) == ()
+    assert crossings(rows(early=(1.0, 0.9, 0.596), late=(0.9, 0.9, 0.6))) == ()
+    assert len(crossings(rows(early=(1.0, 0.9, 0.594), late=(0.9, 0.9, 0.6)))) == 1
+    found = best_schemes(rows(early=(0.9, 0.6, 0.2), foreground=(0.899, 0.604, 0.202)))
+    assert [(each.scheme, each.start, each.end) for each in found] == [("early", 0, 0.4)]
 
 
 def test_kinds_and_ious_are_looked_at_apart():

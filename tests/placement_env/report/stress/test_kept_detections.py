@@ -10,6 +10,7 @@ from toolkit.runtime.cache import Cache
 
 class Counting:
     digest = "counting"
+    labels: tuple[str, ...] | None = None
 
     def __init__(self, at=0.0):
         self.calls, self.at = 0, at
@@ -63,3 +64,13 @@ def test_a_detector_that_says_nothing_of_itself_is_not_kept_on_disk(tmp_path):
     assert len(KeptDetections(detect)(POINTS)) == 0
     with pytest.raises(ValueError, match="needs an attribute digest"):
         KeptDetections(detect, Cache(tmp_path / "kept"))
+
+
+def test_it_knows_what_its_detector_knows_and_is_not_wrapped_twice():
+    detector = Counting()
+    detector.labels = ("cyclist", "vehicle")
+    kept = KeptDetections(detector)
+    assert kept.labels == ("vehicle", "cyclist")
+    assert KeptDetections(Counting()).labels is None
+    assert KeptDetections.of(kept) is kept
+    assert same(KeptDetections.of(detector)(POINTS), kept(POINTS))

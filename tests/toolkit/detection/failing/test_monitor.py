@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.detection.link.monitor import Fault, SensorMonitor, Shown, farther, standing_before
+from toolkit.detection.failing.monitor import Fault, SensorMonitor, Shown, farther, standing_before
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -93,6 +93,20 @@ def test_blinded_is_noticed_at_once_in_whole_images_and_by_others_in_foreground(
     assert watched(sent, all_covered) == [None] * 6 + [Fault.BLINDED] * 3
     assert watched(sent, lambda: np.arange(EMPTY.size).reshape(EMPTY.shape) < 99) == [None] * 9
     assert watched(sent) == [None] * 9
+
+
+def test_foreground_says_itself_what_is_missing():
+    lower = np.zeros(EMPTY.shape, bool)
+    lower[30:] = True  # three fifths of what returns
+
+    def dark(k):
+        return Shown(0.1 * k, NOTHING, np.zeros(EMPTY.shape, bool), lower)
+
+    assert watched([dark(k) for k in range(5)]) == [None, None, *[Fault.BLINDED] * 3]
+    upper = np.zeros(EMPTY.shape, bool)
+    upper[:40] = True  # its crop: a third of that is missing
+    assert watched([dark(k) for k in range(5)], view=upper) == [None] * 5
+    assert watched([dark(k) for k in range(5)], view=~upper)[-1] is Fault.BLINDED
 
 
 def test_others_are_asked_only_where_next_to_nothing_is_sent():
