@@ -13,7 +13,7 @@ from coview.arguments import check_errors, check_least, sensor_set
 from coview.detectors import area_about, sample_detector
 from coview.progress_bar import progress_bar
 
-TOGETHER = "together"
+TOGETHER, CLUSTER = "together", "cluster"
 
 if TYPE_CHECKING:
     from models.training.packing import Recording
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from toolkit.detection.samples.detected import Detected
     from toolkit.detection.samples.evaluated import SampleEvaluation
     from toolkit.detection.scheme import Scheme
+    from toolkit.objects import Detector
 
 
 def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
@@ -111,6 +112,8 @@ def score_clouds(
 ) -> SampleEvaluation:
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
     from toolkit.calibration.samples.sample_poses import corrections, with_corrections
+    from toolkit.calibration.samples.sample_scenes import SampleScenes
+    from toolkit.detection.samples.clusters import learn_cluster_detector
     from toolkit.detection.samples.evaluated import evaluate_samples
     from toolkit.objects import known_labels
 
@@ -119,15 +122,24 @@ def score_clouds(
         raise ValueError(f"with --layout there is one set of sensors, got {len(sensors)}: say them as a,b,c")
     chosen = sensor_set(sensors[0])
     samples = open_clouds(path, layout)
-    network, middle, half = sample_detector(detector, area)
     total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
     steps = count(1)
     opened: Callable[[], Iterable[Sample]] = partial(first_of, samples, frames)
     found = () if calibrate is None else found_poses(opened, calibrate)
     corrected = corrections(found)
+
+    def put_right() -> Iterator[Sample]:
+        return with_corrections(opened(), corrected)
+
+    scenes = SampleScenes(put_right)
+    if detector == CLUSTER:
+        middle, half = area_about(area)
+        network: Detector = learn_cluster_detector(scenes, next(put_right()), levelling=level, middle=middle, half=half)
+    else:
+        network, middle, half = sample_detector(detector, area)
     with progress_bar("cloud", total, hidden=hidden) as bar:
         figures = evaluate_samples(
-            lambda: with_corrections(opened(), corrected), network, schemes=schemes, codec=codec,
+            put_right, network, scenes=scenes, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
             middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
             rate=rate, seen=partial(watched, progress=lambda _: bar.to(next(steps))),

@@ -73,6 +73,10 @@ if TYPE_CHECKING:
         evaluate as evaluate,
         precision_recall as precision_recall,
     )
+    from toolkit.detection.samples.clusters import (
+        foreground_clusters as foreground_clusters,
+        learn_cluster_detector as learn_cluster_detector,
+    )
     from toolkit.detection.scheme import Scheme as Scheme
     from toolkit.detection.schemes import scheme_of as scheme_of
     from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
@@ -151,6 +155,7 @@ else:
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
+            "detection.samples.clusters": ("foreground_clusters", "learn_cluster_detector"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),
             "detection.survey": ("survey",),

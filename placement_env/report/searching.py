@@ -28,7 +28,7 @@ from placement_env.search.description import (
     described_sensors,
 )
 from placement_env.search.methods import METHODS, check_search, search_of
-from placement_env.search.portfolio.curve import budget_curve
+from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
 from placement_env.search.verification import verified_best
@@ -52,7 +52,7 @@ class SearchOrder:
     and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
     sensors, for what detects; limits: seconds and evaluations; demand: what a method beside these is asked for;
     currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up to the
-    budget, by a portfolio; settings: of `Objective` beside these.
+    budget, or for every amount of money where it is limited, by a portfolio; settings: of `Objective` beside these.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """
@@ -223,13 +223,17 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
 
 
 def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Answered:
-    """The budget curve: a row for each number of sensors."""
-    points = budget_curve(objective, order.budget, seed=order.settings.get("seed", 0), **order.limits, **own)
+    """The budget curve: a row for each number of sensors, or where money is limited for each amount of it."""
+    limited = not math.isinf(objective.most_price)
+    amounts = amounts_up_to(objective, order.budget, objective.most_price) if limited else ()
+    seed = order.settings.get("seed", 0)
+    points = budget_curve(objective, order.budget, amounts=amounts, seed=seed, **order.limits, **own)
     rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
-    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance}
+    summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance}
     if not points:
         return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
-    lines = [f"best set of each number of sensors, by the {order.judge} on traffic that neither searches nor race saw:"]
+    of = "for each amount of money" if limited else "of each number of sensors"
+    lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
     for point in points:
         names = ", ".join(objective.names[c] for c in point.subset)
         lines.append(

@@ -4,10 +4,11 @@
 
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
-(0 to 1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so
-every vector is looked at: in panoramas of the mounts where the preparation makes these (`Preparation.live`), else by
-rays, of which a few hundred vectors are affordable. The start should be good, greedy's for instance. Panoramas agree
-with rays within 3 % or 8 points of an object nearly always; in the end the answer is scored by rays beside its start.
+(0 to 1 each), which mean the nearest mount on which the sensors before it have left a place. A moved sensor sees
+something else, so every vector is looked at: in panoramas of the mounts where the preparation makes these
+(`Preparation.live`), else by rays, of which a few hundred vectors are affordable. The start should be good, greedy's
+for instance. Panoramas agree with rays within 3 % or 8 points of an object nearly always; in the end the answer is
+scored by rays beside its start.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def improve(
     best with twice the population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises
     ValueError where there is no sensor, two share a mount or the start may not be built, ImportError without `cma`.
     """
-    if not len(start) or len(np.unique(start.mount)) < len(start):
+    if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         raise ValueError(
             f"need sensors on mounts of their own, got {len(start)} on {np.unique(start.mount).size} mounts"
         )
@@ -286,11 +287,11 @@ class Coding:
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """The sensors of a vector."""
-        taken = np.zeros(len(self.feet), bool)
+        taken = np.zeros(len(self.feet), np.int64)
         sensors = []
         for c, (lift, turn, tilt, *spot) in enumerate(vector.reshape(-1, self.width)):
             mount = self._nearest(np.array(spot), taken) if self.roam else int(self.start.mount[c])
-            taken[mount] = True
+            taken[mount] += 1
             low, high = _range(self.start.mounts[mount])
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = angles(self.start.sensors[c])[1] + np.pi * turn
@@ -305,7 +306,7 @@ class Coding:
 
     def _nearest(self, spot: np.ndarray, taken: np.ndarray) -> int:
         away = np.linalg.norm(self.feet[:, :2] - (self.corner + spot * self.span), axis=1)
-        return int(np.where(taken, np.inf, away).argmin())
+        return int(np.where(taken >= self.start.places, np.inf, away).argmin())
 
 
 def _range(mount: Mount) -> tuple[float, float]:

@@ -105,6 +105,7 @@ class Assessment:
     entrants: int
     raced: int
     contenders: tuple[Contender, ...]
+    expected: float = math.nan
 
     @property
     def curse(self) -> float:
@@ -213,7 +214,8 @@ def _sensor(row: dict[str, Any]) -> Sensor:
 
 def _assessment(row: dict[str, Any]) -> Assessment:
     rows = [each | {name: tuple(each[name]) for name in ("searches", "subset")} for each in row["contenders"]]
-    return Assessment(**row | {"contenders": tuple(Contender(**each) for each in rows)})
+    expected = _number(row.get("expected"), math.nan)
+    return Assessment(**row | {"expected": expected, "contenders": tuple(Contender(**each) for each in rows)})
 
 
 def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:

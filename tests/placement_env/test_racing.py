@@ -283,6 +283,20 @@ def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence)
     assert race_until(scores, np.eye(5, dtype=bool)[:1], np.arange(48)).confidence == 1.0
 
 
+def test_sets_go_by_figures_and_predictions_together():
+    """The second leads by its figure, the fifth by what was predicted, within the noise."""
+    predicted = TRUE + np.array([0.0, -0.04, 0.0, 0.0, 0.05]) - 0.2
+    noisy = Spread(TRUE, noise=0.3)
+    ran = race_until(noisy, np.eye(5, dtype=bool), np.arange(24), predicted=predicted)
+    assert ran.ranking[0] == 4
+    assert ran.figures[0] == TRUE[4]  # as measured
+    assert ran.expected[0] > ran.expected[ran.ranking.tolist().index(1)]
+    assert 0.895 < ran.expected[0] < 0.95
+    alone = race_until(Spread(TRUE, noise=0.3), np.eye(5, dtype=bool), np.arange(24))
+    assert alone.ranking[0] == 1
+    assert alone.expected.tolist() == alone.figures.tolist()
+
+
 def test_equal_rows_race_once_and_bad_arguments_are_refused():
     twice = np.eye(5, dtype=bool)[[1, 1, 2]]
     assert race_until(Spread(TRUE, noise=0.0), twice, np.arange(12)).ranking.tolist() == [0, 2]

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, learn_empty_scenes
+from toolkit.arrays import Float64
+from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
 from toolkit.calibration.joint import Alignment, Pairs, Poses, align, towards_sensor
 from toolkit.calibration.joint_objects import SitedRecording, object_pairs, seen_objects
 from toolkit.calibration.reference import cloud_surface, scene_points
@@ -51,18 +52,19 @@ def find_poses_together(
         chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
         read = [read_frame(recording, k, errors=errors, noise_seed=noise_seed) for k in chosen]
         more = partial(object_pairs, seen_objects(recording, read, detector))
-    return scenes_together(scenes, sensors, held=stay, more=more)
+    return clouds_together([scene_points(scene)[0] for scene in scenes], sensors, held=stay, more=more)
 
 
-def scenes_together(
-    scenes: Sequence[EmptyScene],
+def clouds_together(
+    clouds: Sequence[Float64[np.ndarray, "_ 3"]],
     sensors: Sequence[Sensor],
     *,
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> tuple[FoundPose, ...]:
-    """The same of sensors whose empty scenes are known; held: numbers; more: see `toolkit.calibration.joint.align`."""
-    surfaces = [towards_sensor(cloud_surface(scene_points(scene)[0])) for scene in scenes]
+    """The same of sensors whose points of the standing scene are known, each in its own frame; held: numbers; more: see
+    `toolkit.calibration.joint.align`."""
+    surfaces = [towards_sensor(cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
     return tuple(_found(sensor, k, alignment, k in held) for k, sensor in enumerate(sensors))
 

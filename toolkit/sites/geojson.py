@@ -178,7 +178,7 @@ def _read_mount(coordinates: list[Any], properties: Json, where: str) -> Mount:
     position = np.array(_position(coordinates, 3, where))
     where = f"{where}.properties"
     name = _member(properties, "name", str, where)
-    numbers = {key: _number(properties, key, where) for key in properties if key not in ("layer", "name")}
+    numbers: dict[str, Any] = {k: _number(properties, k, where) for k in properties if k not in ("layer", "name")}
     return _named(where, lambda: Mount(name, position, **numbers))
 
 
@@ -226,7 +226,7 @@ _READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[s
     "footway": ("Polygon", _read_polygon, ()),
     "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
     "parking": ("Point", _read_parking, ("heading_deg",)),
-    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity")),
+    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
 }
 
@@ -298,6 +298,8 @@ def _point(coordinates: list[float], **properties: Any) -> Json:
 
 
 def _rest(mount: Mount, *left_out: str) -> Json:
+    """The fields of a mount; max_sensors where it may carry several."""
+    left_out = left_out if mount.max_sensors > 1 else (*left_out, "max_sensors")
     return {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
 
 

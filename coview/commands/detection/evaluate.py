@@ -72,7 +72,7 @@ def evaluate(
 
     Args:
         dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
-        detector: cluster, or general with --layout; a trained network: voxelnet for the site's own, a name, or a
+        detector: cluster, general with --layout; a trained network: voxelnet for the site's own, a name, or a
             weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
             toolkit.detection.imported).
         layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in

@@ -76,7 +76,7 @@ def search(
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
-    """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
+    """Search the sensors to build: which poles, headings and tilts, at most a budget of them.
 
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 
@@ -97,7 +97,7 @@ def search(
         model: Sensor models, by name, that may be mounted; the paper's camera when left out.
         sensors: Catalogue of sensor models and their prices instead, TOML, as for coview plan.
         money: Most that a set may cost, in the catalogue's currency, or in ordinary poles.
-        curve: Print the best AP of every number of sensors up to the budget, and its price; writes no folder.
+        curve: Print the best AP of every number of sensors up to the budget, or for every amount of --money up to that.
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
         failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least by fidelity coverage alone.
         failures: What is left in the worst case, or in the mean over which fail.

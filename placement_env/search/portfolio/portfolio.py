@@ -85,7 +85,7 @@ def search(
     winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
     limits.record(winner.reward)
     searched = limits.elapsed
-    assessment = _assessed(found, ran, final, schedule, asked=confidence, progress=progress)
+    assessment = _assessed(objective, found, ran, (final, schedule), asked=confidence, progress=progress)
     note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
     certificate = Certificate("none", winner.reward, note=note)
     history = limits.history(winner.reward)
@@ -110,7 +110,8 @@ def contest(
     stop: Callable[[], bool] = lambda: False,
     progress: Stages | None = None,
 ) -> Contest:
-    """The race of some sets by their reward with the AP that an evaluator says. most: set-frames to be scored."""
+    """The race of some sets by their reward with the AP that an evaluator says, and the objective beforehand. most:
+    set-frames to be scored."""
 
     def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
         report = None if progress is None else partial(_done, progress, "racing", len(frames))
@@ -122,8 +123,9 @@ def contest(
     order = race_order(evaluator.frames, seed=seed)
     first = min(FIRST, evaluator.frames)
     return race_until(
-        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, most=most, stop=stop
-    )
+        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, most=most, stop=stop,
+        predicted=objective.scores(sets).reward,
+    )  # fmt: skip
 
 
 def costs_of(
@@ -161,10 +163,16 @@ def found_entrants(
 
 
 def _assessed(
-    found: Entrants, ran: Contest, final: Evaluator, schedule: Schedule, *, asked: float, progress: Stages | None
+    objective: Objective,
+    found: Entrants,
+    ran: Contest,
+    judging: tuple[Evaluator, Schedule],
+    *,
+    asked: float,
+    progress: Stages | None,
 ) -> Assessment:
     """The winner and, as far as there is time, the answer of each search on the third part of the traffic."""
-    winner = int(ran.ranking[0])
+    winner, (final, schedule) = int(ran.ranking[0]), judging
     rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
     rows, judged, frames = judged_in_time(found.sets, rows, final, schedule, progress=progress)
     contenders = tuple(
@@ -186,6 +194,7 @@ def _assessed(
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
         contenders=contenders,
+        expected=float(ran.expected[0] + costs_of(objective, found.sets[[winner]], judged.kbit[:1])[0]),
     )
 
 

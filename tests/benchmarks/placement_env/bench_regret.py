@@ -4,7 +4,7 @@
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --print
 
 At each site and budget the searches and `portfolio` answer, and the detector judges all their answers, a set drawn at
-random and a neighbour of greedy's set on 100 frames of traffic that nobody saw. Each row is kept in ROWS.jsonl when it
+random and neighbours of greedy's set (NEAR) on 100 frames of traffic that nobody saw. Each row is kept in ROWS.jsonl when it
 is known, detections in --cache, so that a run that was killed goes on where it was; --print says what the rows say so
 far (`regret_figures.py`). Budgets go round the sites, so that few rows already stand for all of them.
 """
@@ -27,7 +27,7 @@ sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 from regret_sites import Place, places  # noqa: E402
 
 SEARCHED, RACED, JUDGED = 60, 48, 100  # frames
-RANDOM, NEAR = 1, 1  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
+RANDOM, NEAR = 1, 0  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
 DRAWS = 200  # resamples that are kept of each set
 IOUS = (0.7, 0.8, 0.9)
 
@@ -226,8 +226,9 @@ def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
     found = portfolio.search(judging.objective, k, evaluators=judging.evaluators())
     said = found.assessment
     return {
-        "subset": list(found.best.subset), "predicted": found.best.ap, "ap": said.ap, "low": said.low,
-        "high": said.high, "confidence": said.confidence, "raced": said.raced, "entrants": said.entrants,
+        "subset": list(found.best.subset), "predicted": found.best.ap, "expected": said.expected, "ap": said.ap,
+        "low": said.low, "high": said.high, "confidence": said.confidence, "raced": said.raced,
+        "entrants": said.entrants,
         "searching": round(found.seconds, 2), "seconds": round(perf_counter() - began, 2),
     }  # fmt: skip
 

@@ -3,6 +3,7 @@
 Intervals are 95 % percentiles: over sites drawn with replacement for regret and error, over sites and, within each, the
 resamples of blocks of frames for correlations. Regret is against the best judged of all answers and other sets, so it
 is too large by what the best of many noisy figures is too large; `unbiased` is regret less that, by the bootstrap.
+`predicted` is the AP by the surrogate, `expected` and `after` what surrogate and race together make likeliest.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from bench_surrogate import spearman
 Row = dict[str, Any]
 FAST = ("surrogate@0.7", "coverage", "perception entropy", "information gain", "point count")
 BOOTSTRAPS = 1000
-LEAST = 5  # sets that a correlation needs
+LEAST = 4  # sets that a correlation needs
 
 
 def figures(rows: Sequence[Row]) -> list[str]:
@@ -36,8 +37,8 @@ def figures(rows: Sequence[Row]) -> list[str]:
 def _portfolios(rows: Sequence[Row]) -> list[str]:
     """A line for each site and budget, and the means."""
     head = (
-        f"{'site':15s} k  {'AP':>6s} {'best':>6s} {'regret':>7s} {'unbiased':>8s} {'error':>7s} {'sure':>5s} "
-        f"{'raced':>5s} {'s':>5s}  best by"
+        f"{'site':15s} k  {'AP':>6s} {'best':>6s} {'regret':>7s} {'unbiased':>8s} {'error':>7s} {'after':>7s} "
+        f"{'sure':>5s} {'raced':>5s} {'s':>5s}  best by"
     )
     lines, found = [head], []
     for row in sorted((row for row in rows if row["kind"] == "portfolio"), key=lambda r: (r["site"], r["k"])):
@@ -48,6 +49,7 @@ def _portfolios(rows: Sequence[Row]) -> list[str]:
         best = max(judged, key=lambda subset: judged[subset]["ap"][0])
         regret, less = judged[best]["ap"][0] - own["ap"][0], _unbiased(judged, tuple(row["subset"]))
         error = row["predicted"] - own["ap"][0]
+        after = row.get("expected", np.nan) - own["ap"][0]
         names = [
             each["method"]
             for each in rows
@@ -57,11 +59,12 @@ def _portfolios(rows: Sequence[Row]) -> list[str]:
         by = "portfolio" if best == tuple(row["subset"]) else ", ".join(names) or "none of the searches"
         lines.append(
             f"{row['site']:15s} {row['k']}  {own['ap'][0]:6.3f} {judged[best]['ap'][0]:6.3f} {regret:7.3f} "
-            f"{less:8.3f} {error:7.3f} {row['confidence']:5.2f} {row['raced']:5d} {row['seconds']:5.0f}  {by}"
+            f"{less:8.3f} {error:7.3f} {after:7.3f} {row['confidence']:5.2f} {row['raced']:5d} "
+            f"{row['seconds']:5.0f}  {by}"
         )
-        found.append((row["site"], regret, less, abs(error)))
+        found.append((row["site"], regret, less, abs(error), abs(after)))
     sites = [site for site, *_ in found]
-    for place, name in enumerate(("regret", "unbiased", "|predicted - judged|"), 1):
+    for place, name in enumerate(("regret", "unbiased", "|predicted - judged|", "|expected - judged|"), 1):
         values = np.array([each[place] for each in found], np.float64)
         low, high = _over_sites(values, sites)
         lines.append(

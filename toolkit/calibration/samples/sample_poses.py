@@ -1,13 +1,12 @@
 """Where the lidars of a recording of clouds really are: registered against a reference, or against each other.
 
 Each lidar is known by its empty scene, learnt from the whole recording, as those of simulated recordings are; where
-samples are fewer than five, or the lidars move, as on a vehicle, by the first sample alone, in which all measured at
-about the same time. What is found is a correction in the sensor's own frame, the same in all samples.
+samples are fewer than five, or the lidars move, as on a vehicle, by its points in the first sample, where all measured
+at about the same time. What is found is a correction in the sensor's own frame, the same in all samples.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -15,13 +14,15 @@ from itertools import islice
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.calibration.poses_together import scenes_together
+from toolkit.calibration.poses_together import clouds_together
+from toolkit.calibration.reference import scene_points
 from toolkit.calibration.registration import Surface
 from toolkit.calibration.samples.sample_scenes import GRID_SAMPLES, STANDS_STILL, LearntScene, learn_sample_scenes
-from toolkit.calibration.sensor_poses import LEAST_FRAMES, FoundPose, find_pose
+from toolkit.calibration.sensor_poses import LEAST_FRAMES, FoundPose, find_pose_of_points
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import invert
 from toolkit.points import select_sensors
+from toolkit.sensors.row_lidar import RowLidar
 from toolkit.sensors.sensor import Sensor
 
 
@@ -35,13 +36,13 @@ def find_sample_poses(
     than two lidars and held ones that are not there.
     """
     first = list(islice(opened(), GRID_SAMPLES))
-    learnt = learn_sample_scenes(opened()) if _still(first) else _of_one(first)
+    points = _standing(learn_sample_scenes(opened())) if _still(first) else _of_one(first)
     placed = {cloud.name: cloud.world_SE3_sensor for sample in reversed(first) for cloud in sample.clouds}
-    sensors = tuple(Sensor(name, each.grid.model, placed[name]) for name, each in learnt.items())
-    scenes = [each.scene for each in learnt.values()]
+    sensors = tuple(Sensor(name, RowLidar(), placed[name]) for name in points)
     if surface is not None:
-        return tuple(find_pose(scene, sensor, surface) for scene, sensor in zip(scenes, sensors, strict=True))
-    return scenes_together(scenes, sensors, held=select_sensors(sensors, held))
+        every = zip(points.values(), sensors, strict=True)
+        return tuple(find_pose_of_points(own, sensor, surface) for own, sensor in every)
+    return clouds_together(list(points.values()), sensors, held=select_sensors(sensors, held))
 
 
 def corrections(found: Iterable[FoundPose]) -> dict[str, Float64[np.ndarray, "4 4"]]:
@@ -74,10 +75,14 @@ def _still(samples: Sequence[Sample]) -> bool:
     return len(samples) >= LEAST_FRAMES
 
 
-def _of_one(samples: Sequence[Sample]) -> dict[str, LearntScene]:
-    sample = next((each for each in samples if any(len(cloud.points) for cloud in each.clouds)), None)
-    if sample is None:
-        raise ValueError("no sample has a point to find a pose by")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that one sample does not tell who stands still
-        return learn_sample_scenes([sample])
+def _standing(learnt: Mapping[str, LearntScene]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
+    return {name: scene_points(each.scene)[0] for name, each in learnt.items()}
+
+
+def _of_one(samples: Sequence[Sample]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
+    """The points of each lidar in the first sample that has any, own frame."""
+    for sample in samples:
+        points = {cloud.name: cloud.in_sensor() for cloud in sample.clouds if len(cloud.points)}
+        if points:
+            return points
+    raise ValueError("no sample has a point to find a pose by")

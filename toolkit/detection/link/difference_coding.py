@@ -41,7 +41,8 @@ SQUARE = 8  # pixels
 STILL_MM = 80  # that a pixel may measure beside the reference and still stand
 STILL_SHARE = 0.6  # of the reference's pixels in a square that stand, where it stands still
 MOST_IMAGES = 8  # that a mean is of
-_FINE = 16  # parts of a step
+_FINE_BITS = 4
+_FINE = 1 << _FINE_BITS  # parts of a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,32 +69,37 @@ class Reference:
         parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
 
-    @property
+    @cached_property
     def known(self) -> Bool[np.ndarray, "rows columns"]:
         """The pixels it has."""
         return self.images > 0
 
-    @property
+    @cached_property
     def rounded(self) -> Int64[np.ndarray, "rows columns"]:
         """In whole steps."""
-        return (self.fine + _FINE // 2) // _FINE
+        return _rounded(self.fine)
 
     def after(
         self, number: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Reference:
         """After one more image: means go on where pixels stand, and begin anew where they do not."""
-        stands = self.standing(steps, sent)
-        images = np.where(stands, np.minimum(self.images + 1, MOST_IMAGES), sent)
-        share = np.maximum(images, 1)
-        moved = self.fine + (_FINE * steps - self.fine + share // 2) // share
-        return Reference(number, self.step_mm, np.where(stands, moved, np.where(sent, _FINE * steps, 0)), images)
+        stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
+        images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
+        before = self.fine[sent]
+        moved = np.where(stands, before + (measured - before + images // 2) // images, measured)
+        fine, counts = np.zeros_like(self.fine), np.zeros_like(self.images)
+        fine[sent], counts[sent] = moved, images
+        return Reference(number, self.step_mm, fine, counts)
 
     def standing(
         self, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Bool[np.ndarray, "rows columns"]:
         """The sent pixels that measure what it says."""
         most = max(1, (STILL_MM + self.step_mm // 2) // self.step_mm)
-        return sent & self.known & (np.abs(steps - self.rounded) <= most)
+        both = sent & self.known
+        stands = both.copy()
+        stands[both] = np.abs(steps[both] - _rounded(self.fine[both])) <= most
+        return stands
 
 
 def still_squares(
@@ -117,7 +123,8 @@ def encode_difference(
     there = _counted(reference.known) > 0
     still = reference.known & _spread(squares & there, steps.shape)
     by_reference = sent & still
-    residuals = _towards(reference)[by_reference] * (steps - reference.rounded)[by_reference]
+    whole, towards = _predictions(reference, by_reference)
+    residuals = towards * (steps[by_reference] - whole)
     return (
         write_fixed(squares[there].astype(np.int64), 1)
         + encode_mask(sent ^ still)
@@ -144,25 +151,32 @@ def decode_difference(
     if len(residuals) != by_reference.sum():
         raise ValueError(f"{by_reference.sum()} pixels stand still, got {len(residuals)} residuals")
     steps = np.zeros(shape, np.int64)
-    steps[by_reference] = reference.rounded[by_reference] + _towards(reference)[by_reference] * unfolded(residuals)
-    if by_reference.any() and not (steps[by_reference].min() >= 0 and steps[by_reference].max() < MOST_STEPS):
+    whole, towards = _predictions(reference, by_reference)
+    measured = steps[by_reference] = whole + towards * unfolded(residuals)
+    if len(measured) and not (measured.min() >= 0 and measured.max() < MOST_STEPS):
         raise ValueError("measurements of steps that cannot be: the message is damaged")
     others, end = decode_values(content, start, sent & ~still, (steps, by_reference))
     return steps + others, sent, end
 
 
-def _towards(reference: Reference) -> np.ndarray:
-    """1 where the reference was rounded down, else -1."""
-    return np.where(reference.fine >= _FINE * reference.rounded, 1, -1)
+def _rounded(fine: np.ndarray) -> np.ndarray:
+    """In whole steps, halves up."""
+    return (fine + _FINE // 2) >> _FINE_BITS
+
+
+def _predictions(reference: Reference, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of some pixels the reference in whole steps, and 1 where it was rounded down, else -1."""
+    fine = reference.fine[pixels]
+    whole = _rounded(fine)
+    return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
 def _counted(mask: np.ndarray) -> np.ndarray:
     """How many pixels of a mask lie in each square."""
-    rows, columns = mask.shape
+    (rows, columns), (row, column) = mask.shape, np.nonzero(mask)
     down, across = -(-rows // SQUARE), -(-columns // SQUARE)
-    padded = np.zeros((down * SQUARE, across * SQUARE), bool)
-    padded[:rows, :columns] = mask
-    return padded.reshape(down, SQUARE, across, SQUARE).sum(axis=(1, 3))
+    counts = np.bincount(row // SQUARE * across + column // SQUARE, minlength=down * across)
+    return counts.reshape(down, across)
 
 
 def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

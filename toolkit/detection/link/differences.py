@@ -17,7 +17,7 @@ whether the next difference refers to this one (uint8: 1) or to the same as this
 from __future__ import annotations
 
 import struct
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -43,11 +43,19 @@ RefersTo = Literal["previous", "key"]
 REFERS_TO: tuple[RefersTo, ...] = ("previous", "key")
 KEY_EVERY = 10  # messages, a second at 10 Hz
 MOST_BACK = 255  # messages
+FEW_PIXELS = 200  # pixels that stand, below which a whole image may be smaller
 _REFERS = struct.Struct("<BBI")
 
 
 class MissedReference(ValueError):
     """A difference that refers to a message which the reader does not have: the next whole image can be read again."""
+
+
+class _Difference(NamedTuple):
+    """The content of a message, and how many pixels stand in it."""
+
+    content: bytes
+    stands: int
 
 
 class DifferenceSender:
@@ -67,21 +75,22 @@ class DifferenceSender:
 
     def write(self, image: RangeImage, missing: Bool[np.ndarray, "rows columns"] | None = None) -> bytes:
         """The next message, of what `toolkit.detection.link.foreground.encode_foreground` takes: whole where a whole
-        image is due or is smaller, and where the numbers of images do not go on."""
+        image is due, where few pixels stand and it is smaller, and where the numbers of images do not go on."""
         sent, missing = checked_pixels(image, self.scene, missing)
         steps, mm = to_steps(image.measurement, sent, self.step), step_in_mm(self.step)
-        whole, less = encode_pixels(steps, sent), self._difference(image, steps, sent)
-        if less is None or self._reference is None or len(whole) <= len(less):
-            kind, content = MessageKind.FOREGROUND, whole
-            self._reference, self._key = Reference.of(image.number, mm, steps, sent), image.number
+        less = self._difference(image, steps, sent)
+        content = encode_pixels(steps, sent) if less is None or less.stands < FEW_PIXELS else b""
+        if self._reference is None or less is None or 0 < len(content) <= len(less.content):
+            kind, self._key = MessageKind.FOREGROUND, image.number
+            self._reference = Reference.of(image.number, mm, steps, sent)
         else:
-            kind, content = MessageKind.DIFFERENCE, less
+            kind, content = MessageKind.DIFFERENCE, less.content
             if self.refers_to == "previous":
                 self._reference = self._reference.after(image.number, steps, sent)
         header = image_header(kind, image, self.step, scene_number(self.scene))
         return write_message(header, content + encode_missing(missing))
 
-    def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> bytes | None:
+    def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> _Difference | None:
         """What an image differs in, None where it is to be sent whole."""
         reference = self._reference
         if reference is None or not reference.number < image.number < self._key + self.key_every:
@@ -90,7 +99,8 @@ class DifferenceSender:
         if not squares.any():
             return None
         refers = image.number - reference.number, self.refers_to == "previous", reference.checksum
-        return _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
+        content = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
+        return _Difference(content, int(reference.standing(steps, sent).sum()))
 
 
 class DifferenceReader:

@@ -135,7 +135,9 @@ def _distances(changes: np.ndarray) -> np.ndarray:
 def _predicted(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
     """Of every pixel of the mask; see `_added_up`, which does the same one after another."""
     at, wide = _padded_places(mask)
-    known = _known(mask.shape, None if given is None else (steps, given))
+    known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
+    if given is not None:
+        known[_padded_places(given)[0]] = steps[given]
     values = known[at] = steps[mask]
     left, up, upper_left, upper_right = known[at - 1], known[at - wide], known[at - wide - 1], known[at - wide + 1]
     last = np.concatenate([[0], values[:-1]])[: len(values)]
@@ -152,7 +154,10 @@ def _added_up(
 ) -> np.ndarray:
     """Steps from what they differ by from their prediction: each pixel needs those before it."""
     at, wide = _padded_places(mask)
-    known = _known(mask.shape, given).tolist()
+    known = [-1] * ((mask.shape[0] + 1) * wide)
+    if given is not None:
+        for i, value in zip(_padded_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True):
+            known[i] = value
     values = []
     value = 0
     for i, residual in zip(at.tolist(), residuals.tolist(), strict=True):
@@ -183,15 +188,6 @@ def _added_up(
     steps = np.zeros(mask.shape, np.int64)
     steps[mask] = values
     return steps
-
-
-def _known(shape: tuple[int, ...], given: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Steps by padded place, -1 where none are known."""
-    known = np.full((shape[0] + 1) * (shape[1] + 2), -1, np.int64)
-    if given is not None:
-        steps, mask = given
-        known[_padded_places(mask)[0]] = steps[mask]
-    return known
 
 
 def _padded_places(mask: np.ndarray) -> tuple[np.ndarray, int]:

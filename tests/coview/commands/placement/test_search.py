@@ -336,6 +336,10 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
     assert curve[0]["price"] < curve[1]["price"]
     code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage")
     assert out.splitlines()[1].startswith("  1 for the price of 1 ordinary pole: AP ")
+    code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage", "--money", 2.5)
+    first, *rows = out.splitlines()
+    assert (code, first[:34]) == (0, "best set for each amount of money,")
+    assert [row[:26] for row in rows] == ["  1 for the price of 1 ord", "  2 for the price of 2 ord"]
 
 
 def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
