@@ -1,8 +1,8 @@
 """Our own recordings and the paper's published ones: one HDF5 file of depth or range images, or of recorded clouds.
 
-Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's. Clouds are those of
-all returns, without noise, as `toolkit.points` makes them of the images; labels are complete in the site's detection
-area. A published file that shows no built-in site is refused.
+Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's, `map_SE3_world` its
+place in the map. Clouds are those of all returns, without noise, as `toolkit.points` makes them of the images; labels
+are complete in the site's detection area. A published file that shows no built-in site is refused.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ def hdf5(path: Path) -> Listing:
             clouds.append(SensorCloud(sensor.name, np.ascontiguousarray(points.T[returned]), sensor.pose, "world"))
         categories = tuple(LABELS[label] for label in frame.objects.labels)
         area = Rectangle((xmin, ymin, xmax, ymax))
-        return Sample(name, tuple(clouds), frame.objects, categories, complete=area, time=frame.time)
+        map_SE3_site = dataset.site.map_SE3_site
+        return Sample(
+            name, tuple(clouds), frame.objects, categories, complete=area, time=frame.time, map_SE3_world=map_SE3_site
+        )  # fmt: skip
 
     return Listing(tuple(f"{k:06d}" for k in range(len(dataset))), load)
