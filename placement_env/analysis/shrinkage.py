@@ -7,7 +7,9 @@ v_i, which their resamples show. The figures that are likeliest then (empirical 
     m = mean (f_i - p_i)                  τ² = var (f_i - p_i) - mean v_i, but no less than `SURE`²
 
 With much noise it is the predictions that rank, moved to where the figures are; with little the figures themselves.
-What noise all share, such as frames that are hard for all, counts in none of it, and is added again in the end.
+What noise all share, such as frames that are hard for all, counts in none of it, and is added again in the end. Of few
+blocks the resamples show too little noise, none where all is found in each: so v_i is no less than `OF_A_BLOCK`² /
+blocks.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-SURE = 0.005  # in AP, that no prediction is better than
+SURE = 0.02  # in AP, by which predictions of sets that are near the best are off from each other, at least
+OF_A_BLOCK = 0.05  # in AP, by which sets differ by chance on one block of frames, at least
 FEWEST_SETS = 3  # of which it can be said how far predictions are off
 
 
@@ -42,7 +45,7 @@ def shrunk(
 
     >>> noisy = np.array([[0.5, 0.7], [0.7, 0.5], [0.6, 0.6]])
     >>> shrunk(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
-    array([0.55, 0.65, 0.6 ])
+    array([0.553, 0.647, 0.6  ])
     """
     if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
@@ -54,7 +57,8 @@ def shrunk(
     if blocks < 2:
         weight = np.zeros(len(figure))
     else:
-        variance = noise.var(axis=1) * (1.0 if math.isinf(blocks) else blocks / (blocks - 1))
+        variance = noise.var(axis=1) / (1 - 1 / blocks)
+        variance = np.maximum(variance, OF_A_BLOCK**2 / blocks)
         spread = max(SURE**2, float(off.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
     likeliest = predicted + shift + weight * (off - shift)
