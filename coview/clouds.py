@@ -148,10 +148,30 @@ def score_clouds(
 
 
 def found_poses(
-    opened: Callable[[], Iterable[Sample]], reference: str, *, held: Sequence[int | str] = ()
+    opened: Callable[[], Iterable[Sample]],
+    reference: str,
+    *,
+    held: Sequence[int | str] = (),
+    frames: int | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Where the lidars of a recording are, by a reference as in coview calibrate, or "together" by each other."""
+    """Where the lidars of a recording are, by a reference as in coview calibrate, of a recording its first so many
+    frames, or "together" by each other."""
     from toolkit.calibration.reference import read_surface
     from toolkit.calibration.samples.sample_poses import find_sample_poses
 
-    return find_sample_poses(opened, None if reference == TOGETHER else read_surface(reference), held=held)
+    surface = None if reference == TOGETHER else read_surface(reference, frames=frames)
+    return find_sample_poses(opened, surface, held=held)
+
+
+def opened_clouds(path: Path, layout: str, frames: int | None) -> Callable[[], Iterable[Sample]]:
+    """What gives the first so many samples of a recording, all for None, as often as it is asked."""
+    check_least("--frames", frames, 1, "leave it out for all")
+    return partial(first_of, open_clouds(path, layout), frames)
+
+
+def write_corrected_clouds(opened: Callable[[], Iterable[Sample]], found: Sequence[FoundPose], out: Path) -> int:
+    """Write samples as a plain folder, their sensors where they were found to be."""
+    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
+    from toolkit.datasets.samples import write_samples
+
+    return write_samples(with_corrections(opened(), corrections(found)), out, "folder")

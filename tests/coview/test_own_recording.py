@@ -9,6 +9,7 @@ import pytest
 
 from models.training.packed import PackedFrames
 from toolkit.boxes import footprints
+from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.datasets.samples import read, write_samples
 from toolkit.geometry import pose
@@ -117,6 +118,23 @@ def test_schemes_on_lidars_that_are_put_right(lidars, tmp_path, run):
     assert foreground < early / 15
     worth = [row["ap"] for row in rows(tmp_path / "table.json", "BEV 0.5")]
     assert min(worth) > 0.5
+
+
+def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
+    arguments = ("calibrate", lidars, "--layout", "folder", "--held", "east", "--frames", 5)
+    code, said, err = run(*arguments, "--poses", tmp_path / "poses.json", "--out", tmp_path / "right")
+    assert code == 0, err
+    assert "west: turned by 0." in said
+    found = read_poses(tmp_path / "poses.json")
+    true = pose(6.0, -9.0, 4.5, yaw=2.0)
+    believed = next(read(lidars, "folder")).clouds[1].world_SE3_sensor
+    assert np.abs(believed - true).max() > 0.05
+    assert np.abs(found["west"][:3, :3] - true[:3, :3]).max() < 0.003
+    right = list(read(tmp_path / "right", "folder"))
+    assert len(right) == 5
+    np.testing.assert_allclose(right[4].clouds[1].world_SE3_sensor, found["west"], atol=1e-9)
+    assert "--errors is not for --layout" in refused(*arguments, "--errors", "poor")
+    assert "no sensor 'south'" in refused("calibrate", lidars, "--layout", "folder", "--held", "south")
 
 
 def test_clusters_find_what_no_label_says(lidars, tmp_path, run):

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from written_mistakes import MISTAKES, Mistake, make, terms_of
+from written_mistakes import LATE, MISTAKES, Mistake, make, terms_of
 
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.doctor.diagnosis import diagnose
@@ -136,6 +136,9 @@ def verdicts(layout: str, recording: Path, samples: Sequence[Sample], path: Path
         write_layout(samples, path, layout)
     untouched = terms.read(where)
     for mistake in (None, *MISTAKES):
+        if mistake == "late" and len(samples) <= LATE + 1:
+            yield "too few samples"
+            continue
         if mistake is not None:
             terms.write(where, untouched)
             make(mistake, where, terms)
@@ -149,7 +152,7 @@ def verdicts(layout: str, recording: Path, samples: Sequence[Sample], path: Path
 
 def verdict(mistake: Mistake | None, said: Iterable[str]) -> str:
     """In a word or two, whether a mistake, or none, is what is suspected."""
-    said = list(said)
+    said = [each for each in said if not (mistake == "late" and each == "frames without objects")]  # the first ones
     if mistake is None:
         return "; ".join(said) or "nothing"
     right = [each for each in said if each.startswith(MISTAKES[mistake])]
