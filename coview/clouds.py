@@ -114,6 +114,7 @@ def score_clouds(
     from toolkit.calibration.samples.sample_poses import corrections, with_corrections
     from toolkit.calibration.samples.sample_scenes import SampleScenes
     from toolkit.detection.samples.clusters import learn_cluster_detector
+    from toolkit.detection.samples.detected import middle_of
     from toolkit.detection.samples.evaluated import evaluate_samples
     from toolkit.objects import known_labels
 
@@ -121,6 +122,7 @@ def score_clouds(
     if len(sensors) != 1:
         raise ValueError(f"with --layout there is one set of sensors, got {len(sensors)}: say them as a,b,c")
     chosen = sensor_set(sensors[0])
+    names = None if chosen is None else [str(name) for name in chosen]
     samples = open_clouds(path, layout)
     total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
     steps = count(1)
@@ -131,17 +133,25 @@ def score_clouds(
     def put_right() -> Iterator[Sample]:
         return with_corrections(opened(), corrected)
 
-    scenes = SampleScenes(put_right)
+    def of_chosen() -> Iterator[Sample]:
+        return (sample if names is None else sample.seen_by(names) for sample in put_right())
+
+    scenes = SampleScenes(of_chosen)
     if detector == CLUSTER:
         middle, half = area_about(area)
-        network: Detector = learn_cluster_detector(scenes, next(put_right()), levelling=level, middle=middle, half=half)
+        first, seen = next(put_right(), None), next(of_chosen(), None)
+        if first is None or seen is None:
+            raise ValueError("there is no sample to evaluate: check the path and the layout")
+        x, y = middle_of(first).tolist() if middle is None else middle
+        middle = (x, y)
+        network: Detector = learn_cluster_detector(scenes, seen, levelling=level, middle=middle, half=half)
     else:
         network, middle, half = sample_detector(detector, area)
     with progress_bar("cloud", total, hidden=hidden) as bar:
         figures = evaluate_samples(
             put_right, network, scenes=scenes, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
-            middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
+            middle=middle, half=half, still=still, sensors=names,
             rate=rate, seen=partial(watched, progress=lambda _: bar.to(next(steps))),
         )  # fmt: skip
     return figures.with_poses(found)

@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,26 @@ def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
     np.testing.assert_allclose(right[4].clouds[1].world_SE3_sensor, found["west"], atol=1e-9)
     assert "--errors is not for --layout" in refused(*arguments, "--errors", "poor")
     assert "no sensor 'south'" in refused("calibrate", lidars, "--layout", "folder", "--held", "south")
+
+
+def test_one_lidar_alone_is_scored_whatever_the_other_is(lidars, tmp_path, run):
+    alone = tmp_path / "alone"
+    samples = []
+    for sample in read(lidars, "folder"):
+        east, west = sample.clouds
+        blinded = SensorCloud("west", west.points[:9], west.world_SE3_sensor)
+        samples.append(replace(sample, clouds=(east, blinded)))
+    write_samples(samples, alone, "folder")
+    arguments = ("evaluate", alone, "--layout", "folder", "--level", "plane", "--still", "--classes", "vehicle")
+    chosen = (*arguments, "--detector", "cluster", "--sensors", "east", "--schemes", "foreground")
+    code, said, err = run(*chosen, "--out", tmp_path / "e")
+    assert code == 0, err
+    assert "west" not in said
+    (row,) = rows(tmp_path / "e" / "table.json", "BEV 0.5")
+    assert row["ap"] > 0.3
+    code, _, err = run(*arguments, "--detector", "cluster", "--schemes", "foreground", "--out", tmp_path / "x")
+    assert code == 2
+    assert "54 points of west say nothing of its rows" in err
 
 
 def test_clusters_find_what_no_label_says(lidars, tmp_path, run):

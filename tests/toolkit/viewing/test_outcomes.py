@@ -15,6 +15,7 @@ def detected(boxes, labels=None, complete=None, objects=None):
     objects = Objects(BOXES, LABELS) if objects is None else objects
     area = {} if complete is None else {"complete": complete}
     sample = Sample("0", (SensorCloud("s", points, np.eye(4)),), objects, **area)
+    labels = np.zeros(len(boxes), np.int64) if labels is None else labels
     found = Detections(boxes, np.linspace(0.9, 0.5, len(boxes)), labels)
     (each,) = detect_samples([sample], lambda points: found, levelling="none", middle=(0.0, 0.0))
     return each

@@ -10,6 +10,11 @@ from toolkit.viewing.drawn_sample import COLOURINGS, Drawing, DrawnSample
 from toolkit.viewing.still import write_still
 
 
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setattr(canvas, "DPI", 50)
+
+
 @pytest.fixture(scope="module")
 def drawn(samples, finds_the_car):
     return Drawing(finds_the_car).all_of(samples)[1]
@@ -28,7 +33,7 @@ def has(picture, colour):
 def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
     write_still(judged, tmp_path / "a.png", title="lidars")
     picture = image.imread(tmp_path / "a.png")
-    assert min(picture.shape[:2]) > 800
+    assert min(picture.shape[:2]) > 300
     for outcome in ("hit", "missed"):
         assert has(picture, OUTCOME[outcome].colour)
     write_still(judged, tmp_path / "b.png", title="lidars")
@@ -50,8 +55,7 @@ def test_points_are_coloured_as_asked(drawn, tmp_path, colouring):
     assert written.startswith("<?xml")
 
 
-def test_colourings_differ(drawn, tmp_path, monkeypatch):
-    monkeypatch.setattr(canvas, "DPI", 50)
+def test_colourings_differ(drawn, tmp_path):
     pictures = set()
     for colouring in COLOURINGS:
         write_still(drawn, tmp_path / "a.png", colouring=colouring)
@@ -59,8 +63,7 @@ def test_colourings_differ(drawn, tmp_path, monkeypatch):
     assert len(pictures) == len(COLOURINGS)
 
 
-def test_a_part_is_drawn_as_large(drawn, tmp_path, monkeypatch):
-    monkeypatch.setattr(canvas, "DPI", 50)
+def test_a_part_is_drawn_as_large(drawn, tmp_path):
     write_still(drawn, tmp_path / "a.png", half=(20.0, 10.0))
     rows, columns, _ = image.imread(tmp_path / "a.png").shape
     assert 1.3 < columns / rows < 1.8

@@ -93,7 +93,7 @@ def check_measurements(
         *_posture(exam),
         *_ground(exam),
         *_unseen(exam),
-        *(Finding("warning", *said) for said in failing_sensors(exam.views, rows, dataset.site, frames)),
+        *(Finding("warning", *said) for said in failing_sensors(exam.views, exam.rows, dataset.site, frames)),
     ]
 
 

@@ -110,6 +110,9 @@ def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
     }
     if reader.holds(file, f"{place}/ring"):
         columns["ring"] = reader.array(file, f"{place}/ring", axes=1, kinds="iu").astype(np.int64)
+    for name, column in columns.items():
+        if column is not None and len(column) != len(points):
+            raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
     frame = _FRAMES.get(str(entry(about, "frame")))
     if frame is None:
         raise ValueError(f"{place} must be in the frame of the sensor or the world, got {about['frame']!r}")

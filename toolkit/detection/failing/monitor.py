@@ -84,7 +84,11 @@ class SensorMonitor:
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
     ) -> Fault | None:
         """What is wrong by now. shown: what arrived last, None before the first; covered: says in which pixels objects
-        that others see stand before its empty scene, asked only where foreground has next to no pixels."""
+        that others see stand before its empty scene, asked only where foreground has next to no pixels. Raises
+        ValueError for an image of another size than the empty scene."""
+        if shown is not None and shown.image.shape != self._scene.first.shape:
+            size = self._scene.first.shape
+            raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
         if shown is not None and (self._pixels is None or shown.time > self._newest):
             self._newest = shown.time
             self._take(shown, covered)

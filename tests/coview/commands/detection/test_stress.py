@@ -40,10 +40,13 @@ def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
 def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, run, monkeypatch):
     found = (Noticed("frozen", "foreground", 6, 6, 0.2, 0.3),), (FalseAlarms("nothing wrong", "foreground", 1, 2.0),)
     asked = []
+
+    def noticing(*_, **named):
+        asked.append(named)
+        return found
+
     monkeypatch.setattr("placement_env.report.stress.stressing.in_sequence", lambda recording: True)
-    monkeypatch.setattr(
-        "placement_env.report.stress.noticing.noticing", lambda *_, **named: asked.append(named) or found
-    )
+    monkeypatch.setattr("placement_env.report.stress.noticing.noticing", noticing)
     common = ("stress", recording, "--frames", 1, "--schemes", "late", "--seed", 3, "--overwrite", "--out", tmp_path)
     code, out, _ = run(*common, "--kinds", "frozen")
     assert code == 0

@@ -96,7 +96,10 @@ def changed(file, name, value):
         (lambda file: changed(file, "samples/0/boxes", np.zeros((2, 6))), "boxes must be finite boxes"),
         (lambda file: changed(file, "samples/0/labels", np.array([0, 9])), "label"),
         (lambda file: changed(file, "samples/0/clouds/0/points", np.full((500, 3), np.nan)), "points must be finite"),
-        (lambda file: changed(file, "samples/0/clouds/0/time", np.zeros(3)), "time of 'north' must be of 500 points"),
+        (
+            lambda file: changed(file, "samples/0/clouds/0/time", np.zeros(3)),
+            "clouds/0/time must be of 500 points, got 3",
+        ),
         (lambda file: changed(file, "samples/0/clouds/1/pose", np.ones((4, 4))), "must turn by a rotation"),
         (lambda file: changed(file, "samples/0/counts", np.array([1])), "2 objects but 1 counts"),
         (lambda file: changed(file, "samples/0/about", "{}"), "no entry sensors"),

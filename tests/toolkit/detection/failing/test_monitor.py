@@ -138,6 +138,11 @@ def test_shifted_is_what_lies_behind_the_scene():
     assert watched([whole(0.1 * k, measured(k, near)) for k in range(4)]) == [None] * 4
 
 
+def test_an_image_of_another_sensor_is_refused():
+    with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
+        SensorMonitor(SCENE).look(0.0, whole(0.0, EMPTY[::2, ::2]))
+
+
 def test_farther_is_beyond_the_last_surface_of_a_pixel():
     first = np.full(EMPTY.shape, 20.0, np.float32)
     second = np.full(EMPTY.shape, np.nan, np.float32)
