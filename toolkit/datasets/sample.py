@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.boxes import corners
-from toolkit.geometry import check_pose, transform
+from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import Objects
 
 IGNORED_SHARE = 0.5  # of a box's rectangle in the image, from which on an ignored region voids it, as KITTI has it
@@ -27,7 +27,7 @@ class SensorCloud:
 
     points: (n, 3) m, in the sensor's own frame or, where the set gives them so, in the sample's world frame; `frame`
     says which. world_SE3_sensor: where the sensor was. time: of each point, seconds from the sample's time; intensity:
-    as the set gives it. None where the set has none.
+    as the set gives it; ring: number of the laser that measured it. None where the set has none.
     """
 
     name: str
@@ -36,14 +36,28 @@ class SensorCloud:
     frame: Literal["sensor", "world"] = "sensor"
     time: Float64[np.ndarray, " n"] | None = None
     intensity: Float32[np.ndarray, " n"] | None = None
+    ring: Int64[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise ValueError(f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}")
-        for name, column in (("time", self.time), ("intensity", self.intensity)):
+        for name, column in (("time", self.time), ("intensity", self.intensity), ("ring", self.ring)):
             if column is not None and column.shape != (len(self.points),):
                 raise ValueError(f"{name} of {self.name!r} must be of {len(self.points)} points, got {column.shape}")
         object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
+
+    def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
+        """The points in the sensor's own frame, float64."""
+        points = self.points.astype(np.float64)
+        return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
+
+    def in_own_frame(self) -> SensorCloud:
+        """The cloud with its points in the sensor's own frame."""
+        return (
+            self
+            if self.frame == "sensor"
+            else replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
+        )
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
         """The points in the world frame, float64, so that map coordinates keep their millimetres."""

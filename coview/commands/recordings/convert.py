@@ -7,7 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least
-from coview.clouds import first_of, open_clouds, passing
+from coview.clouds import first_of, open_clouds, open_with_errors, passing
 from coview.exits import OK
 from coview.outputs import check_file, check_new_folder
 from coview.printing import print_result
@@ -23,12 +23,16 @@ def convert(
     out: Path,
     classes: tuple[Label, ...] | None = None,
     frames: int | None = None,
+    errors: str | None = None,
+    seed: int = 0,
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
     """Write a recording of clouds, ours included, in another layout: clouds, poses and labels.
 
     Example: coview convert tjunction.hdf5 --layout hdf5 --to kitti --out as-kitti
+
+    Example: coview convert lidars.hdf5 --layout hdf5 --errors typical --to folder --out as-measured
 
     Example: coview convert my-log --layout argoverse --to hdf5 --out my-log.hdf5
 
@@ -40,6 +44,8 @@ def convert(
         out: Folder to write, of hdf5 the file.
         classes: Only objects of these.
         frames: Only the first so many.
+        errors: Of sensors in --layout hdf5, as in coview evaluate, crooked poses among them; none when left out.
+        seed: Of these errors.
         overwrite: Write into a folder that holds something.
         json: Print the summary as JSON.
     """
@@ -50,7 +56,7 @@ def convert(
     target = layout_named(to)
     if target.write is None:
         raise ValueError(f"layout {to} is only read: write another, such as folder")
-    samples = open_clouds(recording, layout)
+    samples = open_clouds(recording, layout) if errors is None else open_with_errors(recording, layout, errors, seed)
     (check_file if target.file else check_new_folder)(out, inputs=[recording], overwrite=overwrite)
     problems: dict[str, int] = {}
     with progress_bar("sample", min(len(samples), frames or len(samples)), hidden=json) as bar:

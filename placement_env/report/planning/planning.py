@@ -190,7 +190,10 @@ class _Planning:
         """How many sensors the budget allows: by number, money and mounts."""
         each = np.full(len(candidates.mounts), np.inf)
         np.minimum.at(each, candidates.mount, candidates.prices)
-        each = np.sort(each[np.isfinite(each)])
+        second = np.full(len(candidates.mounts), np.inf)
+        np.minimum.at(second, candidates.mount, candidates.model_prices)
+        each = np.sort(np.concatenate([each[np.isfinite(each)], np.repeat(second, candidates.places - 1)]))
+        each = each[np.isfinite(each)]
         by_money = int((np.cumsum(each) <= self.question.most_price * (1 + 1e-9)).sum())
         asked = MOST_BOUGHT if self.question.sensors is None else self.question.sensors
         return max(1, min(asked, by_money))

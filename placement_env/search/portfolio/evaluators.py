@@ -26,11 +26,13 @@ BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
 
 
 class Evaluated(NamedTuple):
-    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets."""
+    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets.
+    frames: how many of those asked for, the first ones, where time was up; None for all."""
 
     ap: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
+    frames: int | None = None
 
 
 @runtime_checkable
@@ -47,9 +49,8 @@ class Evaluator(Protocol):
         """How many there are."""
         ...
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
         ...
 
     def evaluate(
@@ -110,10 +111,9 @@ class DetectorEvaluator:
         """How many there are."""
         return self.detected.frames
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return int(sum(self.detected.scored(k).sum() for k in range(self.frames)))
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
     def evaluate(
         self,
@@ -142,26 +142,39 @@ class DetectorEvaluator:
         return Evaluated(ap, kbit, resamples)
 
 
+class Like:
+    """An evaluator that is made of others and has the name and the frames of the first of them."""
+
+    @property
+    def first(self) -> Evaluator:
+        """Whose they are."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """Of the fidelity."""
+        return self.first.name
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return self.first.frames
+
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return self.first.objects_in(frames)
+
+
 @dataclass(frozen=True, eq=False)
-class MeanEvaluator:
+class MeanEvaluator(Like):
     """The mean of several, of one IoU threshold each; kbit are those of the first."""
 
     evaluators: tuple[Evaluator, ...]
 
     @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self.evaluators[0].name
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return self.evaluators[0].frames
-
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return self.evaluators[0].objects
+    def first(self) -> Evaluator:
+        """That of the first threshold."""
+        return self.evaluators[0]
 
     def evaluate(
         self,
@@ -176,26 +189,16 @@ class MeanEvaluator:
 
 
 @dataclass(frozen=True, eq=False)
-class RobustEvaluator:
+class RobustEvaluator(Like):
     """What is left of sets when sensors fail, in every resample by itself; kbit are those of the intact set."""
 
     evaluator: Evaluator
     failing: Failing
 
     @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self.evaluator.name
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return self.evaluator.frames
-
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return self.evaluator.objects
+    def first(self) -> Evaluator:
+        """That of intact sets."""
+        return self.evaluator
 
     def evaluate(
         self,
@@ -222,10 +225,9 @@ class FastEvaluator:
         self.frames = len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return sum(self._look(np.array([0])).labels.shape)
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
     def evaluate(
         self,

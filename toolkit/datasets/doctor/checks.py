@@ -11,6 +11,7 @@ import numpy as np
 
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import StoredChannel
+from toolkit.datasets.doctor.failing import failing_sensors
 from toolkit.datasets.doctor.hypotheses import (
     ENOUGH,
     SensorImages,
@@ -92,6 +93,7 @@ def check_measurements(
         *_posture(exam),
         *_ground(exam),
         *_unseen(exam),
+        *(Finding("warning", *said) for said in failing_sensors(exam.views, exam.rows, dataset.site, frames)),
     ]
 
 

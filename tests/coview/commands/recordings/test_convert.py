@@ -98,3 +98,16 @@ def test_what_is_refused(recording, tmp_path, refused, arguments, says):
 
 def test_survey_refuses_what_is_for_images(recording, refused):
     assert "--site is not for --layout" in refused("survey", recording, "--layout", "hdf5", "--site", "tjunction")
+
+
+def test_sensors_with_errors(recording, tmp_path, run, refused):
+    arguments = ("convert", recording, "--layout", "hdf5", "--frames", 1, "--to", "folder")
+    assert run(*arguments, "--errors", "surveyed", "--seed", 3, "--out", tmp_path / "e")[0] == 0
+    (crooked,), true = read(tmp_path / "e", "folder"), next(read(recording, "hdf5"))
+    pairs = zip(crooked.clouds, true.clouds, strict=True)
+    moved = [np.abs(a.world_SE3_sensor - b.world_SE3_sensor).max() for a, b in pairs]
+    assert 0 < min(moved) < max(moved) < 0.1
+    assert "there is no error profile 'bad'" in refused(*arguments, "--errors", "bad", "--out", tmp_path / "x")
+    says = refused("convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical",
+                   "--out", tmp_path / "x")  # fmt: skip
+    assert "--errors are for --layout hdf5" in says

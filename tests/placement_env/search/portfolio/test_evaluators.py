@@ -48,7 +48,9 @@ def test_detection_of_some_frames(street):
     assert found.kbit == pytest.approx(expected.kbit)
     assert found.resamples.shape == (3, 1000)
     assert found.resamples == pytest.approx(np.repeat(found.ap[:, None], 1000, axis=1))  # all frames are alike
-    assert (evaluator.frames, evaluator.objects, evaluator.name) == (8, 32, "detector")
+    assert (evaluator.frames, evaluator.name) == (8, "detector")
+    assert evaluator.objects_in(np.arange(8)) == 32
+    assert evaluator.objects_in(np.array([6, 1])) == 8
 
 
 def test_resamples_are_of_blocks_and_the_same_for_every_set(street):
@@ -83,7 +85,8 @@ def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, sma
     assert found.resamples[0].std() > 0
     some = evaluator.evaluate(sets, np.array([4, 0]))
     assert some.ap == pytest.approx(Coverage(of_frames(seen, np.array([0, 4])))(sets).ap)
-    assert evaluator.objects == seen.points.shape[1]
+    assert evaluator.objects_in(np.arange(evaluator.frames)) == seen.points.shape[1]
+    assert evaluator.objects_in(np.array([1])) == (seen.frame == 1).sum()
 
 
 def test_what_is_seen_of_some_frames(prepared, small_traffic):
@@ -136,7 +139,7 @@ def test_the_mean_over_thresholds_and_what_is_left_in_every_resample(street):
     found, parts = mean.evaluate(SETS, np.arange(8)), [one.evaluate(SETS, np.arange(8)) for one in each]
     assert found.ap == pytest.approx((parts[0].ap + parts[1].ap) / 2)
     assert found.resamples == pytest.approx((parts[0].resamples + parts[1].resamples) / 2)
-    assert (mean.frames, mean.objects, mean.name) == (8, 32, "detector")
+    assert (mean.frames, mean.objects_in(np.arange(8)), mean.name) == (8, 32, "detector")
     hardy = RobustEvaluator(each[0], Failing(1))
     left = hardy.evaluate(SETS, np.arange(8))
     assert left.ap == pytest.approx([0.0, 0.5, 0.55], abs=0.06)

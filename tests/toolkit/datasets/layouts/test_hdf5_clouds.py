@@ -20,6 +20,7 @@ def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
     full = SensorCloud(
         "north", rng.normal(0, 20, (500, 3)).astype(np.float32), pose(1.0, 2.0, 6.0, yaw=0.3, pitch=0.1),
         time=rng.uniform(0, 0.1, 500), intensity=rng.uniform(0, 255, 500).astype(np.float32),
+        ring=rng.integers(0, 32, 500),
     )  # fmt: skip
     plain = SensorCloud("south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world")
     none = SensorCloud("dark", np.zeros((0, 3), np.float32), np.eye(4))
@@ -43,7 +44,7 @@ def equal(a, b):
         (a.map_SE3_world, b.map_SE3_world),
     ]  # fmt: skip
     for one, two in zip(a.clouds, b.clouds, strict=True):
-        names = ("points", "world_SE3_sensor", "time", "intensity")
+        names = ("points", "world_SE3_sensor", "time", "intensity", "ring")
         columns += [(getattr(one, name), getattr(two, name)) for name in names]
     for one, two in columns:
         assert (one is None) == (two is None)
@@ -116,3 +117,10 @@ def test_damage_is_named_in_one_line(tmp_path, damage, says):
         list(hdf5_clouds(path))
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_recorded_clouds_take_no_errors(tmp_path):
+    write_hdf5_clouds([sample()], tmp_path / "r.hdf5")
+    assert len(hdf5(tmp_path / "r.hdf5")) == 1
+    with pytest.raises(ValueError, match="have errors of their own"):
+        hdf5(tmp_path / "r.hdf5", errors="typical", noise_seed=0)
