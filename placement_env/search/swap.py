@@ -8,6 +8,7 @@ set is a local optimum under such changes. Then it starts again from a random se
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -30,11 +31,14 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     starts: int | None = None,
+    start: Iterable[int | str] | None = None,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set first, then sets drawn from `seed`.
+    """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets drawn from `seed`.
 
-    starts: how many; None for as many as the limits allow, or `STARTS` without a limit. The certificate is "local
-    optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1.
+    start: candidates by index or name, such as the answer of another search; those that do not fit the budget, their
+    links or the money beside those before them are left out. starts: how many; None for as many as the limits allow, or
+    `STARTS` without a limit. The certificate is "local optimum" where the best set was searched around to its end.
+    Raises ValueError where `starts` is below 1 and for a candidate that there is not.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
@@ -43,11 +47,11 @@ def search(
     proven = False
     if starts is None:
         starts = STARTS if seconds is None and evaluations is None else sys.maxsize
-    for start in range(starts):
-        if progress.spent and start:
+    for number in range(starts):
+        if progress.spent and number:
             break
-        before = progress.reward if start else -np.inf
-        finished = _climb(progress, neighbourhood.sample(rng) if start else _greedy(progress), rng)
+        before = progress.reward if number else -np.inf
+        finished = _climb(progress, neighbourhood.sample(rng) if number else _first(progress, start), rng)
         proven = finished if progress.reward > before else proven
     certificate = (
         Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
@@ -55,6 +59,17 @@ def search(
         else progress.unknown("stopped before all changes of one sensor were tried")
     )
     return progress.result("swap", certificate)
+
+
+def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
+    """What fits of a given set, else greedy's."""
+    if start is None:
+        return _greedy(progress)
+    fitting: list[int] = []
+    for member in np.flatnonzero(progress.objective.row(start)).tolist():
+        if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
+            fitting.append(member)
+    return fitting
 
 
 def _greedy(progress: Progress) -> list[int]:
