@@ -85,6 +85,8 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
     monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
     monkeypatch.setattr(sample_poses, "clouds_together", together)
     samples = recording(count, driving=driving)
+    moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
+    samples[1] = replace(samples[1], clouds=moved)
     assert find_sample_poses(lambda: iter(samples)) == ()
     ((points, sensors),) = fitted
     assert learnt == [count] * learns
@@ -92,6 +94,14 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypa
     if not learns:
         np.testing.assert_array_equal(points[1], clouds()[1].astype(np.float64))
         np.testing.assert_array_equal(sensors[1].pose, ERROR @ TRUE[1].pose)
+
+
+def test_the_pose_found_is_that_of_the_first_sample():
+    samples = recording(2)
+    own = samples[1].clouds[1]
+    samples[1] = replace(samples[1], clouds=(replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
+    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE[1].pose)
 
 
 def test_by_a_reference():
