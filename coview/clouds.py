@@ -114,6 +114,7 @@ def score_clouds(
     from toolkit.calibration.samples.sample_poses import corrections, with_corrections
     from toolkit.calibration.samples.sample_scenes import SampleScenes
     from toolkit.detection.samples.clusters import learn_cluster_detector
+    from toolkit.detection.samples.detected import middle_of
     from toolkit.detection.samples.evaluated import evaluate_samples
     from toolkit.objects import known_labels
 
@@ -121,6 +122,7 @@ def score_clouds(
     if len(sensors) != 1:
         raise ValueError(f"with --layout there is one set of sensors, got {len(sensors)}: say them as a,b,c")
     chosen = sensor_set(sensors[0])
+    names = None if chosen is None else [str(name) for name in chosen]
     samples = open_clouds(path, layout)
     total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
     steps = count(1)
@@ -131,27 +133,55 @@ def score_clouds(
     def put_right() -> Iterator[Sample]:
         return with_corrections(opened(), corrected)
 
-    scenes = SampleScenes(put_right)
+    def of_chosen() -> Iterator[Sample]:
+        return (sample if names is None else sample.seen_by(names) for sample in put_right())
+
+    scenes = SampleScenes(of_chosen)
     if detector == CLUSTER:
         middle, half = area_about(area)
-        network: Detector = learn_cluster_detector(scenes, next(put_right()), levelling=level, middle=middle, half=half)
+        first, seen = next(put_right(), None), next(of_chosen(), None)
+        if first is None or seen is None:
+            raise ValueError("there is no sample to evaluate: check the path and the layout")
+        x, y = middle_of(first).tolist() if middle is None else middle
+        middle = (x, y)
+        network: Detector = learn_cluster_detector(scenes, seen, levelling=level, middle=middle, half=half)
     else:
         network, middle, half = sample_detector(detector, area)
     with progress_bar("cloud", total, hidden=hidden) as bar:
         figures = evaluate_samples(
             put_right, network, scenes=scenes, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
-            middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
+            middle=middle, half=half, still=still, sensors=names,
             rate=rate, seen=partial(watched, progress=lambda _: bar.to(next(steps))),
         )  # fmt: skip
     return figures.with_poses(found)
 
 
 def found_poses(
-    opened: Callable[[], Iterable[Sample]], reference: str, *, held: Sequence[int | str] = ()
+    opened: Callable[[], Iterable[Sample]],
+    reference: str,
+    *,
+    held: Sequence[int | str] = (),
+    frames: int | None = None,
 ) -> tuple[FoundPose, ...]:
-    """Where the lidars of a recording are, by a reference as in coview calibrate, or "together" by each other."""
+    """Where the lidars of a recording are, by a reference as in coview calibrate, of a recording its first so many
+    frames, or "together" by each other."""
     from toolkit.calibration.reference import read_surface
     from toolkit.calibration.samples.sample_poses import find_sample_poses
 
-    return find_sample_poses(opened, None if reference == TOGETHER else read_surface(reference), held=held)
+    surface = None if reference == TOGETHER else read_surface(reference, frames=frames)
+    return find_sample_poses(opened, surface, held=held)
+
+
+def opened_clouds(path: Path, layout: str, frames: int | None) -> Callable[[], Iterable[Sample]]:
+    """What gives the first so many samples of a recording, all for None, as often as it is asked."""
+    check_least("--frames", frames, 1, "leave it out for all")
+    return partial(first_of, open_clouds(path, layout), frames)
+
+
+def write_corrected_clouds(opened: Callable[[], Iterable[Sample]], found: Sequence[FoundPose], out: Path) -> int:
+    """Write samples as a plain folder, their sensors where they were found to be."""
+    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
+    from toolkit.datasets.samples import write_samples
+
+    return write_samples(with_corrections(opened(), corrections(found)), out, "folder")

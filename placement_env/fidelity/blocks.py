@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from placement_env.fidelity.occlusion import Seen
 from toolkit.runtime.cache import Cache
@@ -13,6 +13,7 @@ from toolkit.runtime.parallel import spread
 Block = tuple[int, int]  # the first of it, and the first after it
 
 
+@runtime_checkable
 class BlockView(Protocol):
     """Looks at a block; can be pickled."""
 

@@ -202,8 +202,9 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
     from rosbags.typesys import Stores, get_typestore
 
     from toolkit.datasets.layouts import rosbag_writer as writing
+    from toolkit.datasets.layouts.rosbag import CLOUD, TF
 
-    store, kinds = get_typestore(Stores.ROS2_HUMBLE), (writing.TF, writing.CLOUD)
+    store, kinds = get_typestore(Stores.ROS2_HUMBLE), (TF, CLOUD)
     plugin = StoragePlugin.SQLITE3 if sqlite else StoragePlugin.MCAP
     with Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
         tf, cloud = (writer.add_connection(f"/{k}", kind, typestore=store) for k, kind in enumerate(kinds))

@@ -179,7 +179,7 @@ _REGIONS: dict[str, Callable[[Mapping[str, Any]], Region]] = {
 }  # fmt: skip
 
 
-def region_of(record: Mapping[str, Any]) -> Region:
+def region_of(record: Any) -> Region:
     """The region that `Region.record` says. Raises ValueError for a kind that there is not, and for other numbers.
 
     >>> region_of(Rectangle((0.0, 0.0, 2.0, 1.0)).record())

@@ -13,7 +13,8 @@ from toolkit.geometry import pose
 from toolkit.sensors.angle_grid import AngleGrid, grid_windows, in_grid
 from toolkit.sensors.model import Measure, angle, check_noise, check_numbers, frozen, with_noise
 
-_ELEVATIONS = tuple(np.deg2rad([15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]))
+_DEGREES = [15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]
+_ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class RowLidar:
     kind: ClassVar[str] = "rowlidar"
     measures: ClassVar[Measure] = "range"
 
-    elevations: tuple[float, ...] = angle(_ELEVATIONS)  # type: ignore[arg-type]
+    elevations: tuple[float, ...] = angle(_ELEVATIONS)
     columns: int = 1800
     azimuth_fov: float = angle(2 * np.pi)
     heading: float = angle(0.0)

@@ -27,10 +27,11 @@ from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.lagged import lagged_frames
 from toolkit.detection.link.range_images import STEPS
+from toolkit.detection.link.standing_out import drawn_scene, standing_out
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
-from toolkit.points import cropped_pixels, unproject
+from toolkit.points import unproject
 from toolkit.runtime.json_files import finite
 
 ONSET = 2.0  # s after traffic began
@@ -147,14 +148,20 @@ class _Centre:
 
     def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
         """What a sensor has sent: the whole image, or the foreground of its crop in the finest step."""
-        image = np.asarray(frame.measurements[sensor], np.float32)
         if way == SENT_AS[0]:
-            return Shown(time, image)
-        scene, sent = self.scenes(sensor), np.zeros(image.shape, bool)
-        sent.ravel()[cropped_pixels(frame, sensor, area=self._site)] = True
-        sent &= ~scene.shows(image)
+            return Shown(time, np.asarray(frame.measurements[sensor], np.float32))
+        captured = frame_view(frame, self._detector, self._site).captured(sensor)
+        out = standing_out(captured, self.scenes(sensor))
+        image = captured.sending(out.pixels).measurement
         steps = np.rint(image / STEPS[0]).astype(np.float32) * np.float32(STEPS[0])
-        return Shown(time, np.where(sent, steps, np.float32(0)), sent)
+        return Shown(time, steps, image > 0, out.missing)
+
+    def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
+        """Of a sensor that should send from a time on; frame: in which it stands."""
+        captured, scene = frame_view(frame, self._detector, self._site).captured(sensor), self.scenes(sensor)
+        view = np.zeros(scene.first.size, bool)
+        view[drawn_scene(captured, scene).pixels] = True
+        return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
 
     def covered(self, frame: Frame, sensor: int) -> Bool[np.ndarray, "rows columns"]:
         """In which pixels a sensor must see what others see."""
@@ -174,7 +181,7 @@ def _noticed_after(centre: _Centre, stretch: Sequence[Frame], sensor: int, fault
     """Seconds from the onset of a fault until its monitor says that something is wrong."""
     begin = stretch[0].time
     onset = next(k for k, frame in enumerate(stretch) if frame.time - begin >= ONSET - 1e-9)
-    monitor = SensorMonitor(centre.scenes(sensor), start=begin)
+    monitor = centre.monitor(stretch[0], sensor, begin)
     last: Shown | None = None
     for k in range(max(0, onset - 2), len(stretch)):
         frame, since = stretch[k], stretch[k].time - stretch[onset].time
@@ -202,7 +209,7 @@ def _failing(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
 
 def _alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
     """How often the monitor of a sensor that works begins to say that it fails."""
-    monitor, before, count = SensorMonitor(centre.scenes(sensor), start=shown[0][0].time), None, 0
+    monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
     last: Shown | None = None
     for frame, ages in shown:
         if not np.isnan(ages[sensor]):

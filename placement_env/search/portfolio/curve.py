@@ -7,6 +7,7 @@ the same resamples, so that their AP compare.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +26,7 @@ from placement_env.search.portfolio.portfolio import (
     JUDGED_FRAMES,
     RACE_FRAMES,
     SEARCHES,
+    SET_FRAMES,
     contest,
     evaluators_of,
     found_entrants,
@@ -109,7 +111,8 @@ def budget_curve(
         timed = schedule.racing(racing, len(groups) - n)
         before = [winners[-1].row] if amounts and winners else []
         sets = np.array([*found.sets, *before])
-        ran = contest(objective, sets, timed, confidence=confidence, seed=seed, progress=progress)
+        enough = SET_FRAMES if seconds is None else math.inf
+        ran = contest(objective, sets, timed, confidence=confidence, seed=seed, most=enough, progress=progress)
         first = int(ran.ranking[0])
         if not (before and np.array_equal(sets[first], before[0])):
             predicted = float(found.predicted[first])

@@ -8,6 +8,7 @@ scores overrates it (the winner's curse), by as much as `Contender.curse` says o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -31,7 +32,7 @@ from toolkit.arrays import Bool, Float64, Int64
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
 AP_TOLERANCE = 0.01  # AP by which another entrant may be better without being asked for
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
-SET_FRAMES = 1600.0  # that a race may score
+SET_FRAMES = 1600.0  # that a race may score where no time is set
 INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
 SEARCHES = 5  # that share the time of the searches
 
@@ -78,7 +79,8 @@ def search(
     if not len(found.sets):
         return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
     timed = schedule.racing(racing)
-    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, progress=progress)
+    most = SET_FRAMES if seconds is None else math.inf
+    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most, progress=progress)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
         note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
         return _without(objective, found.considered, limits, note)
@@ -117,7 +119,7 @@ def contest(
         report = None if progress is None else partial(_done, progress, "racing", len(frames))
         found = evaluator.evaluate(rows, frames, report)
         cost = costs_of(objective, rows, found.kbit)
-        blocks = len(np.unique(frames[: found.frames] // BLOCK_FRAMES))
+        blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
     order = race_order(evaluator.frames, seed=seed)

@@ -17,7 +17,7 @@ from bench_surrogate import spearman
 Row = dict[str, Any]
 FAST = ("surrogate@0.7", "coverage", "perception entropy", "information gain", "point count")
 BOOTSTRAPS = 1000
-LEAST = 5  # sets that a correlation needs
+LEAST = 4  # sets that a correlation needs
 
 
 def figures(rows: Sequence[Row]) -> list[str]:

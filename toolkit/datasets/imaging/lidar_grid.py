@@ -8,8 +8,9 @@ Rows are, in this order,
 3. else even steps of the angle that neighbouring points of a cloud usually are apart, of twice that where they lie as
    at random (a pattern that does not repeat), so that most cells are met in most clouds.
 
-Columns are even steps of the azimuth by which neighbouring points of a row usually are apart, all around or, where
-clouds leave a gap, from one side of it to the other.
+Columns are even steps of the azimuth by which neighbouring points of a row usually are apart, with the azimuths in the
+middle of theirs where these are the same in all clouds, all around or, where clouds leave a gap, from one side of it to
+the other.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ _LEAST_PEAK = 0.1  # of the median height of peaks
 _CROWDED, _THIRD = 0.85, 1 / 3  # share of points that lie within this share of the distance between rows
 _SMALLEST_STEP = np.deg2rad(0.02)
 _AT_RANDOM = 2.5  # the 90 % quantile of distances to the nearest neighbour by the 10 % one, beyond which it is
+_LEAST_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 where all have the same
 _SOME = 20_000  # points of a cloud whose neighbours are looked for
 
 
@@ -74,6 +76,8 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     heading, span = _span(np.concatenate([each[1] for each in kept]))
     columns = max(1, round(2 * np.pi / step) if span is None else int(np.ceil(span / step - 0.5)) + 1)
     width = 2 * np.pi if span is None else min(columns * step, 2 * np.pi)
+    if span is None:
+        heading = _phase(np.concatenate([each[1] for each in kept]), columns)
     if len(elevations) * columns > MOST_PIXELS:
         raise ValueError(
             f"the image of {name} would have {len(elevations)} x {columns} pixels: are its points in its own frame?"
@@ -160,6 +164,13 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
     top, bottom = (float(pick([pick(each[0]) for each in clouds])) for pick in (np.max, np.min))
     rows = max(2, int(np.ceil((top - bottom) / step)) + 1)
     return (top + bottom) / 2 + ((rows - 1) / 2 - np.arange(rows)) * step, step
+
+
+def _phase(azimuth: np.ndarray, columns: int) -> float:
+    """By how much the columns of a turn are off those about zero, so that azimuths lie in the middle of theirs; 0 where
+    they lie anywhere."""
+    mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
+    return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
 
 
 def _span(azimuth: np.ndarray) -> tuple[float, float | None]:

@@ -1,9 +1,9 @@
 """Our own recordings and the paper's published ones: one HDF5 file of depth or range images, or of recorded clouds.
 
-Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's. Clouds are those of
-all returns, each in its sensor's body frame (x forward, y left, z up); without noise, or as sensors with errors say
-them, who then do not stand where they are believed to. Labels are complete in the site's detection area. A published
-file that shows no built-in site is refused.
+Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's, `map_SE3_world` its
+place in the map. Clouds are those of all returns, each in its sensor's body frame (x forward, y left, z up); without
+noise, or as sensors with errors say them, who then do not stand where they are believed to. Labels are complete in the
+site's detection area. A published file that shows no built-in site is refused.
 """
 
 from __future__ import annotations
@@ -46,6 +46,9 @@ def hdf5(path: Path, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: i
             clouds.append(SensorCloud(sensor.name, own.astype(np.float32), sensor.world_SE3_body))
         categories = tuple(LABELS[label] for label in frame.objects.labels)
         area = Rectangle((xmin, ymin, xmax, ymax))
-        return Sample(name, tuple(clouds), frame.objects, categories, complete=area, time=frame.time)
+        map_SE3_site = dataset.site.map_SE3_site
+        return Sample(
+            name, tuple(clouds), frame.objects, categories, complete=area, time=frame.time, map_SE3_world=map_SE3_site
+        )  # fmt: skip
 
     return Listing(tuple(f"{k:06d}" for k in range(len(dataset))), load)

@@ -10,7 +10,8 @@ Clouds of real sensors are no depth images, so they are kept as points, each sam
     samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] where the set has them
     samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] where there are some
     samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
-    samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] if known
+    samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] and ring
+                                                  int64 [n] if known
 """
 
 from __future__ import annotations
@@ -107,6 +108,11 @@ def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
         else None
         for name, kind in (("time", np.float64), ("intensity", np.float32))
     }
+    if reader.holds(file, f"{place}/ring"):
+        columns["ring"] = reader.array(file, f"{place}/ring", axes=1, kinds="iu").astype(np.int64)
+    for name, column in columns.items():
+        if column is not None and len(column) != len(points):
+            raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
     frame = _FRAMES.get(str(entry(about, "frame")))
     if frame is None:
         raise ValueError(f"{place} must be in the frame of the sensor or the world, got {about['frame']!r}")
@@ -161,7 +167,8 @@ def _write(group: h5py.Group, sample: Sample) -> None:
                "others_counts": sample.others.counts}  # fmt: skip
     for k, cloud in enumerate(sample.clouds):
         columns |= {f"clouds/{k}/points": cloud.points, f"clouds/{k}/pose": cloud.world_SE3_sensor,
-                    f"clouds/{k}/time": cloud.time, f"clouds/{k}/intensity": cloud.intensity}  # fmt: skip
+                    f"clouds/{k}/time": cloud.time, f"clouds/{k}/intensity": cloud.intensity,
+                    f"clouds/{k}/ring": cloud.ring}  # fmt: skip
     for name, column in columns.items():
         if column is not None:
             packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.size > 100 else {}

@@ -27,6 +27,7 @@ EMPTY = "clouds without points"
 FARTHEST_POINT = 1e5  # m from the sensor, beyond which float32 keeps no centimetres
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
+_MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
@@ -104,8 +105,10 @@ def _intensity(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarra
 
 def _ring(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
     for name in _RINGS:
-        if name in columns and columns[name].size == len(keep) and columns[name].dtype.kind in "iu":
-            return columns[name].reshape(-1)[keep].astype(np.int64)
+        if name in columns and columns[name].size == len(keep):
+            numbers = columns[name].reshape(-1)[keep]
+            if numbers.dtype.kind in "iu" or bool((np.abs(numbers) < _MOST_RINGS).all() and (numbers % 1 == 0).all()):
+                return numbers.astype(np.int64)
     return None
 
 

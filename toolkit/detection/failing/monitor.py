@@ -3,9 +3,9 @@
     silent    the newest measurement is older than `silent_after`
     frozen    the same pixels with the same distances in `REPEATS` messages after the first: noise makes no two images
               alike, not even in steps of 8 cm, once they have `LEAST_REPEATED`
-    blinded   of the pixels in which its empty scene returns something, most return nothing. A message of foreground
-              says nothing of these, so there: next to nothing is sent where objects that others see stand before its
-              empty scene. That finds a sensor as well that is frozen since it saw nobody.
+    blinded   of the pixels in which its empty scene returns something, most return nothing, or are said to be missing
+              by a message of foreground. Also where foreground has next to no pixels, although objects that others see
+              stand before its empty scene: that finds a sensor as well that is frozen since it saw nobody.
     shifted   many pixels measure farther than the empty scene: whoever passes or parks stands before it, never behind
               it, so it is another scene, or seen from elsewhere
 
@@ -48,21 +48,32 @@ class Fault(Enum):
 
 class Shown(NamedTuple):
     """What a sensor has sent last: when it was measured (s); the image, 0 where nothing returned or nothing was sent;
-    which pixels were sent, None where the whole image was."""
+    of foreground, which pixels were sent, None where the whole image was, and which are missing."""
 
     time: float
     image: Float32[np.ndarray, "rows columns"]
     sent: Bool[np.ndarray, "rows columns"] | None = None
+    missing: Bool[np.ndarray, "rows columns"] | None = None
 
 
 class SensorMonitor:
     """Of one sensor. scene: its empty scene; start: since when it should send (s); silent_after: age of what it has
-    sent (s) from which on it is silent. Raises ValueError for an age not above 0."""
+    sent (s) from which on it is silent; view: pixels of which it sends anything, such as those of its crop, None for
+    all. Raises ValueError for an age not above 0."""
 
-    def __init__(self, scene: EmptyScene, *, start: float = 0.0, silent_after: float = SILENT_AFTER) -> None:
+    def __init__(
+        self,
+        scene: EmptyScene,
+        *,
+        start: float = 0.0,
+        silent_after: float = SILENT_AFTER,
+        view: Bool[np.ndarray, "rows columns"] | None = None,
+    ) -> None:
         if not 0 < silent_after < np.inf:
             raise ValueError(f"silent_after must be seconds above 0, got {silent_after}: such as {SILENT_AFTER}")
         self._scene, self._silent_after, self._newest = scene, silent_after, start
+        self._returns = (scene.first > 0) & (scene.share >= HALF)
+        self._returns &= True if view is None else view
         self._pixels: Float32[np.ndarray, "rows columns"] | None = None
         self._repeats = self._blind = self._shifted = 0
 
@@ -73,7 +84,11 @@ class SensorMonitor:
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
     ) -> Fault | None:
         """What is wrong by now. shown: what arrived last, None before the first; covered: says in which pixels objects
-        that others see stand before its empty scene, asked only where foreground has next to no pixels."""
+        that others see stand before its empty scene, asked only where foreground has next to no pixels. Raises
+        ValueError for an image of another size than the empty scene."""
+        if shown is not None and shown.image.shape != self._scene.first.shape:
+            size = self._scene.first.shape
+            raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
         if shown is not None and (self._pixels is None or shown.time > self._newest):
             self._newest = shown.time
             self._take(shown, covered)
@@ -94,20 +109,20 @@ class SensorMonitor:
         same = self._pixels is not None and count >= LEAST_REPEATED and np.array_equal(pixels, self._pixels)
         self._repeats = self._repeats + 1 if same else 0
         self._pixels = pixels
-        self._blind = self._blind + 1 if self._is_blind(there, shown.sent, covered) else 0
+        self._blind = self._blind + 1 if self._is_blind(there, shown, covered) else 0
         beyond = farther(self._scene, pixels).sum() > SHIFTED_SHARE * count and count >= LEAST_REPEATED
         self._shifted = self._shifted + 1 if shown.sent is None and beyond else 0
 
     def _is_blind(
         self,
         there: Bool[np.ndarray, "rows columns"],
-        sent: Bool[np.ndarray, "rows columns"] | None,
+        shown: Shown,
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None,
     ) -> bool:
-        if sent is None:
-            returns = (self._scene.first > 0) & (self._scene.share >= HALF)
-            return bool((returns & ~there).sum() > BLIND_SHARE * returns.sum())
-        if covered is None or there.sum() >= LEAST_REPEATED:
+        missing = ~there if shown.sent is None else shown.missing
+        if missing is not None and (missing & self._returns).sum() > BLIND_SHARE * self._returns.sum():
+            return True
+        if shown.sent is None or covered is None or there.sum() >= LEAST_REPEATED:
             return False
         expected = covered()
         return bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())

@@ -43,7 +43,7 @@ RefersTo = Literal["previous", "key"]
 REFERS_TO: tuple[RefersTo, ...] = ("previous", "key")
 KEY_EVERY = 10  # messages, a second at 10 Hz
 MOST_BACK = 255  # messages
-FEW = 200  # pixels that stand, below which a whole image may be smaller
+FEW_PIXELS = 200  # pixels that stand, below which a whole image may be smaller
 _REFERS = struct.Struct("<BBI")
 
 
@@ -79,7 +79,7 @@ class DifferenceSender:
         sent, missing = checked_pixels(image, self.scene, missing)
         steps, mm = to_steps(image.measurement, sent, self.step), step_in_mm(self.step)
         less = self._difference(image, steps, sent)
-        content = encode_pixels(steps, sent) if less is None or less.stands < FEW else b""
+        content = encode_pixels(steps, sent) if less is None or less.stands < FEW_PIXELS else b""
         if self._reference is None or less is None or 0 < len(content) <= len(less.content):
             kind, self._key = MessageKind.FOREGROUND, image.number
             self._reference = Reference.of(image.number, mm, steps, sent)

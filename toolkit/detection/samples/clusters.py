@@ -24,7 +24,7 @@ from toolkit.geometry import transform
 from toolkit.objects import Detections
 from toolkit.points import inside
 
-REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
+CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
 SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt from
 
 
@@ -71,7 +71,7 @@ class AreaClusters:
 
 
 def foreground_clusters(
-    sample: Sample, scenes: SampleScenes, *, reach: float = REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
+    sample: Sample, scenes: SampleScenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
 ) -> Clusters:
     """The points of all clouds of a sample that stand out from the empty scenes of their sensors, in objects.
 
@@ -94,7 +94,7 @@ def foreground_clusters(
 
 
 def cluster_points(
-    points: Float64[np.ndarray, "n 3"], *, reach: float = REACH, fewest: int = FEWEST
+    points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
 ) -> Int64[np.ndarray, " n"]:
     """The object of each point by DBSCAN, numbered from 0, -1 for none.
 

@@ -22,6 +22,7 @@ from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec, ImageCodec
 from toolkit.detection.samples.views import sample_view
 from toolkit.detection.scheme import Scheme, codec_for
+from toolkit.detection.view import LinkMemory
 from toolkit.objects import Detections, Detector
 
 Level = Literal["map", "plane", "none"]
@@ -80,6 +81,7 @@ def detect_samples(
         raise ValueError(f"levelling must be one of {', '.join(LEVELS)}, got {levelling!r}")
     kept: Ground | None = None
     images = scenes if sends_images(scheme, codec) else None
+    memory, remembered = LinkMemory(), list[str]()
     for number, every in enumerate(samples):
         centre = middle_of(every) if middle is None else np.array(middle, np.float64)
         sample = every if sensors is None else every.seen_by(sensors)
@@ -93,9 +95,11 @@ def detect_samples(
             upright = points if ground is None or not len(points) else ground.points(points)
             found, bits = detector(upright.astype(np.float32)) if len(points) else Detections.empty(), ()
         else:
+            names = [cloud.name for cloud in sample.clouds]
+            memory, remembered = (memory if names == remembered else LinkMemory()), names
             view = sample_view(
                 sample, detector, ground, centre, np.array([-half[0], -half[1], *half]),
-                codec=codec, scenes=images, number=number,
+                codec=codec, scenes=images, number=number, memory=memory,
             )  # fmt: skip
             fused = scheme.fuse(view, range(len(sample.clouds)))
             found, bits = fused.detections, tuple(fused.bits.tolist())

@@ -32,10 +32,10 @@ from toolkit.detection.samples.label_times import against_their_way, shift_of
 from toolkit.geometry import invert
 
 SUNK = 0.3  # of a box's height, that the middle box may be off its place above the ground
-ALIKE = 0.01  # of the mean fit, within which the mistake that comes first in the list is named
+ALIKE = 0.04  # of the mean fit, within which the mistake that comes first in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn
-FREER = 0.1  # of the mean fit, that explanations which choose for each box must be better by
-TURNED_GAIN = 0.15  # of the mean fit, for boxes that are each turned as fits them best
+FREER = 0.1  # of the mean fit, that explanations which choose a sensor for each box must be better by
+TURNED_GAIN = 0.15  # of the mean fit, that those which turn each box as it fits best must be better by
 
 
 def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
@@ -72,17 +72,24 @@ def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
     maps = [each.sample.map_SE3_world for each in some]
     if any(not np.allclose(each, np.eye(4)) for each in maps):
         attempts += [_undone(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
-    best = _most(attempts, current)
+    plain = _most(attempts, current)
     in_sensors = [_undone_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
-    best = _clearer(best, _most(in_sensors, current, FREER))
-    return best if best is None else _clearer(best, _each_turned(some))
+    best = _clearer(plain, _most(in_sensors, current, FREER), FREER)
+    return best if best is None else _clearer(best, _each_turned(some), TURNED_GAIN if best is plain else FREER)
 
 
-def _clearer(best: _Undone | None, freer: _Undone | None) -> _Undone | None:
-    """An explanation, or another that chooses for each box, where that fits clearly better."""
+def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
+    """An explanation, or another that chooses for each box, where that fits better by a margin."""
     if best is None or freer is None:
         return best or freer
-    return freer if freer.fits.mean() > best.fits.mean() + FREER else best
+    one, other = _means([best, freer])
+    return freer if other > one + margin else best
+
+
+def _means(attempts: Sequence[_Undone]) -> list[float]:
+    """The mean fit under each of some explanations, of the boxes that have one under any: of many nothing is seen."""
+    known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
+    return [float(attempt.fits[known].mean()) for attempt in attempts]
 
 
 def _undone(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
@@ -119,8 +126,10 @@ def _fitting_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
 
 def _most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Undone | None:
     surer = [attempt for attempt in attempts if better(current, attempt.fits, *gain)]
-    most = max((attempt.fits.mean() for attempt in surer), default=0.0)
-    return next((attempt for attempt in surer if attempt.fits.mean() >= most - ALIKE), None)
+    if not surer:
+        return None
+    means = _means(surer)
+    return next(attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE)
 
 
 def _turned_too_far(some: Sequence[Seen]) -> list[Finding]:
@@ -134,7 +143,7 @@ def _turned_too_far(some: Sequence[Seen]) -> list[Finding]:
 
 def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
     """Whether the centres of boxes stand on the ground, or by a whole height above it."""
-    parts = [each.heights / own[:, 5] for each, own in zip(some, boxes, strict=True) if len(each.heights)]
+    parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
     shares = np.concatenate([np.zeros(0), *parts])
     if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
         return []

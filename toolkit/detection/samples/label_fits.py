@@ -14,7 +14,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64
 from toolkit.boxes import points_in_boxes
-from toolkit.calibration.ground import level
+from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.sample import Sample
 
 CLEARANCE = 0.3  # m above the ground
@@ -30,23 +30,26 @@ GROUND_POINTS = 20_000  # of a cloud, evenly taken, among which its ground is lo
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A sample, its points that stand on the ground, and how high (m) the centres of its boxes are above that; none of
-    them where there is no ground."""
+    """A sample, its points that stand on the ground, and that ground; all its points and None where there is none."""
 
     sample: Sample
     points: Float64[np.ndarray, "n 3"]
-    heights: Float64[np.ndarray, " m"]
+    ground: Ground | None = None
 
     @staticmethod
     def of(sample: Sample) -> Seen:
         """A sample with its ground found."""
-        points, boxes = sample.points(), sample.objects.boxes
+        points = sample.points()
         try:
             ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
         except ValueError:
-            return Seen(sample, points, np.zeros(0))
+            return Seen(sample, points)
         standing = points[points[:, 2] - ground.height(points[:, :2]) > CLEARANCE]
-        return Seen(sample, standing, boxes[:, 2] - ground.height(boxes[:, :2]))
+        return Seen(sample, standing, ground)
+
+    def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
+        """How high (m) the centres of boxes are above the ground; of none where there is no ground."""
+        return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
 
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:

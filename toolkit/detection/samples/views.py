@@ -18,7 +18,7 @@ from toolkit.calibration.samples.sample_scenes import SampleScenes
 from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.samples.imaged import ImagedClouds
-from toolkit.detection.view import NMS_IOU, Cloud, View, together
+from toolkit.detection.view import NMS_IOU, Cloud, LinkMemory, View, together
 from toolkit.objects import Detections, Detector
 from toolkit.points import inside
 from toolkit.sensors.model import SensorModel
@@ -39,11 +39,13 @@ def sample_view(
     nms_iou: float = NMS_IOU,
     scenes: SampleScenes | None = None,
     number: int = 0,
+    memory: LinkMemory | None = None,
 ) -> View:
     """The view of a sample's clouds, counted from the middle, on level ground, cropped to the area and below 4 m.
 
     Sensor k is that of cloud k, where it stands on that ground; what kind of sensor it is does not matter here unless
-    there are scenes. number: of the sample, for messages to say.
+    there are scenes. number: of the sample, for messages to say; memory: of links, from sample to sample of the same
+    sensors.
     """
     lifted = np.eye(4) if ground is None else ground.level_SE3_frame
     shift = np.eye(4)
@@ -68,4 +70,4 @@ def sample_view(
         Sensor(cloud.name, model, lifted @ shift @ cloud.world_SE3_sensor)
         for cloud, model in zip(sample.clouds, models, strict=True)
     )
-    return View(area, sensors, run=run, codec=codec, nms_iou=nms_iou, **given)
+    return View(area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory, **given)

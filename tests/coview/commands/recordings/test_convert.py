@@ -1,11 +1,15 @@
 """coview convert and coview survey --layout: from a simulated recording to a public layout and back."""
 
 import json
+import shutil
+from itertools import islice
 
+import h5py
 import numpy as np
 import pytest
 
 from toolkit.datasets.samples import read
+from toolkit.detection.samples.label_mistakes import boxes_through
 
 
 def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
@@ -46,6 +50,28 @@ def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, monkeypatch):
     assert run("convert", clouds, "--layout", "hdf5", "--to", "openlabel", "--out", tmp_path / "back")[0] == 0
     (back,) = read(tmp_path / "back", "openlabel")
     np.testing.assert_allclose(back.objects.boxes[:, :6], before.objects.boxes[:, :6], atol=1e-3)
+
+
+@pytest.mark.parametrize("layout", ["nuscenes", "openlabel", "hdf5"])
+def test_a_published_recording_goes_into_other_layouts(recording, tmp_path, run, layout):
+    """One without what only ours has: it is recognised by its cameras."""
+    published, out = tmp_path / "published.hdf5", tmp_path / ("o.hdf5" if layout == "hdf5" else "o")
+    shutil.copy(recording, published)
+    with h5py.File(published, "r+") as file:
+        del file["coview"]
+        for group in file["cameras"].values():
+            for name in list(group.attrs):
+                del group.attrs[name]
+    arguments = ("convert", published, "--layout", "hdf5", "--frames", 2, "--to", layout, "--out", out)
+    assert run(*arguments)[0] == 0
+    for before, after in zip(islice(read(recording, "hdf5"), 2), read(out, layout), strict=True):
+        a, b = (boxes_through(sample.objects.boxes, sample.map_SE3_world) for sample in (before, after))
+        if layout == "openlabel":  # which has no place for a map
+            a, b = before.objects.boxes, after.objects.boxes
+        np.testing.assert_allclose(a[:, :6], b[:, :6], atol=1e-3)
+        assert np.rad2deg(np.abs(np.angle(np.exp(1j * (a[:, 6] - b[:, 6]))))).max() < 0.01
+        assert after.objects.labels.tolist() == before.objects.labels.tolist()
+        assert len(after.points()) == len(before.points())
 
 
 def test_a_file_that_is_there_is_kept(recording, tmp_path, refused):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from placement_env.report.stress.noticing import FalseAlarms, Noticed, noticing
+from placement_env.report.stress.noticing import Noticed, noticing
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
@@ -29,7 +29,10 @@ def test_every_fault_of_every_sensor_in_both_ways_of_sending(found):
 
 def test_false_alarms_are_those_of_lost_messages(found):
     alarms = {(each.link, each.sent_as): each for each in found[1]}
-    assert alarms["nothing wrong", "foreground"] == FalseAlarms("nothing wrong", "foreground", 0, pytest.approx(0.09))
+    nothing = alarms["nothing wrong", "foreground"]
+    assert nothing.alarms == 0
+    assert nothing.minutes == pytest.approx(0.09)
+    assert nothing.as_dict()["link"] == "nothing wrong"
     assert alarms["delay 0.3 s", "whole images"].alarms == 0
     assert (
         alarms["loss 30% in bursts of 5", "whole images"].alarms

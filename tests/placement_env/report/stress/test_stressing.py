@@ -65,15 +65,11 @@ def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_ar
     """Where the block stands still; with losses the centre waits for whole images, less so where all refer to these."""
     monkeypatch.setattr("placement_env.report.stress.conditions.LOSSES", ((0.3, None),))
 
-    class Standing(driving):
-        def box(self, k):
-            return super().box(0) + (k < 8) * np.array([[40.0, 0, 0, 0, 0, 0, 0]])
-
-        def __len__(self):
-            return 30
-
+    standing = driving()
+    here, away = standing.box(0), np.array([[40.0, 0, 0, 0, 0, 0, 0]])
+    monkeypatch.setattr(standing, "box", lambda k: here + (k < 8) * away)
     key = ForegroundDifferences(refers_to="key", name="to key")
-    rows = stress(Standing(), tops(), schemes=["foreground", "differences", key], kinds=("bytes", "loss"))
+    rows = stress(standing, tops(), schemes=["foreground", "differences", key], kinds=("bytes", "loss"))
     found = {(row.kind, row.level, row.scheme): row for row in rows if row.codec == "2 cm"}
     nothing = "nothing goes wrong"
     whole, previous, to_key = (found["bytes", nothing, name] for name in ("foreground", "differences", "to key"))

@@ -126,6 +126,19 @@ def test_with_time_enough_the_answers_of_searches_are_judged_on_the_same_frames(
     assert (own.subset, own.ap) == ((0, 1), pytest.approx(0.4))
 
 
+def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
+    most, contest = [], portfolio.contest
+
+    def asked(*given, **settings):
+        most.append(settings["most"])
+        return contest(*given, **settings)
+
+    monkeypatch.setattr(portfolio, "contest", asked)
+    for seconds in (None, 60.0):
+        portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), seconds=seconds)
+    assert most == [1600.0, np.inf]
+
+
 def test_it_detects_on_a_real_evaluator(street):
     evaluator = DetectorEvaluator(street.detected)
     found = portfolio.search(street.objective, 3, evaluators=(evaluator, evaluator))

@@ -22,13 +22,14 @@ def cloud(elevation, azimuth, *, ring=None, seed=0, frame="sensor", name="l"):
     return SensorCloud(name, points.astype(np.float32), PLACE, frame, ring=ring)
 
 
-def turning(columns=360, noise=0.0, seed=0, lost=0.3, **given):
-    """A turn of seven rows, from which some returns are lost; the rings are numbered in another order."""
+def turning(columns=360, noise=0.0, seed=0, lost=0.3, phase=0.5, **given):
+    """A turn of seven rows, from which some returns are lost; the rings are numbered in another order; phase: of the
+    azimuths, in columns."""
     rng = np.random.default_rng(seed)
     row, column = (each.ravel() for each in np.meshgrid(np.arange(7), np.arange(columns)))
     there = rng.random(len(row)) > lost
     row, column = row[there], column[there]
-    azimuth = (column + 0.5) * 2 * np.pi / columns - np.pi
+    azimuth = (column + phase) * 2 * np.pi / columns - np.pi
     elevation = ROWS[row] + rng.normal(0, noise, len(row))
     rings = {"ring": (10 + (3 * row) % 7).astype(np.int64)} if given.pop("rings", False) else {}
     return cloud(elevation, azimuth, seed=seed, **rings, **given)
@@ -55,6 +56,22 @@ def test_a_spinning_lidar(rings, frame):
     assert grid.model.azimuth_fov == pytest.approx(2 * np.pi)
     assert grid.rings == (tuple((10 + (3 * np.arange(7)) % 7).tolist()) if rings else ())
     assert grid.model.max_range == 200.0
+
+
+@pytest.mark.parametrize("columns", [360, 361])
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.5, 0.9])
+def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
+    clouds = [turning(columns, phase=phase, seed=k) for k in range(2)]
+    model = find_grid(clouds).model
+    assert model.columns == columns
+    own = np.arctan2(model.rays()[0, :, 1], model.rays()[0, :, 0]) * columns / (2 * np.pi) - phase - columns / 2
+    np.testing.assert_allclose(own - np.round(own), 0, atol=2e-3)
+    assert abs(model.heading) <= np.pi / columns + 1e-9
+
+
+def test_azimuths_that_are_others_in_every_cloud_have_no_phase():
+    clouds = [turning(phase=k / 18, seed=k) for k in range(18)]
+    assert find_grid(clouds).model.heading == 0
 
 
 def test_rows_are_found_where_elevations_scatter():

@@ -24,6 +24,7 @@ def test_frames_are_samples_with_all_returns(recording):
     assert [cloud.name for cloud in sample.clouds] == [sensor.name for sensor in frame.sensors]
     np.testing.assert_array_equal(sample.objects.boxes, frame.objects.boxes)
     assert isinstance(sample.complete, Rectangle)
+    np.testing.assert_array_equal(sample.map_SE3_world, CoopDataset(recording).site.map_SE3_site)
     in_crop = sum(map(len, frame_points(frame, area=CoopDataset(recording).site)))
     xmin, ymin, xmax, ymax = sample.complete.area
     points = sample.points()

@@ -20,6 +20,7 @@ def sample(name="1646667310.044", time=1646667310.0440001, complete=AREA):
     full = SensorCloud(
         "north", rng.normal(0, 20, (500, 3)).astype(np.float32), pose(1.0, 2.0, 6.0, yaw=0.3, pitch=0.1),
         time=rng.uniform(0, 0.1, 500), intensity=rng.uniform(0, 255, 500).astype(np.float32),
+        ring=rng.integers(0, 32, 500),
     )  # fmt: skip
     plain = SensorCloud("south/2", rng.normal(0, 9, (7, 3)).astype(np.float32), pose(5.0, 0.1, 4.0), "world")
     none = SensorCloud("dark", np.zeros((0, 3), np.float32), np.eye(4))
@@ -43,7 +44,7 @@ def equal(a, b):
         (a.map_SE3_world, b.map_SE3_world),
     ]  # fmt: skip
     for one, two in zip(a.clouds, b.clouds, strict=True):
-        names = ("points", "world_SE3_sensor", "time", "intensity")
+        names = ("points", "world_SE3_sensor", "time", "intensity", "ring")
         columns += [(getattr(one, name), getattr(two, name)) for name in names]
     for one, two in columns:
         assert (one is None) == (two is None)
@@ -95,7 +96,10 @@ def changed(file, name, value):
         (lambda file: changed(file, "samples/0/boxes", np.zeros((2, 6))), "boxes must be finite boxes"),
         (lambda file: changed(file, "samples/0/labels", np.array([0, 9])), "label"),
         (lambda file: changed(file, "samples/0/clouds/0/points", np.full((500, 3), np.nan)), "points must be finite"),
-        (lambda file: changed(file, "samples/0/clouds/0/time", np.zeros(3)), "time of 'north' must be of 500 points"),
+        (
+            lambda file: changed(file, "samples/0/clouds/0/time", np.zeros(3)),
+            "clouds/0/time must be of 500 points, got 3",
+        ),
         (lambda file: changed(file, "samples/0/clouds/1/pose", np.ones((4, 4))), "must turn by a rotation"),
         (lambda file: changed(file, "samples/0/counts", np.array([1])), "2 objects but 1 counts"),
         (lambda file: changed(file, "samples/0/about", "{}"), "no entry sensors"),

@@ -95,6 +95,20 @@ def test_blinded_is_noticed_at_once_in_whole_images_and_by_others_in_foreground(
     assert watched(sent) == [None] * 9
 
 
+def test_foreground_says_itself_what_is_missing():
+    lower = np.zeros(EMPTY.shape, bool)
+    lower[30:] = True  # three fifths of what returns
+
+    def dark(k):
+        return Shown(0.1 * k, NOTHING, np.zeros(EMPTY.shape, bool), lower)
+
+    assert watched([dark(k) for k in range(5)]) == [None, None, *[Fault.BLINDED] * 3]
+    upper = np.zeros(EMPTY.shape, bool)
+    upper[:40] = True  # its crop: a third of that is missing
+    assert watched([dark(k) for k in range(5)], view=upper) == [None] * 5
+    assert watched([dark(k) for k in range(5)], view=~upper)[-1] is Fault.BLINDED
+
+
 def test_others_are_asked_only_where_next_to_nothing_is_sent():
     def never():
         raise AssertionError("asked")
@@ -122,6 +136,11 @@ def test_shifted_is_what_lies_behind_the_scene():
     assert watched([whole(0.1 * k, measured(k, pushed)) for k in range(4)]) == [None] * 4
     near = np.minimum(EMPTY, np.float32(5))
     assert watched([whole(0.1 * k, measured(k, near)) for k in range(4)]) == [None] * 4
+
+
+def test_an_image_of_another_sensor_is_refused():
+    with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
+        SensorMonitor(SCENE).look(0.0, whole(0.0, EMPTY[::2, ::2]))
 
 
 def test_farther_is_beyond_the_last_surface_of_a_pixel():

@@ -90,8 +90,8 @@ def test_clusters_by_hand():
 
 def test_what_is_refused(every):
     scenes = SampleScenes(lambda: every)
-    with pytest.raises(ValueError, match="reach must be above 0 m and fewest at least 1, got 0 and 5"):
-        foreground_clusters(every[0], scenes, reach=0)
+    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
+        foreground_clusters(every[0], scenes, reach=0.0)
     stranger = Sample("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
     with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
         foreground_clusters(stranger, scenes)

@@ -1,5 +1,6 @@
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from toolkit.calibration.samples.sample_scenes import SampleScenes, learn_sample_scenes
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.detection.link.range_images import RangeImages
+from toolkit.detection.samples.detected import detect_samples
 from toolkit.detection.samples.evaluated import evaluate_samples
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES
 from toolkit.geometry import pose
@@ -81,6 +83,28 @@ def test_schemes_that_send_images_learn_the_empty_scene():
     assert figures["kbit_per_sensor"] < coded.schemes["early"]["kbit_per_sensor"] < 20
     assert "images" in coded.schemes["early"]
     assert "images" not in coded.schemes["late"]
+
+
+def test_differences_are_to_the_sample_before_of_the_same_sensors():
+    """Somebody stands still in the last samples: what the first of them brings costs nothing in the next."""
+
+    def parked(count=9, silent=()):
+        last = list(still())[-1]
+        for k in range(count):
+            sample = last if k >= 6 else next(iter(still()))
+            yield replace(sample, clouds=()) if k in silent else sample
+
+    def bits(silent=()):
+        scenes = SampleScenes(lambda: still(6))
+        scheme = SCHEMES["differences"]
+        found = detect_samples(parked(silent=silent), Everything(), levelling="none", scheme=scheme, scenes=scenes)
+        return [each.bits for each in found]
+
+    ((first,), (second,), (third,)) = bits()[6:]
+    assert second == third < first
+    after = bits(silent=[7])
+    assert after[7] == ()
+    assert after[8] > (second,)
 
 
 def test_scenes_may_be_given():

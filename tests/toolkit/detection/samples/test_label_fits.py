@@ -65,7 +65,7 @@ def test_what_is_seen_of_a_sample():
     cloud = SensorCloud("s", points, np.eye(4))
     seen = Seen.of(Sample("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
     assert len(seen.points) == 40
-    np.testing.assert_allclose(seen.heights, [1.0], atol=0.02)
+    np.testing.assert_allclose(seen.heights(BOX + np.array([0, 0, 2.5, 0, 0, 0, 0])), [1.5], atol=0.02)
     assert fits([seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]).tolist() == [1.0]
     nothing = Seen.of(Sample("0", (SensorCloud("s", points[:2], np.eye(4)),), Objects(BOX)))
-    assert (len(nothing.points), len(nothing.heights)) == (2, 0)
+    assert (len(nothing.points), len(nothing.heights(BOX))) == (2, 0)

@@ -37,7 +37,7 @@ def driving(count=4, late=0, *, seconds=0.1, ids=True, place=None):
 
 
 def seen(samples):
-    return [Seen(sample, sample.points(), np.zeros(0)) for sample in samples]
+    return [Seen(sample, sample.points()) for sample in samples]
 
 
 def test_what_moves_and_how_fast():
@@ -97,7 +97,7 @@ def test_fronts_that_point_backwards_are_counted():
     assert headed == (4, 16, 24)
     assert against_their_way(driving(), undo) is None
     assert against_their_way(wrong(driving(ids=False)), undo) is None
-    alone = [each.of([0, 1, 2]) for each in wrong(driving(8))]
+    alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
     assert against_their_way(alone, undo) is None  # one car that drives backwards is no mistake of all
 
 

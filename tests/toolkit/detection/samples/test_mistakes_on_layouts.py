@@ -15,6 +15,7 @@ from toolkit.datasets.sample import SensorCloud
 from toolkit.datasets.samples import open_samples
 from toolkit.detection.samples import label_fits
 from toolkit.detection.samples.diagnosis import diagnose_samples
+from toolkit.detection.samples.label_mistakes import boxes_through
 from toolkit.geometry import invert, pose, transform
 
 HERE = Path(__file__).parent
@@ -92,6 +93,19 @@ def test_nothing_is_suspected_of_untouched_files(written, layout):
     path, terms = written(layout), mistakes.terms_of(layout)
     terms.write(path, terms.read(path))  # and the bench reads and writes what is there
     assert said_of(path, layout) == []
+
+
+@pytest.mark.parametrize("layout", LABELLED)
+def test_boxes_are_read_within_a_millimetre_and_a_hundredth_of_a_degree(samples, written, layout):
+    """Also of the layout that only the bench writes, whose labels are each sensor's own."""
+    for before, after in zip(samples, open_samples(written(layout), layout), strict=True):
+        a, b = (boxes_through(sample.objects.boxes, sample.map_SE3_world) for sample in (before, after))
+        if np.allclose(after.map_SE3_world, np.eye(4)):  # a layout that has no place for a map
+            a = before.objects.boxes
+        order = [np.lexsort(boxes[:, :2].round(2).T) for boxes in (a, b)]
+        a, b = a[order[0]], b[order[1]]
+        np.testing.assert_allclose(a[:, :6], b[:, :6], atol=1e-3)
+        assert np.rad2deg(np.abs(np.angle(np.exp(1j * (a[:, 6] - b[:, 6]))))).max() < 0.01
 
 
 @pytest.mark.parametrize(("layout", "mistake"), SOME)
