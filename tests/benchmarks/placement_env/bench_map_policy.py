@@ -6,8 +6,7 @@
 
 Searches look at 24 frames of traffic of their own (seed + 500000, kept in FOLDER/searched with the CPU seconds it
 took); every set is judged by the surrogate on the 16 frames of the junction's files, which no search saw. A sensor
-whose link does not carry what it sends is left out of a set. Seconds are of the process: a shared machine does not
-count.
+whose link does not carry what it sends is left out of a set. Seconds are of the process.
 
 "links seen" is the policy that is told, of the sensors it answers with alone, whose links do not carry them, and
 answers again; "look s" is what it takes to find out, by rendering the empty site from these sensors once.

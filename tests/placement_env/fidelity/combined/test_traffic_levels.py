@@ -30,7 +30,7 @@ def made(small_traffic):
 
 @pytest.mark.parametrize(("count", "combine"), [(0, "worst"), (5, "worst"), (1.5, "mean"), (2, "median")])
 def test_what_is_no_level_is_refused(count, combine):
-    with pytest.raises((TypeError, ValueError), match="levels|beartype|jaxtyping|TrafficLevels"):
+    with pytest.raises((TypeError, ValueError), match=r"levels|beartype|jaxtyping|TrafficLevels"):
         TrafficLevels(count, combine)
 
 
