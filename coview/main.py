@@ -27,6 +27,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "train": "detection",
     "search": "placement",
     "plan": "placement",
+    "propose": "placement",
     "table": "placement",
     "surrogate": "placement",
     "reproduce": "placement",

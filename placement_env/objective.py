@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.combined.prepared import Counting
     from placement_env.fidelity.combined.robust import Failing
+    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.fidelity.preparation import Preparation
     from placement_env.fidelity.visibility import Rendering, Visibility
 
@@ -99,16 +100,16 @@ class Objective:
     """Scores sets of candidate sensors at a site.
 
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
-    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`;
-    candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
-    makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
-    how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
-    detection counts, or several, whose mean AP does; failing: sensors that fail, what is left of a set counts; cache:
-    folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or address of a Ray
-    cluster, that render and detect; most_price: that a set may cost, inf for any; errors: of the sensors, a profile or
-    its name, known to fidelity "detector" alone; classes: of road users that count, `placement_env.classes.Classes` or
-    names; surrogate, table: files for these fidelities, None for the shipped ones; rendering: how it is found out what
-    candidates see, as of `placement_env.fidelity.visibility.see`.
+    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`; candidates: None for
+    the site's own sensors, "pool" for its pool, the candidates themselves, or a function that makes them of a site;
+    progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of how many (None: not
+    known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection counts, or
+    several, whose mean AP does; failing: sensors that fail, what is left of a set counts; levels: of traffic, whose
+    worst AP counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
+    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
+    errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
+    count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
+    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -129,6 +130,7 @@ class Objective:
         codec: Codec = PAPER,
         iou: float | Sequence[float] = 0.7,
         failing: Failing | int = 0,
+        levels: TrafficLevels | int = 1,
         seed: int = 0,
         cache: str | Path | None = None,
         workers: int = 1,
@@ -147,7 +149,7 @@ class Objective:
         check_fidelity(fidelity)
         check_errors_for(profile_of(errors), fidelity)
         check_whole("frames", frames, least=1)
-        self.counting = Counting.of(iou, failing)
+        self.counting = Counting.of(iou, failing, levels)
         site = load_site(site) if isinstance(site, str) else site
         preparation = Preparation(
             site=site,
@@ -278,13 +280,11 @@ class Objective:
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
         """Which candidates send no more than their mount's link carries; boxes alone always fit."""
-        if not self.scheme.sends_points:
-            return np.ones(len(self.candidates), np.bool_)
-        return np.asarray(self.sent <= self.candidates.capacity)
+        boxes = not self.scheme.sends_points
+        return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
     def score(self, subset: Members) -> Score:
-        """Score of a set, given as indices or names of candidates, in any order. Raises ValueError for one that there
-        is not."""
+        """Score of a set, indices or names of candidates in any order. Raises ValueError for one that there is not."""
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])

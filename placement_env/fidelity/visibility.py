@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -172,6 +172,21 @@ def see(
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(some)], labels, **settings)
             points[some], sent[some], far[some] = seen
     return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
+
+
+def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
+    """What is seen in some of the frames, ascending."""
+    own = np.isin(visibility.frame, frames)
+    return replace(
+        visibility,
+        points=visibility.points[:, own],
+        distance=visibility.distance[:, own],
+        frame=np.searchsorted(frames, visibility.frame[own]),
+        boxes=visibility.boxes[own],
+        sent=visibility.sent[:, frames],
+        far=visibility.far[:, frames],
+        labels=visibility.labels[own],
+    )
 
 
 def check_rendering(rendering: str) -> None:

@@ -79,7 +79,7 @@ class SearchOrder:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        counting = Counting.of(self.settings.get("iou", 0.7), self.settings.get("failing", 0))
+        counting = counting_of(self.settings)
         check_search(self.method, self.fidelity, self.candidates, counting)
         if self.fidelity == "table" and self.settings.get("codec", PAPER) != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.settings['codec']}: say --codec paper")
@@ -140,7 +140,7 @@ def question_of(order: SearchOrder) -> dict[str, Any]:
         for name in ("method", "budget", "fidelity", "verify", "judge", "confidence", "frames", "currency", "curve")
     }
     settings, files = order.settings, {"surrogate": order.surrogate, "table": order.table}
-    counting = Counting.of(settings.get("iou", 0.7), settings.get("failing", 0))
+    counting = counting_of(settings)
     codec, scheme = settings.get("codec", PAPER), scheme_of(order.scheme)
     return {
         **plain,
@@ -159,6 +159,11 @@ def question_of(order: SearchOrder) -> dict[str, Any]:
         "most_price": settings.get("most_price", math.inf),
         "seed": settings.get("seed", 0),
     }
+
+
+def counting_of(settings: Mapping[str, Any]) -> Counting:
+    """What of a set counts, by the settings of an objective."""
+    return Counting.of(settings.get("iou", 0.7), settings.get("failing", 0), settings.get("levels", 1))
 
 
 def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, progress: Stages | None) -> Answered:

@@ -8,7 +8,7 @@ set is a local optimum under such changes. Then it starts again from a random se
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,13 +45,16 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     starts: int | None = None,
+    start: Iterable[int | str] | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set first, then sets drawn from `seed`.
+    """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets drawn from `seed`.
 
-    starts: how many; None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where the state of
-    the search is kept. The certificate is "local
-    optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1.
+    start: candidates by index or name, such as the answer of another search; those that do not fit the budget, their
+    links or the money beside those before them are left out. starts: how many; None for as many as the limits allow, or
+    `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local optimum"
+    where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a candidate
+    that there is not.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
@@ -69,12 +72,13 @@ def search(
         progress.resume(kept["progress"])
         rng.bit_generator.state, proven, climb = kept["rng"], kept["proven"], Climb(**kept["climb"])
         first = climb.start
-    for start in range(first, starts):
+    for number in range(first, starts):
         if climb is None:
-            if progress.spent and start:
+            if progress.spent and number:
                 break
-            before = progress.reward if start else -np.inf
-            climb = _begun(progress, start, before, neighbourhood.sample(rng) if start else _greedy(progress))
+            before = progress.reward if number else -np.inf
+            begins = neighbourhood.sample(rng) if number else _first(progress, start)
+            climb = _begun(progress, number, before, begins)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
@@ -84,6 +88,17 @@ def search(
         else progress.unknown("stopped before all changes of one sensor were tried")
     )
     return progress.result("swap", certificate)
+
+
+def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
+    """What fits of a given set, else greedy's."""
+    if start is None:
+        return _greedy(progress)
+    fitting: list[int] = []
+    for member in np.flatnonzero(progress.objective.row(start)).tolist():
+        if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
+            fitting.append(member)
+    return fitting
 
 
 def _greedy(progress: Progress) -> list[int]:

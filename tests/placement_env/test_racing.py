@@ -276,7 +276,7 @@ def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence)
     """What is worse in all of three blocks may be so by chance."""
 
     def scores(sets, frames):
-        return Spread(TRUE, noise=0.0)(sets, frames)._replace(frames=7, blocks=blocks)
+        return Spread(TRUE, noise=0.0)(sets, frames)._replace(frames=7, blocks=float(blocks))
 
     ran = race_until(scores, np.eye(5, dtype=bool), np.arange(48), confidence=0.95)
     assert (ran.ranking[0], ran.confidence, ran.spent) == (1, confidence, 35)

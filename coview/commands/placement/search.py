@@ -54,6 +54,8 @@ def search(
     failing: Literal[0, 1, 2] = 0,
     failures: Literal["worst", "mean"] = "worst",
     parts: int = 1,
+    levels: Literal[1, 2, 3, 4] = 1,
+    levels_by: Literal["worst", "mean"] = "worst",
     detector: str | None = None,
     errors: str = "paper",
     frames: int = 200,
@@ -101,6 +103,8 @@ def search(
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
         failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least by fidelity coverage alone.
         failures: What is left in the worst case, or in the mean over which fail.
+        levels: Of traffic, by how many road users are there at once: the AP of each by itself, in the race as well.
+        levels_by: The level of least AP counts, or the mean of their AP.
         parts: With --at-least and fidelity coverage: in each of so many parts of the traffic.
         detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
@@ -126,6 +130,7 @@ def search(
     """
     from placement_env.fidelity.combined.mean_iou import iou_range
     from placement_env.fidelity.combined.robust import Failing
+    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.objective import Weights
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
@@ -172,26 +177,15 @@ def search(
         check_digest(detector, own, ": add one, or say --cache None")
     pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
-        site=place, candidates=pool, method=chosen, budget=budget,
-        scheme=scheme,
-        fidelity=fidelity,
-        verify=verify,
-        judge=judge or "detector",
-        confidence=confidence,
-        weights=Weights(comm, price),
-        frames=frames,
-        errors=errors,
-        detector=own,
-        surrogate=surrogate,
-        table=table,
-        limits={"seconds": seconds, "evaluations": evaluations},
+        site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
+        judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=errors,
+        detector=own, surrogate=surrogate, table=table, limits={"seconds": seconds, "evaluations": evaluations},
         demand={"at_least": at_least, "failing": failing, "parts": parts} if chosen == "cheapest" else {},
-        currency=currency,
-        curve=curve,
+        currency=currency, curve=curve,
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
-            "failing": Failing(0 if at_least else failing, failures), "workers": workers, "ray": ray,
-            "classes": counted, "codec": codec_named(codec),
+            "failing": Failing(0 if at_least else failing, failures), "levels": TrafficLevels(levels, levels_by),
+            "workers": workers, "ray": ray, "classes": counted, "codec": codec_named(codec),
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:

@@ -21,7 +21,7 @@ from placement_env.report.content import Ground, Moment, Plan, Verdict
 from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site
 from placement_env.report.planning import refusals
-from placement_env.report.planning.answer import Terms, answer
+from placement_env.report.planning.answer import PlanInputs, answer
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
@@ -127,7 +127,7 @@ class _Planning:
             progress=self.progress,
         )  # fmt: skip
         traffic = [prepared.traffic for prepared in (searched, *judging)]
-        terms = Terms(question, found, picked, fidelity, searched.network, excluded)
+        terms = PlanInputs(question, found, picked, fidelity, searched.network, excluded)
         members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
         ground = visible_ground(question.site, [candidates.sensors[c] for c in members])
         answered = answer(terms, objective, final, ground, traffic, self.progress)

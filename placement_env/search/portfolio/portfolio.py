@@ -119,7 +119,7 @@ def contest(
         report = None if progress is None else partial(_done, progress, "racing", len(frames))
         found = evaluator.evaluate(rows, frames, report)
         cost = costs_of(objective, rows, found.kbit)
-        blocks = len(np.unique(frames[: found.frames] // BLOCK_FRAMES))
+        blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
     order = race_order(evaluator.frames, seed=seed)

@@ -19,7 +19,7 @@ from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, Like
 from toolkit.arrays import Bool, Int64
 
 SEARCHING = 0.3
-WHOLE = 120.0  # s, from which on all frames are simulated; of less time a proportional part
+LONG_ENOUGH = 120.0  # s, from which on all frames are simulated; of less time a proportional part
 FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
 
 
@@ -89,9 +89,9 @@ class Schedule:
 
     def frames(self, frames: int) -> int:
         """How many of the frames of a part of traffic there is time for, in whole blocks."""
-        if self.seconds is None or self.seconds >= WHOLE:
+        if self.seconds is None or self.seconds >= LONG_ENOUGH:
             return frames
-        blocks = int(frames * self.seconds / WHOLE) // BLOCK_FRAMES
+        blocks = int(frames * self.seconds / LONG_ENOUGH) // BLOCK_FRAMES
         return min(frames, max(FEWEST, blocks * BLOCK_FRAMES))
 
     def racing(self, evaluator: Evaluator, races: int = 1) -> Evaluator:

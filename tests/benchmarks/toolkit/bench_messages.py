@@ -26,7 +26,7 @@ SITES = ("tjunction", "roundabout")
 SEED, DAY_BEFORE, BLOCK = 1418, 128, 50
 TIMED = 100  # frames whose messages are read as well
 IOUS = (0.7, 0.8, 0.9)
-APART = (5.0, 0.1)
+APART, CLOSE = 5.0, 0.1  # s between frames in which is detected, and between those whose bytes are counted
 
 
 def main() -> None:
@@ -39,9 +39,8 @@ def main() -> None:
     asked = arguments.parse_args()
     if not asked.printed:
         if asked.only != "ap":
-            for apart in reversed(APART):
-                for site in SITES:
-                    count_bytes(asked.folder, site, apart, asked.frames)
+            for site in SITES:
+                count_bytes(asked.folder, site, asked.frames)
         if asked.only != "bytes":
             for systems in (("early", "foreground 2"), ("foreground 8", "foreground 4")):
                 for done in range(50, asked.ap_frames + 50, 50):
@@ -68,7 +67,7 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
 
     path = folder / f"{site}.npz"
     if not path.exists():
-        save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART[0], DAY_BEFORE, SEED + 1)))
+        save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1)))
     return load_empty_scenes(path)
 
 
@@ -80,7 +79,7 @@ def schemes() -> dict[str, Any]:
     return {"early": Early()} | {f"foreground {cm}": Foreground(cm / 100) for cm in (2, 4, 8)}
 
 
-def links(apart: float) -> dict[str, Any]:
+def links() -> dict[str, Any]:
     """What makes the messages of a sensor with an empty scene, and what reads them, by name in rows."""
     from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
     from toolkit.detection.link.foreground import decode_foreground, encode_foreground
@@ -99,33 +98,30 @@ def links(apart: float) -> dict[str, Any]:
         return made
 
     made = {f"foreground {cm} cm": whole(cm / 100) for cm in (2, 4, 8)}
-    if apart < 1:
-        made |= {f"differences {cm} cm": less(cm / 100, "previous", 10) for cm in (2, 4, 8)}
-        made |= {
-            f"differences 2 cm, {to} {every}": less(0.02, to, every) for to, every in (("key", 10), ("previous", 50))
-        }
-    return made
+    made |= {f"differences {cm} cm": less(cm / 100, "previous", 10) for cm in (2, 4, 8)}
+    others: tuple[tuple[Any, int], ...] = (("key", 10), ("previous", 50))
+    return made | {f"differences 2 cm, {to} {every}": less(0.02, to, every) for to, every in others}
 
 
-def count_bytes(folder: Path, site: str, apart: float, frames: int) -> None:
+def count_bytes(folder: Path, site: str, frames: int) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
     from toolkit.calibration.recording_scenes import RecordingScenes
     from toolkit.datasets.readings import read_frame
     from toolkit.detection.link.standing_out import standing_out
     from toolkit.detection.view import Captured
 
-    path = folder / f"{site}-{apart:g}-bytes.jsonl"
+    path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
     begin = len(list(rows_of(path))) // BLOCK * BLOCK  # links begin anew with traffic
     if begin >= frames:
         return
     kept = path.read_text().splitlines(keepends=True)[:begin] if path.exists() else []
     path.write_text("".join(kept))
-    recording = recorded(folder, site, apart, frames)
+    recording = recorded(folder, site, CLOSE, frames)
     scenes = RecordingScenes(recording, learnt(folder, site))
     for k in range(begin, frames):
         frame = read_frame(recording, k)
         if k == begin or k % BLOCK == 0:
-            made = links(apart)
+            made = links()
             ends = {name: [make(scenes(n)) for n in range(len(frame.sensors))] for name, make in made.items()}
         row: dict[str, Any] = {"bytes": {name: [] for name in ends}, "ms": {name: [] for name in ends}, "pixels": []}
         for number in range(len(frame.sensors)):
@@ -154,21 +150,20 @@ def print_bytes(folder: Path) -> None:
 
     heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"
     for site in SITES:
-        for apart in APART:
-            rows = list(rows_of(folder / f"{site}-{apart:g}-bytes.jsonl"))
-            if not rows:
-                continue
-            sent, missing = np.array([row["pixels"] for row in rows]).reshape(-1, 2).mean(axis=0)
-            print(f"\n{site}, {apart:g} s apart: of a sensor {sent:.0f} pixels stand out, {missing:.2f} are missing")
-            print(f"{'':32s} {heads}")
-            for name in rows[0]["bytes"]:
-                sizes = np.array([row["bytes"][name] for row in rows])
-                kbit = 8 * sizes.mean(axis=1) / 1000
-                low, high = np.quantile([np.average(kbit, weights=times) for times in draws(len(rows))], (0.025, 0.975))
-                ms = np.array([each for row in rows for each in row["ms"][name]]).reshape(-1, 2).sum(axis=1)
-                spread = f"{kbit.mean():7.3f} {low:6.3f}-{high:7.3f} {8 * sizes.max() / 1000:8.1f}"
-                times = f"{np.median(ms):6.2f} {np.quantile(ms, 0.95):6.2f}"
-                print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {times}")
+        rows = list(rows_of(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
+        if not rows:
+            continue
+        sent, missing = np.array([row["pixels"] for row in rows]).reshape(-1, 2).mean(axis=0)
+        print(f"\n{site}, {CLOSE:g} s apart: of a sensor {sent:.0f} pixels stand out, {missing:.2f} are missing")
+        print(f"{'':32s} {heads}")
+        for name in rows[0]["bytes"]:
+            sizes = np.array([row["bytes"][name] for row in rows])
+            kbit = 8 * sizes.mean(axis=1) / 1000
+            low, high = np.quantile([np.average(kbit, weights=times) for times in draws(len(rows))], (0.025, 0.975))
+            ms = np.array([each for row in rows for each in row["ms"][name]]).reshape(-1, 2).sum(axis=1)
+            spread = f"{kbit.mean():7.3f} {low:6.3f}-{high:7.3f} {8 * sizes.max() / 1000:8.1f}"
+            took = f"{np.median(ms):6.2f} {np.quantile(ms, 0.95):6.2f}"
+            print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {took}")
 
 
 def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of: int) -> None:
@@ -184,7 +179,7 @@ def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of
     begin = len(list(rows_of(path)))
     if begin >= frames:
         return
-    recording, scenes = recorded(folder, site, APART[0], of), learnt(folder, site)
+    recording, scenes = recorded(folder, site, APART, of), learnt(folder, site)
     detector, chosen = load_site_detector(site, recording.site.area), schemes()
     for k in range(begin, frames):
         frame = read_frame(recording, k)

@@ -36,7 +36,7 @@ def test_weights_are_those_of_the_formula():
     assert (noise.var(axis=1) * 5 / 4 < 0.0005).tolist() == [True, True, False, False]
     spread = off.var(ddof=1) - variance.mean()
     weight = spread / (spread + variance)
-    found = shrunk(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5)
+    found = shrunk(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
     assert found.figure == pytest.approx(PREDICTED + 0.02 + weight * (off - 0.02))
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure)
     assert found.resamples.std(axis=1) == pytest.approx(np.sqrt(weight) * noise.std(axis=1))
@@ -45,11 +45,11 @@ def test_weights_are_those_of_the_formula():
 def test_of_one_block_nothing_is_known_and_few_or_undefined_figures_are_left():
     figure = np.array([0.9, 0.3, 0.5, 0.7])
     same = np.repeat(figure[:, None], 9, axis=1)
-    assert shrunk(figure, same, PREDICTED, blocks=1).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())
+    assert shrunk(figure, same, PREDICTED, blocks=1.0).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())
     assert shrunk(figure, same, PREDICTED).figure == pytest.approx(figure)
-    all_found = shrunk(np.ones(4), np.ones((4, 9)), PREDICTED, blocks=3).figure
+    all_found = shrunk(np.ones(4), np.ones((4, 9)), PREDICTED, blocks=3.0).figure
     assert np.argsort(all_found).tolist() == np.argsort(PREDICTED).tolist()
-    assert shrunk(figure[:2], same[:2], PREDICTED[:2], blocks=1).figure == pytest.approx(figure[:2])
+    assert shrunk(figure[:2], same[:2], PREDICTED[:2], blocks=1.0).figure == pytest.approx(figure[:2])
     undefined = np.array([0.9, np.nan, 0.5])
     assert shrunk(undefined, same[:3], PREDICTED[:3]).figure == pytest.approx(undefined, nan_ok=True)
 
@@ -62,7 +62,7 @@ def test_it_errs_less_than_figures_and_predictions_and_picks_better():
         noise = 0.03
         figure = truth + noise * rng.standard_normal(8)
         draws = figure[:, None] + noise * rng.standard_normal((8, 200))
-        found = shrunk(figure, draws, predicted, blocks=24).figure
+        found = shrunk(figure, draws, predicted, blocks=24.0).figure
         each = (figure, predicted + (figure - predicted).mean(), found)
         errors.append([np.abs(one - truth).mean() for one in each])
         chosen.append([truth.max() - truth[one.argmax()] for one in each])

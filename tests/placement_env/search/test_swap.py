@@ -23,3 +23,19 @@ def test_swap_proves_nothing_when_stopped(make):
 def test_starts_are_checked(make):
     with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)
+
+
+def test_a_start_of_ones_own(make):
+    objective = make(15, 2, views=2, most=0.3, seed=1)
+    optimum = swap.search(objective, 4, starts=1)
+    again = swap.search(make(15, 2, views=2, most=0.3, seed=1), 4, starts=1, start=optimum.best.subset)
+    assert again.best == optimum.best
+    assert again.evaluations < optimum.evaluations
+    assert again.certificate.kind == "local optimum"
+    same_mount = np.flatnonzero(objective.candidates.mount == objective.candidates.mount[0]).tolist()
+    assert len(same_mount) == 2
+    misfit = swap.search(objective, 2, starts=1, start=[*same_mount, 4, 6, 8])
+    assert objective.feasible(objective.row(misfit.best.subset)[None])[0]
+    assert len(misfit.best.subset) <= 2
+    with pytest.raises(ValueError, match="nowhere"):
+        swap.search(objective, 2, start=["nowhere"])

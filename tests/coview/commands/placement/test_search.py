@@ -379,3 +379,16 @@ def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp
     monkeypatch.setattr(searching, "_answered", noted)
     assert run("search", "tjunction", *FEW, "--cache", "None", "--out", tmp_path / "o")[0] == 2
     assert places == [tmp_path / "o.parts" / "search.cache.state"]
+
+
+def test_levels_of_traffic_are_searched_and_judged(run, refused, tmp_path):
+    few = ("search", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 8, "--fidelity", "coverage")
+    asked = (*few, "--judge", "coverage", "--cache", tmp_path, "--json")
+    worst, mean, one = (
+        json.loads(run(*asked, *more)[1]) for more in (("--levels", 3), ("--levels", 3, "--levels-by", "mean"), ())
+    )
+    assert worst["ap"] < mean["ap"]
+    assert worst["provenance"]["levels"] == {"count": 3, "combine": "worst"}
+    assert "levels" not in one["provenance"]
+    assert worst["assessment"]["ap"] <= one["assessment"]["ap"]
+    assert "known to fidelity coverage and surrogate" in refused(*few, "--fidelity", "detector", "--levels", 2)

@@ -9,17 +9,18 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.visibility import see
+from placement_env.fidelity.visibility import of_frames, see
 from placement_env.search.portfolio.evaluators import (
     DetectorEvaluator,
     FastEvaluator,
+    LevelEvaluator,
     MeanEvaluator,
     RobustEvaluator,
     evaluator_of,
-    of_frames,
     race_order,
 )
 from toolkit.detection.schemes import scheme_of
@@ -154,3 +155,29 @@ def test_an_evaluator_counts_as_the_objective_does(prepared):
     assert isinstance(counted, RobustEvaluator)
     assert isinstance(counted.evaluator, MeanEvaluator)
     assert isinstance(evaluator_of(prepared, "coverage", counting=Counting.of(0.7)), FastEvaluator)
+
+
+@pytest.mark.parametrize("combine", ["worst", "mean"])
+def test_each_level_of_traffic_by_itself(street, combine):
+    """Sets on the frames of each level alone, in whatever order they are asked for."""
+    whole, levels = DetectorEvaluator(street.detected), TrafficLevels(2, combine)
+    parts = (np.array([0, 1, 5]), np.array([2, 3, 4, 6, 7]))
+    order = np.array([7, 0, 3, 1, 2, 5])
+    found = LevelEvaluator(whole, levels, parts).evaluate(SETS, order)
+    each = [whole.evaluate(SETS, np.array([0, 1, 5])), whole.evaluate(SETS, np.array([7, 3, 2]))]
+    reduce = np.min if combine == "worst" else np.mean
+    assert found.ap.tolist() == reduce([part.ap for part in each], axis=0).tolist()
+    assert found.resamples.tolist() == reduce([part.resamples for part in each], axis=0).tolist()
+    assert found.kbit == pytest.approx(whole.evaluate(SETS, order).kbit)
+    done = []
+    alone = LevelEvaluator(whole, levels, parts).evaluate(SETS, np.array([4, 6]), done.append)
+    assert (alone.ap.tolist(), done) == (whole.evaluate(SETS, np.array([4, 6])).ap.tolist(), [2])
+
+
+def test_levels_are_those_of_the_traffic_that_is_judged(prepared):
+    evaluator = evaluator_of(prepared, "coverage", counting=Counting.of(0.7, 0, 2))
+    assert isinstance(evaluator, LevelEvaluator)
+    assert [part.tolist() for part in evaluator.parts] == [[1, 2, 3], [0, 4]] or len(evaluator.parts) == 2
+    both = evaluator_of(prepared, "coverage", counting=Counting.of(0.7, 1, 2))
+    assert isinstance(both, RobustEvaluator)
+    assert isinstance(both.evaluator, LevelEvaluator)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.reference import site_surface
+from toolkit.calibration.samples import sample_poses
 from toolkit.calibration.samples.sample_poses import corrections, find_sample_poses, with_corrections
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import invert, pose, transform
@@ -67,6 +68,40 @@ def test_by_each_other(count, driving):
     turn, move = apart(found[1].pose, TRUE[1].pose)
     assert turn < 0.1
     assert move < 0.04
+
+
+@pytest.mark.parametrize(("count", "driving", "learns"), [(5, 0.0, 1), (5, 0.1, 1), (4, 0.0, 0), (5, 0.6, 0)])
+def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypatch, count, driving, learns):
+    learnt, fitted = [], []
+
+    def learn(samples):
+        learnt.append(len(list(samples)))
+        return {}
+
+    def together(points, sensors, *, held):
+        fitted.append((points, sensors))
+        return ()
+
+    monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
+    monkeypatch.setattr(sample_poses, "clouds_together", together)
+    samples = recording(count, driving=driving)
+    moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
+    samples[1] = replace(samples[1], clouds=moved)
+    assert find_sample_poses(lambda: iter(samples)) == ()
+    ((points, sensors),) = fitted
+    assert learnt == [count] * learns
+    assert [sensor.name for sensor in sensors] == ([] if learns else ["a", "b"])
+    if not learns:
+        np.testing.assert_array_equal(points[1], clouds()[1].astype(np.float64))
+        np.testing.assert_array_equal(sensors[1].pose, ERROR @ TRUE[1].pose)
+
+
+def test_the_pose_found_is_that_of_the_first_sample():
+    samples = recording(2)
+    own = samples[1].clouds[1]
+    samples[1] = replace(samples[1], clouds=(replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
+    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    np.testing.assert_array_equal(found[1].sensor.pose, ERROR @ TRUE[1].pose)
 
 
 def test_by_a_reference():

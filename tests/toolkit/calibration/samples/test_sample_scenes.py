@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene, load_empty_scenes, save_empty_scenes
+from toolkit.calibration.samples import sample_scenes
 from toolkit.calibration.samples.sample_scenes import SampleScenes, learn_sample_scenes
-from toolkit.datasets.imaging.cloud_image import SHARED_CELL
+from toolkit.datasets.imaging.cloud_image import OUTSIDE_GRID, SHARED_CELL
+from toolkit.datasets.imaging.lidar_grid import LidarGrid
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -104,6 +106,27 @@ def test_few_samples_are_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         learn_sample_scenes(sample(k, WALL) for k in range(5))
+
+
+@pytest.mark.parametrize(
+    ("columns", "asked", "kept"), [(1800, 128, 128), (16384, 128, 64), (62500, 128, 16), (9, 1, 2)]
+)
+def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
+    grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
+    assert sample_scenes._Learner("north", grid, asked)._scene.sample == kept
+
+
+def test_grids_are_found_in_the_first_samples_alone():
+    """Later ones are counted in them: a lidar that was turned round by then lies outside."""
+    every = [sample(k, image) for k, image in enumerate(images())]
+    low = [
+        SensorCloud("north", (9 * MODEL.rays()[3] * [1, 1, 3]).astype(np.float32), c.clouds[0].world_SE3_sensor)
+        for c in every
+    ]
+    late = [replace(s, clouds=(cloud,)) for s, cloud in zip(every, low, strict=True)]
+    learnt = learn_sample_scenes([*every[:8], *late[:2]])["north"]
+    assert learnt.left_out == {OUTSIDE_GRID: 2 * 60}
+    assert learnt.scene.frames == 10
 
 
 def test_without_points_there_is_nothing_to_learn():

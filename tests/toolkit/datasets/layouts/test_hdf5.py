@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.layouts import hdf5 as hdf5_layout
 from toolkit.datasets.layouts.hdf5 import hdf5
 from toolkit.datasets.readings import read_frame
 from toolkit.datasets.sample import Rectangle
@@ -51,3 +54,15 @@ def test_clouds_are_in_the_body_frame_of_their_sensors(recording):
     for cloud in sample.clouds:
         assert cloud.frame == "sensor"
         assert (cloud.points[:, 0] > 0).all()  # a camera sees what is ahead of it
+
+
+def test_points_off_their_rays_are_where_they_were_measured(recording, monkeypatch):
+    frame = CoopDataset(recording)[0]
+    shift = np.full((*frame.measurements[1].shape, 3), [0.5, 0.0, -0.25], np.float32)
+    shifted = replace(frame, shifts=(None, shift, *(None for _ in frame.sensors[2:])))
+    (plain,) = hdf5(recording)
+    monkeypatch.setattr(hdf5_layout, "read_frame", lambda *_, **__: shifted)
+    (moved,) = hdf5(recording)
+    for k, (own, other) in enumerate(zip(moved.clouds, plain.clouds, strict=True)):
+        by = [0.5, 0.0, -0.25] if k == 1 else [0.0, 0.0, 0.0]
+        np.testing.assert_allclose(own.in_world() - other.in_world(), np.tile(by, (len(own.points), 1)), atol=1e-4)

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from toolkit.calibration.samples.sample_scenes import SampleScenes
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.samples.sample_scenes import LearntScene, SampleScenes
+from toolkit.datasets.imaging.lidar_grid import LidarGrid
 from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.detection.samples import clusters
 from toolkit.detection.samples.clusters import cluster_points, foreground_clusters, learn_cluster_detector
 from toolkit.detection.samples.detected import detect_samples
 from toolkit.geometry import pose, transform
@@ -49,18 +52,46 @@ def every():
 
 
 def test_objects_are_what_stands_out(every):
-    clusters = foreground_clusters(every[-1], SampleScenes(lambda: every))
-    assert len(clusters) == 2
-    middles = np.array([clusters[k].mean(axis=0)[:2] for k in range(2)])
+    found = foreground_clusters(every[-1], SampleScenes(lambda: every))
+    assert len(found) == 2
+    middles = np.array([found[k].mean(axis=0)[:2] for k in range(2)])
     order = np.argsort(-middles[:, 0])
     np.testing.assert_allclose(middles[order], CARS[:, :2], atol=1.5)
-    assert set(clusters.sensor.tolist()) == {0, 1}
-    assert len(clusters.points) == len(clusters.of) == len(clusters.sensor)
-    assert (clusters.of >= 0).mean() > 0.95
-    assert min(len(clusters[k]) for k in range(2)) > 100
+    assert set(found.sensor.tolist()) == {0, 1}
+    assert len(found.points) == len(found.of) == len(found.sensor)
+    assert (found.of >= 0).mean() > 0.95
+    assert min(len(found[k]) for k in range(2)) > 100
     assert len(foreground_clusters(every[0], SampleScenes(lambda: every))) == 0
     with pytest.raises(IndexError, match="there are 2 objects, got number 2"):
-        clusters[2]
+        found[2]
+
+
+def test_points_outside_the_grid_stand_out_of_nothing(every):
+    scenes = SampleScenes(lambda: every)
+    before = foreground_clusters(every[-1], scenes)
+    cloud = every[-1].clouds[0]
+    reach = scenes["a"].grid.model.max_range
+    own = transform(np.linalg.inv(cloud.world_SE3_sensor), before.points[before.sensor == 0])
+    beyond = (own * (1.5 * reach / np.linalg.norm(own, axis=1))[:, None]).astype(np.float32)
+    more = SensorCloud("a", np.concatenate([cloud.points, beyond]), cloud.world_SE3_sensor)
+    after = foreground_clusters(Sample("5", (more, every[-1].clouds[1]), Objects.empty()), scenes)
+    np.testing.assert_array_equal(after.points, before.points)
+
+
+def test_both_measurements_of_a_pixel_are_in_the_background():
+    shape, model = (2, 500), RowLidar((0.0, -0.1), columns=500)
+
+    def full(value):
+        return np.full(shape, value, np.float32)
+
+    scene = EmptyScene("a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8)
+    points = clusters._sweep(LearntScene(LidarGrid(model), scene), np.random.default_rng(0))
+    ranges = np.linalg.norm(points, axis=1)
+    near = ranges < 15
+    assert len(points) == 1000
+    assert 0.2 < near.mean() < 0.3
+    assert ranges[near].std() == pytest.approx(0.01, rel=0.2)
+    assert ranges[~near].std() == pytest.approx(0.1, rel=0.2)
 
 
 def test_a_detector_that_learnt_no_label_has_boxes(every):
