@@ -92,6 +92,16 @@ def sensor_set(text: str) -> list[int | str] | None:
     return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
 
 
+def names_of(text: str) -> list[str] | None:
+    """As `sensor_set`, of recordings whose sensors go by name alone.
+
+    >>> names_of("north, 106")
+    ['north', '106']
+    """
+    chosen = sensor_set(text)
+    return None if chosen is None else [str(name) for name in chosen]
+
+
 def site_file(site: str | None) -> list[Path]:
     """The file that a site is read from, if it is one."""
     return [Path(site)] if site is not None and Path(site).is_file() else []

@@ -9,18 +9,22 @@ from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from coview.arguments import check_least, sensor_set
+from coview.arguments import check_errors, check_least, sensor_set
 from coview.detectors import area_about, sample_detector
 from coview.progress_bar import progress_bar
 
+TOGETHER, CLUSTER = "together", "cluster"
+
 if TYPE_CHECKING:
     from models.training.packing import Recording
+    from toolkit.calibration.sensor_poses import FoundPose
     from toolkit.datasets.records.fields import Samples
     from toolkit.datasets.sample import Sample
     from toolkit.detection.codec import Codec
     from toolkit.detection.samples.detected import Detected
     from toolkit.detection.samples.evaluated import SampleEvaluation
     from toolkit.detection.scheme import Scheme
+    from toolkit.objects import Detector
 
 
 def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
@@ -33,6 +37,16 @@ def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted:
     if layout != "folder":
         raise ValueError(f"--poses and --inverted are for --layout folder: {layout} has its own")
     return folder(path, poses=poses, inverted=inverted)
+
+
+def open_with_errors(path: Path, layout: str, errors: str, seed: int) -> Samples:
+    """The samples of one of our recordings as sensors with such errors say them."""
+    from toolkit.datasets.layouts.hdf5 import hdf5
+
+    if layout != "hdf5":
+        raise ValueError(f"--errors are for --layout hdf5: clouds of {layout} have their own")
+    check_errors(errors)
+    return hdf5(path, errors=errors, noise_seed=seed)
 
 
 def first_of(samples: Iterable[Sample], frames: int | None) -> Iterator[Sample]:
@@ -92,9 +106,15 @@ def score_clouds(
     still: bool,
     area: tuple[float, float, float, float] | None,
     frames: int | None,
+    rate: float | None,
+    calibrate: str | None,
     hidden: bool,
 ) -> SampleEvaluation:
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
+    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
+    from toolkit.calibration.samples.sample_scenes import SampleScenes
+    from toolkit.detection.samples.clusters import learn_cluster_detector
+    from toolkit.detection.samples.detected import middle_of
     from toolkit.detection.samples.evaluated import evaluate_samples
     from toolkit.objects import known_labels
 
@@ -102,14 +122,66 @@ def score_clouds(
     if len(sensors) != 1:
         raise ValueError(f"with --layout there is one set of sensors, got {len(sensors)}: say them as a,b,c")
     chosen = sensor_set(sensors[0])
+    names = None if chosen is None else [str(name) for name in chosen]
     samples = open_clouds(path, layout)
-    network, middle, half = sample_detector(detector, area)
     total = min(len(samples), frames or len(samples)) * max(1, len(schemes))
     steps = count(1)
+    opened: Callable[[], Iterable[Sample]] = partial(first_of, samples, frames)
+    found = () if calibrate is None else found_poses(opened, calibrate)
+    corrected = corrections(found)
+
+    def put_right() -> Iterator[Sample]:
+        return with_corrections(opened(), corrected)
+
+    def of_chosen() -> Iterator[Sample]:
+        return (sample if names is None else sample.seen_by(names) for sample in put_right())
+
+    scenes = SampleScenes(of_chosen)
+    if detector == CLUSTER:
+        middle, half = area_about(area)
+        first, seen = next(put_right(), None), next(of_chosen(), None)
+        if first is None or seen is None:
+            raise ValueError("there is no sample to evaluate: check the path and the layout")
+        x, y = middle_of(first).tolist() if middle is None else middle
+        middle = (x, y)
+        network: Detector = learn_cluster_detector(scenes, seen, levelling=level, middle=middle, half=half)
+    else:
+        network, middle, half = sample_detector(detector, area)
     with progress_bar("cloud", total, hidden=hidden) as bar:
-        return evaluate_samples(
-            partial(first_of, samples, frames), network, schemes=schemes, codec=codec,
+        figures = evaluate_samples(
+            put_right, network, scenes=scenes, schemes=schemes, codec=codec,
             classes=classes or known_labels(network) or ("vehicle",), iou_thresholds=iou, levelling=level,
-            middle=middle, half=half, still=still, sensors=None if chosen is None else [str(name) for name in chosen],
-            seen=partial(watched, progress=lambda _: bar.to(next(steps))),
+            middle=middle, half=half, still=still, sensors=names,
+            rate=rate, seen=partial(watched, progress=lambda _: bar.to(next(steps))),
         )  # fmt: skip
+    return figures.with_poses(found)
+
+
+def found_poses(
+    opened: Callable[[], Iterable[Sample]],
+    reference: str,
+    *,
+    held: Sequence[int | str] = (),
+    frames: int | None = None,
+) -> tuple[FoundPose, ...]:
+    """Where the lidars of a recording are, by a reference as in coview calibrate, of a recording its first so many
+    frames, or "together" by each other."""
+    from toolkit.calibration.reference import read_surface
+    from toolkit.calibration.samples.sample_poses import find_sample_poses
+
+    surface = None if reference == TOGETHER else read_surface(reference, frames=frames)
+    return find_sample_poses(opened, surface, held=held)
+
+
+def opened_clouds(path: Path, layout: str, frames: int | None) -> Callable[[], Iterable[Sample]]:
+    """What gives the first so many samples of a recording, all for None, as often as it is asked."""
+    check_least("--frames", frames, 1, "leave it out for all")
+    return partial(first_of, open_clouds(path, layout), frames)
+
+
+def write_corrected_clouds(opened: Callable[[], Iterable[Sample]], found: Sequence[FoundPose], out: Path) -> int:
+    """Write samples as a plain folder, their sensors where they were found to be."""
+    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
+    from toolkit.datasets.samples import write_samples
+
+    return write_samples(with_corrections(opened(), corrections(found)), out, "folder")

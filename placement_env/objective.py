@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
+from placement_env.candidates.places import added_prices, fit_together, room_beside, set_prices
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from placement_env.fidelity.combined.prepared import Counting
     from placement_env.fidelity.combined.robust import Failing
+    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.fidelity.preparation import Preparation
     from placement_env.fidelity.visibility import Rendering, Visibility
 
@@ -98,16 +100,16 @@ class Objective:
     """Scores sets of candidate sensors at a site.
 
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
-    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`;
-    candidates: None for the site's own sensors, "pool" for its pool, the candidates themselves, or a function that
-    makes them of a site; progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of
-    how many (None: not known); detector: of fidelity "detector", None for the shipped network; iou: at which a
-    detection counts, or several, whose mean AP does; failing: sensors that fail, what is left of a set counts; cache:
-    folder where what was rendered and detected is kept, None for nowhere; workers, ray: processes, or address of a Ray
-    cluster, that render and detect; most_price: that a set may cost, inf for any; errors: of the sensors, a profile or
-    its name, known to fidelity "detector" alone; classes: of road users that count, `placement_env.classes.Classes` or
-    names; surrogate, table: files for these fidelities, None for the shipped ones; rendering: how it is found out what
-    candidates see, as of `placement_env.fidelity.visibility.see`.
+    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`; candidates: None for
+    the site's own sensors, "pool" for its pool, the candidates themselves, or a function that makes them of a site;
+    progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of how many (None: not
+    known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection counts, or
+    several, whose mean AP does; failing: sensors that fail, what is left of a set counts; levels: of traffic, whose
+    worst AP counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
+    processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
+    errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
+    count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
+    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -128,6 +130,7 @@ class Objective:
         codec: Codec = PAPER,
         iou: float | Sequence[float] = 0.7,
         failing: Failing | int = 0,
+        levels: TrafficLevels | int = 1,
         seed: int = 0,
         cache: str | Path | None = None,
         workers: int = 1,
@@ -146,7 +149,7 @@ class Objective:
         check_fidelity(fidelity)
         check_errors_for(profile_of(errors), fidelity)
         check_whole("frames", frames, least=1)
-        self.counting = Counting.of(iou, failing)
+        self.counting = Counting.of(iou, failing, levels)
         site = load_site(site) if isinstance(site, str) else site
         preparation = Preparation(
             site=site,
@@ -219,9 +222,10 @@ class Objective:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_known": self._of_none(), "_progress": None}
 
-    def weighed(self, weights: Weights) -> Objective:
-        """The same objective with other weights; it has its own memory."""
+    def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
+        """The same objective with other weights, and another most price where one is given; it has its own memory."""
         other = copy(self)
+        other.most_price = self.most_price if most_price is None else float(most_price)
         other.weights, other._known, other._scored = weights, dict(self._known), 0
         return other
 
@@ -276,13 +280,11 @@ class Objective:
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
         """Which candidates send no more than their mount's link carries; boxes alone always fit."""
-        if not self.scheme.sends_points:
-            return np.ones(len(self.candidates), np.bool_)
-        return np.asarray(self.sent <= self.candidates.capacity)
+        boxes = not self.scheme.sends_points
+        return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
 
     def score(self, subset: Members) -> Score:
-        """Score of a set, given as indices or names of candidates, in any order. Raises ValueError for one that there
-        is not."""
+        """Score of a set, indices or names of candidates in any order. Raises ValueError for one that there is not."""
         row = self.row(subset)
         scores = self.scores(row[None])
         ap, recall, per_sensor, kbit, price, reward = (float(figure[0]) for figure in scores[:6])
@@ -334,29 +336,28 @@ class Objective:
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """Price of the mounts and sensors of each set; a mount that carries two sensors is paid once."""
-        built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
-        row, candidate = subsets.nonzero()
-        built[row, self.candidates.mount[candidate]] = True
-        return built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices
+        return set_prices(self.candidates, subsets)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Which prices are within `most_price`; what rounding adds to a sum does not count."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Which sets may be built: at most one sensor on a mount, each within the capacity of its mount's link, all
-        together for no more than `most_price`."""
-        one_each = (self.candidates.per_mount(subsets) <= 1).all(axis=1)
-        return np.asarray(one_each & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
+        """Which sets may be built: on no mount more sensors than it carries, what they send within the capacity of its
+        link, all together for no more than `most_price`."""
+        together = fit_together(self.candidates, subsets, self.shared_links)
+        return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Which candidates may join a set and leave it feasible: on mounts that are free, for what is left of the
-        money."""
+        """Which candidates may join a set and leave it feasible: on mounts with room, for what is left of the money."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
-        taken = np.zeros(len(self.candidates.mounts), np.bool_)
-        taken[self.candidates.mount[row]] = True
-        affordable = self.affordable(self.price(row[None])[0] + self.candidates.prices)
-        return np.asarray(~taken[self.candidates.mount] & self.linked & affordable)
+        price = self.price(row[None])[0] + added_prices(self.candidates, row)
+        return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
+
+    @property
+    def shared_links(self) -> Float64[np.ndarray, " C"] | None:
+        """What each candidate sends, where sensors share the link of a mount and that may be too much; else None."""
+        return self.sent if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
         """A set, given as indices or names of candidates, as a row of booleans."""

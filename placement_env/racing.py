@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from placement_env.analysis.shrinkage import shrunk
 from placement_env.subsets import SetFunction
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -48,10 +49,14 @@ class Race:
 
 
 class Resampled(NamedTuple):
-    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all."""
+    """Figures of n sets from some frames, and the same in each resample of blocks of these, drawn alike for all.
+    frames: how many of those asked for they are from, the first ones, where time was up; None for all; blocks: of these
+    frames, from which resamples are drawn, inf for very many."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
+    frames: int | None = None
+    blocks: float = math.inf
 
 
 ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Resampled]
@@ -62,13 +67,14 @@ class Contest:
     """How a race until a confidence went. ranking: rows of all different sets, best first: those that were dropped come
     after those that were not, the last dropped first; figures: of each in that order, from the frames it was scored
     on; frames: how many these were; confidence: that no set is better than the first by more than the tolerance;
-    spent: set-frames scored."""
+    spent: set-frames scored; expected: of each, what these frames and the predictions make likeliest."""
 
     ranking: Int64[np.ndarray, " k"]
     figures: Float64[np.ndarray, " k"]
     frames: Int64[np.ndarray, " k"]
     confidence: float
     spent: int
+    expected: Float64[np.ndarray, " k"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +140,21 @@ def race_until(
     eta: int = 2,
     most: float = math.inf,
     stop: Callable[[], bool] = lambda: False,
+    predicted: Float64[np.ndarray, " n"] | None = None,
 ) -> Contest:
     """Sets scored on more and more frames until it is sure enough which is the best, or the frames are used up.
 
-    scores: asked for sets on the first frames of `order`, each time more of them; confidence: asked for; tolerance: a
-    set that is better by no more does not count; first, eta: frames of the first rung, and by how much the next ones
-    are longer; most: set-frames, beyond which only the best go on; stop: asked after each rung whether to end.
+    scores: asked for sets on the first frames of `order`, each time more of them; where it takes fewer, the race ends
+    with these; confidence: asked for; tolerance: a set that is better by no more does not count; first, eta: frames of
+    the first rung, and by how much the next ones are longer; most: set-frames, beyond which only the best go on; stop:
+    asked after each rung whether to end; predicted: the figure of each, as far as it is known before: then sets go by
+    what `placement_env.analysis.shrinkage.shrunk` makes of both.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
     doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
-    tolerance, and of those dropped the sum of these shares when they were. Raises ValueError as `race` does.
+    tolerance, and of those dropped the sum of these shares when they were. Where time was up it is no less than
+    2^-blocks, the chance that the same of two equal sets is the better one in every block. Raises ValueError as `race`
+    does.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
     >>> def scores(sets, frames):
@@ -163,27 +174,37 @@ def race_until(
     risk, seen, spent = (1 - confidence) / len(running), 0, 0
     dropped: list[tuple[Int64[np.ndarray, " _"], Float64[np.ndarray, " _"], int]] = []
     rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]] = []
+    expected = np.zeros(len(sets))
     while True:
         reached = min(frames, max(first, seen * eta))
-        spent, seen = spent + len(running) * (reached - seen), reached
-        found = scores(sets[running], order[:seen])
+        found = scores(sets[running], order[:reached])
+        counted = reached if found.frames is None else found.frames
+        spent, seen = spent + len(running) * (counted - seen), counted
+        measured = found.figure
+        if predicted is not None:
+            likely = shrunk(found.figure, found.resamples, predicted[running], found.blocks)
+            found = found._replace(figure=likely.figure, resamples=likely.resamples)
+        expected[running] = found.figure
         ranked = _best_first(found.figure)
-        running, found = running[ranked], Resampled(found.figure[ranked], found.resamples[ranked])
+        found = found._replace(figure=found.figure[ranked], resamples=found.resamples[ranked])
+        running, measured = running[ranked], measured[ranked]
         rungs.append((running, found))
-        sure = 1 - _doubt(rungs, int(running[0]), tolerance)
-        if seen == frames or sure >= confidence or stop():
-            dropped.append((running, found.figure, seen))
+        by_chance = 0.0 if found.frames is None or len(sets) == 1 else 0.5**found.blocks
+        sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), tolerance))
+        if seen == frames or seen < reached or sure >= confidence or stop():
+            dropped.append((running, measured, seen))
             break
         lead = found.resamples - found.resamples[0]
         stays = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
         stays[0] = True
         added = min(frames, seen * eta) - seen
         stays &= np.cumsum(stays) <= max(1.0, (most - spent) / added)
-        dropped.append((running[~stays], found.figure[~stays], seen))
+        dropped.append((running[~stays], measured[~stays], seen))
         running = running[stays]
     rows, figures, counts = zip(*dropped[::-1], strict=True)
     scored_on = np.repeat(np.array(counts, np.int64), [len(each) for each in rows])
-    return Contest(np.concatenate(rows), np.concatenate(figures), scored_on, max(0.0, sure), spent)
+    ranking = np.concatenate(rows)
+    return Contest(ranking, np.concatenate(figures), scored_on, max(0.0, sure), spent, expected[ranking])
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:

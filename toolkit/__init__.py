@@ -18,6 +18,11 @@ if TYPE_CHECKING:
         load_empty_scenes as load_empty_scenes,
         save_empty_scenes as save_empty_scenes,
     )
+    from toolkit.calibration.samples.sample_poses import find_sample_poses as find_sample_poses
+    from toolkit.calibration.samples.sample_scenes import (
+        SampleScenes as SampleScenes,
+        learn_sample_scenes as learn_sample_scenes,
+    )
     from toolkit.clouds import (
         crop as crop,
         down_sample as down_sample,
@@ -42,6 +47,11 @@ if TYPE_CHECKING:
     from toolkit.detection.hybrid import Hybrid as Hybrid
     from toolkit.detection.link.channel import LinkChannel as LinkChannel
     from toolkit.detection.link.codecs import codec_named as codec_named
+    from toolkit.detection.link.differences import (
+        DifferenceReader as DifferenceReader,
+        DifferenceSender as DifferenceSender,
+        MissedReference as MissedReference,
+    )
     from toolkit.detection.link.foreground import (
         Foreground as Foreground,
         decode_foreground as decode_foreground,
@@ -50,6 +60,12 @@ if TYPE_CHECKING:
     from toolkit.detection.link.inbox import Inbox as Inbox
     from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
+    from toolkit.detection.failing.monitor import (
+        Fault as Fault,
+        SensorMonitor as SensorMonitor,
+        Shown as Shown,
+        standing_before as standing_before,
+    )
     from toolkit.detection.link.range_images import RangeImages as RangeImages
     from toolkit.detection.link.tracks import Tracks as Tracks
     from toolkit.detection.metrics import (
@@ -57,9 +73,14 @@ if TYPE_CHECKING:
         evaluate as evaluate,
         precision_recall as precision_recall,
     )
+    from toolkit.detection.samples.clusters import (
+        foreground_clusters as foreground_clusters,
+        learn_cluster_detector as learn_cluster_detector,
+    )
     from toolkit.detection.scheme import Scheme as Scheme
     from toolkit.detection.schemes import scheme_of as scheme_of
     from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
+    from toolkit.detection.sharing.foreground_differences import ForegroundDifferences as ForegroundDifferences
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -82,6 +103,7 @@ if TYPE_CHECKING:
     from toolkit.sensors.errors.profile import ErrorProfile as ErrorProfile
     from toolkit.sensors.errors.profiles import profile_named as profile_named
     from toolkit.sensors.model import SensorModel as SensorModel
+    from toolkit.sensors.row_lidar import RowLidar as RowLidar
     from toolkit.sensors.sensor import Sensor as Sensor
     from toolkit.sensors.solid_state_lidar import SolidStateLidar as SolidStateLidar
     from toolkit.sensors.spinning_lidar import SpinningLidar as SpinningLidar
@@ -107,6 +129,8 @@ else:
                 "load_empty_scenes",
                 "save_empty_scenes",
             ),
+            "calibration.samples.sample_poses": ("find_sample_poses",),
+            "calibration.samples.sample_scenes": ("SampleScenes", "learn_sample_scenes"),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
@@ -121,13 +145,17 @@ else:
             "detection.link.channel": ("LinkChannel",),
             "detection.link.codecs": ("codec_named",),
             "detection.sharing.adaptive": ("Adaptive",),
+            "detection.sharing.foreground_differences": ("ForegroundDifferences",),
+            "detection.link.differences": ("DifferenceReader", "DifferenceSender", "MissedReference"),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
+            "detection.failing.monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
+            "detection.samples.clusters": ("foreground_clusters", "learn_cluster_detector"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),
             "detection.survey": ("survey",),
@@ -144,6 +172,7 @@ else:
             "sensors.errors.profile": ("ErrorProfile",),
             "sensors.errors.profiles": ("profile_named",),
             "sensors.model": ("SensorModel",),
+            "sensors.row_lidar": ("RowLidar",),
             "sensors.sensor": ("Sensor",),
             "sensors.solid_state_lidar": ("SolidStateLidar",),
             "sensors.spinning_lidar": ("SpinningLidar",),

@@ -84,8 +84,7 @@ class PackedFrames:
             for s, sensor in enumerate(self.rig(k).sensors):
                 _check_pixels(self._pixels[slice(*self._ends[k, s : s + 2])], sensor, "pixels")
         Objects(self._boxes, self._labels)
-        if self._clouds:
-            self._clouds.check([len(self.rigs[r].sensors) for r in self._rig_of_frame])
+        self._clouds.check([len(self.rigs[r].sensors) for r in self._rig_of_frame])
 
     def __len__(self) -> int:
         return len(self._rig_of_frame)
@@ -106,7 +105,7 @@ class PackedFrames:
 
     def recorded(self, k: int) -> bool:
         """Whether frame k is one of recorded clouds, which have no empty site and no errors to be drawn."""
-        return self._clouds is not None and k in self._clouds.places
+        return k in self._clouds.places
 
     def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Per sensor the pixels of frame k that differ from the empty site, and their measurements in steps."""
@@ -123,10 +122,11 @@ class PackedFrames:
         """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without), as if
         the ground were level: that is what a network knows."""
         rig = self.rig(k)
-        if self._clouds is not None and k in self._clouds.places:
-            return [self._clouds.points(k, s) for s in (range(len(rig.sensors)) if sensors is None else sensors)]
+        chosen = range(len(rig.sensors)) if sensors is None else sensors
+        if self.recorded(k):
+            return [self._clouds.points(k, s) for s in chosen]
         clouds = []
-        for s in range(len(rig.sensors)) if sensors is None else sensors:
+        for s in chosen:
             changed = slice(*self._ends[k, s : s + 2])
             points = rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng)
             clouds.append(levelled(points, rig.slope))
@@ -229,9 +229,9 @@ class RecordedClouds:
             raise ValueError("clouds/ends does not cut clouds/points into frames and sensors")
 
 
-def _read_clouds(file: h5py.File) -> RecordedClouds | None:
+def _read_clouds(file: h5py.File) -> RecordedClouds:
     if not hdf5.holds(file, "clouds"):
-        return None
+        return RecordedClouds({}, np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32))
     frames = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
     ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
     points = hdf5.array(file, "clouds/points", axes=2, kinds="iu")

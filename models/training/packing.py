@@ -218,9 +218,8 @@ def _write(
         raise ValueError("nothing to pack: the recordings hold no frames")
     pixels.flush()
     steps.flush()
-    most = max(len(end) for end in ends)
     file["frames/rig"] = np.array(rig_of_frame, np.int32)
-    file["frames/ends"] = np.stack([np.pad(end, (0, most - len(end)), mode="edge") for end in ends])
+    file["frames/ends"] = _of_one_length(ends)
     file["boxes"] = np.concatenate([each.boxes for each in objects])
     file["labels"] = np.concatenate([each.labels for each in objects]).astype(np.int8)
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
@@ -254,6 +253,12 @@ def _changed(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.
     return pixels[counts], steps[counts]
 
 
+def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
+    """Where the parts of each frame end, in rows of one length: where rigs have fewer sensors, the rest is empty."""
+    most = max(map(len, ends))
+    return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
+
+
 class _Clouds:
     """The clouds of recorded frames, written together at the end."""
 
@@ -272,10 +277,9 @@ class _Clouds:
     def write(self, file: h5py.File) -> None:
         if not self._frames:
             return
-        most = max(map(len, self._ends))
         steps = np.concatenate([np.zeros((0, 3), np.int32), *self._steps])
         file["clouds/frames"] = np.array(self._frames, np.int64)
-        file["clouds/ends"] = np.stack([np.pad(ends, (0, most - len(ends)), mode="edge") for ends in self._ends])
+        file["clouds/ends"] = _of_one_length(self._ends)
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(steps) else {}
         file.create_dataset("clouds/points", data=steps, **options)
 

@@ -147,6 +147,18 @@ def percentiles(figures: Float64[np.ndarray, " resamples"], *, confidence: float
     return Interval(float(low), float(high))
 
 
+def interval_about(
+    figure: float, resamples: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95
+) -> Interval:
+    """The middle share of a figure's resamples, widened where the figure itself lies outside.
+
+    >>> interval_about(0.9, np.linspace(0, 0.5, 1001))
+    Interval(low=0.0125, high=0.9)
+    """
+    low, high = percentiles(resamples, confidence=confidence)
+    return Interval(min(low, figure), max(high, figure))
+
+
 def _pooled(
     scores: Sequence[ArrayLike], hits: Sequence[ArrayLike], to_find: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

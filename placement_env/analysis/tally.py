@@ -29,7 +29,14 @@ class Tally:
         counts = [each.truth[at] != IGNORED for each in outcomes]
         scores = [each.scores[counted] for each, counted in zip(outcomes, counts, strict=True)]
         hit = [each.truth[at, counted] >= 0 for each, counted in zip(outcomes, counts, strict=True)]
-        frame = np.repeat(np.arange(len(outcomes)), [len(each) for each in scores])
+        return Tally.of_frames(scores, hit, truths)
+
+    @staticmethod
+    def of_frames(
+        scores: Sequence[np.ndarray], hit: Sequence[np.ndarray], truths: Sequence[int] | Int64[np.ndarray, " frames"]
+    ) -> Tally:
+        """Of the detections that count in frame after frame."""
+        frame = np.repeat(np.arange(len(scores)), [len(each) for each in scores])
         return Tally(np.concatenate(scores), np.concatenate(hit), frame, np.asarray(truths, np.int64))
 
     @property

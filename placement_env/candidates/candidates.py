@@ -103,9 +103,24 @@ class Candidates:
         return self.mount_prices[self.mount] + self.model_prices
 
     @cached_property
+    def places(self) -> Int64[np.ndarray, " M"]:
+        """How many sensors each mount may carry."""
+        return np.array([mount.max_sensors for mount in self.mounts], np.int64)
+
+    @cached_property
+    def several(self) -> bool:
+        """Whether any mount may carry more than one."""
+        return bool((self.places > 1).any())
+
+    @cached_property
+    def links(self) -> Float64[np.ndarray, " M"]:
+        """What the link of each mount carries (kbit per frame)."""
+        return np.array([mount.capacity for mount in self.mounts], np.float64)
+
+    @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
         """What the link of each candidate's mount carries (kbit per frame)."""
-        return np.array([mount.capacity for mount in self.mounts], np.float64)[self.mount]
+        return self.links[self.mount]
 
     @cached_property
     def on_mount(self) -> Bool[np.ndarray, "C M"]:
@@ -141,6 +156,7 @@ class Candidates:
         for mount in self.mounts:
             rest = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
             sha.update(repr((rest, mount.position.tolist())).encode())
+        sha.update(repr(self.places.tolist()).encode() if self.several else b"")
         axes = (self.axes.heights, self.axes.headings, self.axes.tilts)
         sha.update(repr([[axis.tolist() for axis in axes], self.axes.models, self.factors.tolist()]).encode())
         sha.update(repr(self.axes.prices).encode() if any(self.axes.prices) else b"")

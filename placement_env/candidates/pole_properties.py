@@ -18,6 +18,7 @@ UNDERSTOOD = {
     "min_height": "min_height (m above the foot)",
     "price": "price (1: that of an ordinary pole)",
     "capacity_kbit": "capacity_kbit (of the link, per frame)",
+    "max_sensors": "max_sensors (that the pole may carry)",
     "keep_out": "keep_out (true or false, of a polygon)",
 }
 SILENT = {"capacity", "kind", "layer", "used"}  # understood, or written by coview itself

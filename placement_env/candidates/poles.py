@@ -173,8 +173,9 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
     top = number(8.0, "max_height", "height")
     heights = number(min(3.0, top), "min_height"), top
     price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
+    sensors: Any = number(1.0, "max_sensors")
     try:
-        return Mount(name, foot, *heights, price, capacity)
+        return Mount(name, foot, *heights, price, capacity, sensors)
     except ValueError as error:
         raise ValueError(f"{where} (pole {name!r}): {error}") from None
 

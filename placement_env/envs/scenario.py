@@ -50,6 +50,17 @@ class Scenario:
         return int(self.mount.max()) + 1
 
     @cached_property
+    def carried(self) -> Int64[np.ndarray, " mounts"]:
+        """How many sensors each mount may carry."""
+        return np.append(self.objective.candidates.places, 1)[: self.mounts]
+
+    @cached_property
+    def load(self) -> Float64[np.ndarray, " slots"] | None:
+        """The share of its mount's link that each candidate takes, where links are shared; else None."""
+        sent = self.objective.shared_links
+        return None if sent is None else padded(sent / self.objective.candidates.capacity, self.slots)
+
+    @cached_property
     def width(self) -> int:
         """How many candidates there are."""
         return len(self.objective.candidates)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.candidates.places import ROUNDED
 from placement_env.checks import check_whole
 from placement_env.envs.episode import Episode
 from placement_env.envs.scenario import STATIC, Scenario
@@ -200,13 +201,17 @@ class State:
         self._groups = [(each, slice(None) if alone else np.array(rows)) for each, rows in members.items()]
 
     def _find_allowed(self) -> None:
-        """Which candidates may join: that have not failed, within their link's capacity, on a free mount, while budget
-        is left."""
+        """Which candidates may join: that have not failed, within their link's capacity, on a mount with room, while
+        budget is left."""
         if self.fixed:
             return
         allowed = ~self.failed
         for scenario, rows in self._groups:
-            allowed[rows] &= free(scenario.mount, scenario.mounts, self.chosen[rows]) & scenario.usable
+            allowed[rows] &= scenario.usable
+            if scenario.objective.candidates.several:
+                allowed[rows] &= with_room(scenario.mount, scenario.carried, self.chosen[rows], scenario.load)
+            else:
+                allowed[rows] &= free(scenario.mount, scenario.mounts, self.chosen[rows])
         allowed &= (self.chosen.sum(axis=1) < self.budget)[:, None]
         self.allowed = allowed
 
@@ -229,6 +234,24 @@ def free(
     row, slot = chosen.nonzero()
     empty[row, mount[slot]] = False
     return empty.take(mount, axis=1)
+
+
+def with_room(
+    mount: Int64[np.ndarray, " slots"],
+    places: Int64[np.ndarray, " mounts"],
+    chosen: Bool[np.ndarray, "n slots"],
+    load: Float64[np.ndarray, " slots"] | None,
+) -> Bool[np.ndarray, "n slots"]:
+    """Which candidates that are not chosen have a place left on their mount, and room on its link. load: the share of
+    it that each takes, None where that always fits."""
+    count, taken = np.zeros((len(chosen), len(places)), np.int64), np.zeros((len(chosen), len(places)))
+    row, slot = chosen.nonzero()
+    np.add.at(count, (row, mount[slot]), 1)
+    room = (count < places).take(mount, axis=1) & ~chosen
+    if load is None:
+        return np.asarray(room)
+    np.add.at(taken, (row, mount[slot]), load[slot])
+    return np.asarray(room & ((taken.take(mount, axis=1) + load <= 1 + ROUNDED) | (count == 0).take(mount, axis=1)))
 
 
 def coverage_gain(

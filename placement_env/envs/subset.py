@@ -54,8 +54,8 @@ class SensorSubsetEnv(PlacementEnv):
     ## Action Space
     `MultiBinary(slots)`: which candidates to build.
 
-    A set that may not be built (more sensors than the budget, two on a mount, one that has failed, a link that
-    cannot carry what its sensor sends, a slot without a candidate) is an illegal action: nothing is built, the reward
+    A set that may not be built (more sensors than the budget, more on a mount than it carries, one that has failed, a
+    link that cannot carry what is sent, a slot without a candidate) is an illegal action: nothing is built, the reward
     is 0, `info["illegal"]` is True. `info["action_mask"]` says which candidates may be in a set by themselves;
     `action_masks()` gives for each slot whether it may be 0 and whether it may be 1.
 

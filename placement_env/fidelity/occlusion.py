@@ -16,7 +16,7 @@ from toolkit.geometry import levelled
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, inside
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.silhouettes import SensorRays
+from toolkit.rendering.silhouettes import SensorRays, Windows
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -48,11 +48,12 @@ def look_at(
     scene = _Scene(traffic.site, renderer, sensors)
     points, sent, far = [np.zeros((len(sensors), 0))], [], []
     parts: dict[tuple[int, bytes], _Part] = {}
+    windows = _windows_of(traffic, scene)
     for snapshot in traffic.snapshots:
         boxes, bodies = snapshot.objects.boxes, snapshot.bodies.tolist()
         keys = [(body, box.tobytes()) for body, box in zip(bodies, boxes, strict=True)]
         parts = {
-            key: parts[key] if key in parts else scene.part(body, box)
+            key: parts[key] if key in parts else scene.part(body, box, windows[key])
             for key, body, box in zip(keys, bodies, boxes, strict=True)
         }
         on_objects, more_sent, more_far = scene.compose([parts[key] for key in keys])
@@ -64,6 +65,18 @@ def look_at(
         np.column_stack(sent).astype(np.float32),
         np.column_stack(far).astype(np.float32),
     )
+
+
+def _windows_of(traffic: Traffic, scene: _Scene) -> dict[tuple[int, bytes], Windows]:
+    """Where each object of all frames may be seen; of one that stands still, once."""
+    different = {
+        (body, box.tobytes()): (body, box)
+        for snapshot in traffic.snapshots
+        for body, box in zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
+    }
+    bodies = np.array([body for body, _ in different.values()], np.int64)
+    boxes = np.array([box for _, box in different.values()]).reshape(-1, 7)
+    return dict(zip(different, scene.windows(bodies, boxes), strict=True))
 
 
 class _Scene:
@@ -88,9 +101,15 @@ class _Scene:
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
 
-    def part(self, body: int, box: np.ndarray) -> _Part:
+    def windows(self, bodies: np.ndarray, boxes: np.ndarray) -> list[Windows]:
+        """Where objects may be seen."""
+        return self._views.windows(bodies, boxes)
+
+    def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
         """One object seen by itself."""
-        pixels, sensors, depth, points = self._views.silhouette(body, box)
+        pixels, sensors, depth, points = self._views.silhouette(body, box, windows)
+        if not len(pixels):
+            return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)
         sent, far = self._worth(points, self._views.rays.take(pixels, axis=0), depth, sensors)
         counted = self._crop.holds(points)
         more_sent, more_far = sent - self._still_sent.take(pixels), far - self._still_far.take(pixels)

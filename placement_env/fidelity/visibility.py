@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.blocks import Block, seen_in_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
@@ -27,14 +28,11 @@ from toolkit.points import beyond, frame_points, points_on
 from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.parallel import spread
 from toolkit.sensors.sensor import Sensor
 
 Rendering = Literal["auto", "full", "panorama"]
 RENDERINGS: tuple[str, ...] = get_args(Rendering)
 BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
-
-Block = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +174,21 @@ def see(
     return Visibility(points, distances(sensors, boxes), frame, boxes, sent, far, kinds)
 
 
+def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
+    """What is seen in some of the frames, ascending."""
+    own = np.isin(visibility.frame, frames)
+    return replace(
+        visibility,
+        points=visibility.points[:, own],
+        distance=visibility.distance[:, own],
+        frame=np.searchsorted(frames, visibility.frame[own]),
+        boxes=visibility.boxes[own],
+        sent=visibility.sent[:, frames],
+        far=visibility.far[:, frames],
+        labels=visibility.labels[own],
+    )
+
+
 def check_rendering(rendering: str) -> None:
     """Raises ValueError where there is no such way to render."""
     if rendering not in RENDERINGS:
@@ -193,15 +206,8 @@ def _look_in_full(
     cache: Cache | None,
 ) -> Seen:
     """What sensors see, each of their rays cast."""
-    job = _Job(traffic, tuple(sensors), cache, labels)
-    blocks = _blocks(sensors)
-    kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
-    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
-    seen = []
-    for block in blocks:
-        seen.append(kept[block] if block in kept else next(made))
-        if progress:
-            progress(block[1])
+    look = _FullLook(traffic, tuple(sensors), labels)
+    seen = seen_in_blocks(look, _blocks(sensors), workers=workers, ray=ray, progress=progress, cache=cache)
     return Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
@@ -234,26 +240,15 @@ def _blocks(sensors: Sequence[Sensor]) -> list[Block]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Job:
-    """Looks at all frames with a block of the sensors; sent to every worker."""
+class _FullLook:
+    """Looks at all frames with a block of the sensors."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
-    cache: Cache | None
     labels: tuple[int, ...]
 
-    def __call__(self, block: Block) -> Seen:
-        found = self.cached(block)
-        if found is None:
-            found = look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
-            if self.cache is not None:
-                self.cache.put({self.key(block): found})
-        return found
-
-    def cached(self, block: Block) -> Seen | None:
-        """What an earlier call found; None where there is nothing, or it is damaged."""
-        arrays = None if self.cache is None else self.cache.get([self.key(block)])[0]
-        return None if arrays is None else Seen(*arrays)
+    def __call__(self, block: Block, /) -> Seen:
+        return look_at(self.traffic, renderer_of(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
         """What is seen by a block of sensors depends on this."""

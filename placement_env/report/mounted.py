@@ -45,6 +45,7 @@ def planned_sensors(
 
     chosen, moved: as of `mounted_site`, whose sensors have the same names; kbit, peak_kbit: what each sends, mean and
     greatest of a frame; model_names: None for those of the sensor models in words; model_prices: None for no price.
+    A mount is paid with the first sensor on it.
     Raises ValueError where their numbers differ; ImportError where the site's map needs pyproj.
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
@@ -71,7 +72,7 @@ def planned_sensors(
             tilt_deg=round(float(np.rad2deg(tilts[i])), 9) + 0.0,
             model=names[i],
             model_price=float(prices[i]),
-            pole_price=float(mount.price),
+            pole_price=0.0 if mount.name in {before.name for before in mounts[:i]} else float(mount.price),
             kbit=float(kbit[i]),
             peak_kbit=float(peak_kbit[i]),
             capacity_kbit=float(mount.capacity),

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.classes import VEHICLES, classes_of
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
+from placement_env.fidelity.table import digest_of
 from placement_env.objective import Objective, Score, Stages, Weights
 from placement_env.report.planning.refusals import check_present, exclusions
 from placement_env.report.planning.sentences import money
 from placement_env.report.search_answer import ANSWER_FILES, write_answer
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
 from placement_env.search.description import (
     described_assessment,
     described_doubts,
@@ -22,13 +27,15 @@ from placement_env.search.description import (
     described_score,
     described_sensors,
 )
-from placement_env.search.methods import check_search, search_of
-from placement_env.search.portfolio.curve import budget_curve
+from placement_env.search.methods import METHODS, check_search, search_of
+from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
 from placement_env.search.verification import verified_best
 from toolkit.detection.codec import PAPER
+from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.runtime.json_files import finite
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -36,6 +43,7 @@ from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
 from toolkit.sites.site import Site
 
 PORTFOLIO = "portfolio"
+UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,7 +52,7 @@ class SearchOrder:
     and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
     sensors, for what detects; limits: seconds and evaluations; demand: what a method beside these is asked for;
     currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up to the
-    budget, by a portfolio; settings: of `Objective` beside these.
+    budget, or for every amount of money where it is limited, by a portfolio; settings: of `Objective` beside these.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """
@@ -71,7 +79,7 @@ class SearchOrder:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        counting = Counting.of(self.settings.get("iou", 0.7), self.settings.get("failing", 0))
+        counting = counting_of(self.settings)
         check_search(self.method, self.fidelity, self.candidates, counting)
         if self.fidelity == "table" and self.settings.get("codec", PAPER) != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.settings['codec']}: say --codec paper")
@@ -107,8 +115,58 @@ class Answered:
     met: bool
 
 
-def answered(order: SearchOrder, *, out: Path | None = None, progress: Stages | None = None) -> Answered:
-    """Search, check what was found and write it to a folder, None for nowhere."""
+def answered(
+    order: SearchOrder, *, out: Path | None = None, overwrite: bool = False, progress: Stages | None = None
+) -> Answered:
+    """Search, check what was found and write it to a folder, None for nowhere.
+
+    Until it is written, how far the search is stands beside the folder, in one named `UNFINISHED` after it: killed and
+    asked again, the same question goes on there. Raises FileExistsError where another one is unfinished there and is
+    not to be overwritten.
+    """
+    if out is None:
+        return _answered(order, None, NOWHERE, progress)
+    place = out.with_name(out.name + UNFINISHED)
+    with unfinished(place, question_of(order), code=METHODS[order.method].module, overwrite=overwrite) as checkpoint:
+        known = order.detector is None or hasattr(order.detector, "digest")
+        kept = order.settings.get("cache") or (checkpoint.place("cache") if known else None)
+        return _answered(replace(order, settings={**order.settings, "cache": kept}), out, checkpoint, progress)
+
+
+def question_of(order: SearchOrder) -> dict[str, Any]:
+    """All that the answer depends on, as values of JSON: what must be the same for a search to go on."""
+    plain: dict[str, Any] = {
+        name: getattr(order, name)
+        for name in ("method", "budget", "fidelity", "verify", "judge", "confidence", "frames", "currency", "curve")
+    }
+    settings, files = order.settings, {"surrogate": order.surrogate, "table": order.table}
+    counting = counting_of(settings)
+    codec, scheme = settings.get("codec", PAPER), scheme_of(order.scheme)
+    return {
+        **plain,
+        **order.limits,
+        **order.demand,
+        **{name: None if path is None else sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
+        "site": digest_of(order.site, order.site.sensors),
+        "candidates": order.candidates.digest(),
+        "scheme": scheme.digest,
+        "codec": codec.digest,
+        "weights": asdict(order.weights),
+        "counting": counting.origin,
+        "errors": profile_of(order.errors).origin,
+        "detector": None if order.detector is None else detector_origin(order.detector),
+        "classes": classes_of(settings.get("classes", VEHICLES)).origin,
+        "most_price": settings.get("most_price", math.inf),
+        "seed": settings.get("seed", 0),
+    }
+
+
+def counting_of(settings: Mapping[str, Any]) -> Counting:
+    """What of a set counts, by the settings of an objective."""
+    return Counting.of(settings.get("iou", 0.7), settings.get("failing", 0), settings.get("levels", 1))
+
+
+def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, progress: Stages | None) -> Answered:
     objective = _objective(order, order.fidelity, progress)
     check_present(objective)
     if not objective.allowed([]).any():
@@ -118,6 +176,8 @@ def answered(order: SearchOrder, *, out: Path | None = None, progress: Stages | 
     if order.curve:
         return _curve(order, objective, own)
     seed = order.settings.get("seed", 0)
+    if METHODS[order.method].resumes:
+        own["checkpoint"] = checkpoint
     result = search_of(order.method)(objective, order.budget, seed=seed, **order.limits, **own)
     summary, lines = _summary(objective, result), _lines(objective, result)
     if not result.best.subset:
@@ -168,13 +228,17 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
 
 
 def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Answered:
-    """The budget curve: a row for each number of sensors."""
-    points = budget_curve(objective, order.budget, seed=order.settings.get("seed", 0), **order.limits, **own)
+    """The budget curve: a row for each number of sensors, or where money is limited for each amount of it."""
+    limited = not math.isinf(objective.most_price)
+    amounts = amounts_up_to(objective, order.budget, objective.most_price) if limited else ()
+    seed = order.settings.get("seed", 0)
+    points = budget_curve(objective, order.budget, amounts=amounts, seed=seed, **order.limits, **own)
     rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
-    summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance}
+    summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance}
     if not points:
         return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
-    lines = [f"best set of each number of sensors, by the {order.judge} on traffic that neither searches nor race saw:"]
+    of = "for each amount of money" if limited else "of each number of sensors"
+    lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
     for point in points:
         names = ", ".join(objective.names[c] for c in point.subset)
         lines.append(

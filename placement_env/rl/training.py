@@ -20,6 +20,7 @@ import numpy as np
 from placement_env.envs.env import PlacementEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.objective import Objective, Score
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result
 from toolkit.sensors.sensor import Sensor
@@ -31,6 +32,7 @@ CHECKPOINT = "policy.pt"
 DEFAULT_STEPS = 50_000  # that `search` trains for where no limit is given
 EPISODES = 20  # of the trained policy, after that
 UPDATES = 4  # of a round
+ROUNDS_KEPT = 1000  # of which a search knows what it met until then; a policy is kept far more often
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,13 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     learning: Learning = EXPLORING,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
     that it met in training.
 
-    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained.
+    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: where the policy is
+    kept, and the best set met until each round.
     """
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
@@ -85,16 +89,29 @@ def search(
                 best, chosen = info["episode"]["r"], info["subset"]
                 limits.record(best)
 
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as own:
+        folder = checkpoint.place("policy") or Path(own)
+        rounds = [] if (kept := checkpoint.load()) is None else kept["rounds"]
+        if (before := met_until(folder, rounds)) is not None:
+            limits.resume(before["limits"])
+            best, chosen = float(before["best"]), objective.row(before["chosen"])
+
+        def note(done: int, _: float) -> None:
+            members = np.flatnonzero(chosen).tolist()
+            rounds.append([done, {"limits": limits.state(), "best": best, "chosen": members}])
+            checkpoint.save({"rounds": rounds[-ROUNDS_KEPT:]})
+
+        left = None if seconds is None else max(0.0, seconds - limits.elapsed)
         policy = train_policy(
-            make_env, Path(folder), steps=steps, seconds=seconds, seed=seed, learning=learning, watch=watch
-        )
+            make_env, folder, steps=steps, seconds=left, seed=seed, learning=learning, watch=watch, progress=note,
+            every_s=checkpoint.every,
+        )  # fmt: skip
     rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
     trained = objective.score(np.flatnonzero(chosen))
     best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
-    note = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
-    certificate = Certificate("none", best_score.reward, note=note)
+    words = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
+    certificate = Certificate("none", best_score.reward, note=words)
     return Result("policy", best_score, limits.history(best_score.reward), certificate, limits.count, limits.elapsed)
 
 
@@ -144,6 +161,21 @@ def train_policy(
             saved = time.monotonic()
     save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
     return model
+
+
+def met_until(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
+    """What was met until the round after which the policy in a folder was kept, which goes where that is not known.
+    rounds: steps and what was met until each, ascending; later ones are dropped."""
+    from models.training.checkpoint import read_checkpoint
+
+    path = folder / CHECKPOINT
+    steps = read_checkpoint(path)["steps"] if path.exists() else 0
+    rounds[:] = [row for row in rounds if row[0] <= steps]
+    if rounds and rounds[-1][0] == steps:
+        return dict(rounds[-1][1])
+    rounds.clear()
+    path.unlink(missing_ok=True)
+    return None
 
 
 def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:

@@ -1,7 +1,7 @@
 """Searches for the best set of sensors, all on one `Objective`, each with evidence of how good its answer is.
 
 Each search is a module with `search(objective, budget, *, seed=0, seconds=None, evaluations=None) -> Result`: at most
-`budget` sensors, one per mount, each within the capacity of its mount's link. Some take further options of their own.
+`budget` sensors, no more on a mount than it carries, within the capacity of its link. Some take further options.
 `Result` holds the best set, its history and a `Certificate` of what is known about it.
 
     portfolio    several of these; their answers race by the detector on fresh traffic, the winner is judged on other

@@ -4,10 +4,11 @@
 
 A vector has for each sensor: height in the range of its mount (0 to 1), heading (half turns from where it looked,
 without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam, x and y in the rectangle of all mounts
-(0 to 1 each), which mean the nearest mount that no sensor before it has taken. A moved sensor sees something else, so
-every vector is looked at: in panoramas of the mounts where the preparation makes these (`Preparation.live`), else by
-rays, of which a few hundred vectors are affordable. The start should be good, greedy's for instance. Panoramas agree
-with rays within 3 % or 8 points of an object nearly always; in the end the answer is scored by rays beside its start.
+(0 to 1 each), which mean the nearest mount on which the sensors before it have left a place. A moved sensor sees
+something else, so every vector is looked at: in panoramas of the mounts where the preparation makes these
+(`Preparation.live`), else by rays, of which a few hundred vectors are affordable. The start should be good, greedy's
+for instance. Panoramas agree with rays within 3 % or 8 points of an object nearly always; in the end the answer is
+scored by rays beside its start.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +25,9 @@ from placement_env.candidates.aim import aimed, aims
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.objective import Objective, Score, Weights
 from placement_env.search import greedy
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
-from placement_env.search.result import Certificate, Result
+from placement_env.search.result import Certificate, Result, score_of
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount
@@ -53,18 +55,20 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     roam: bool = False,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Greedy's set, then every sensor of it turned, tilted and lifted to where it serves best.
 
     `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from.
-    The limits hold for the moved sets, seconds for both; roam: see `improve`. Where greedy search finds that no sensor
-    pays, that is the answer. Raises ValueError for an objective without a site, which cannot tell what a moved sensor
-    sees.
+    The limits hold for the moved sets, seconds for both; roam, checkpoint: see `improve`. Where greedy search finds
+    that no sensor pays, that is the answer. Raises ValueError for an objective without a site, which cannot tell what a
+    moved sensor sees.
     """
     check_continuous(objective, "CMA-ES")
 
     def evolve(score_poses: PoseScorer, start: Candidates, left: float | None) -> Result:
-        return improve(score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam)
+        limits: dict[str, Any] = {"seconds": left, "evaluations": evaluations}
+        return improve(score_poses, start, seed=seed, **limits, roam=roam, checkpoint=checkpoint)
 
     return improved(objective, budget, evolve, seconds=seconds)
 
@@ -115,16 +119,18 @@ def improve(
     evaluations: int | None = None,
     roam: bool = False,
     population: int | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Turn, tilt and lift the sensors of `start`, all of which are placed, to where `score_poses` scores most.
 
     start: such as `objective.candidates.select(result.best.subset)`, on mounts of their own; roam: whether a sensor may
-    go to another of `start.mounts`; population: vectors to a step, None for 4 + 3 ln n; without a limit 300 are scored.
+    go to another of `start.mounts`; population: vectors to a step, None for 4 + 3 ln n; checkpoint: where the costs of
+    all steps are kept, from which a search that was killed finds its way again; without a limit 300 are scored.
     The answer is never worse than the start, which is scored first; when the search has settled it begins anew at the
     best with twice the population. `Result.sensors` are the poses, `Result.best.subset` just counts them. Raises
     ValueError where there is no sensor, two share a mount or the start may not be built, ImportError without `cma`.
     """
-    if not len(start) or len(np.unique(start.mount)) < len(start):
+    if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         raise ValueError(
             f"need sensors on mounts of their own, got {len(start)} on {np.unique(start.mount).size} mounts"
         )
@@ -134,28 +140,49 @@ def improve(
     limits, rng = Limits(seconds, evaluations), np.random.default_rng(seed)
     coding = Coding(start, roam)
     sensors = start.sensors
-    score = score_poses([sensors])[0]
-    if score is None:
+    first_score = score_poses([sensors])[0]
+    if first_score is None:
         raise ValueError("the sensors to start from may not be built: choose a feasible set")
+    score = first_score
     limits.count += 1
     limits.record(score.reward)
-    best = coding.encode()
+    best, reward = coding.encode(), score.reward
     size = population or 4 + int(3 * np.log(len(best)))
-    while not limits.spent:
+    kept = checkpoint.load()
+    known = [] if kept is None else np.split(kept["costs"], kept["ends"])[:-1]
+    steps_costs: list[Float64[np.ndarray, " _"]] = []
+
+    def state() -> KeptState:
+        costs = np.concatenate([*steps_costs, np.zeros(0)])
+        ends = np.cumsum([len(each) for each in steps_costs]).tolist()
+        return {"limits": limits.state(), "score": asdict(score), "costs": costs, "ends": ends}
+
+    while known or not limits.spent:
         strategy = cma.CMAEvolutionStrategy(best, STEP, {**coding.options(), **_quiet(rng), "popsize": size})
-        while not strategy.stop() and not limits.spent:
+        while not strategy.stop() and (known or not limits.spent):
             vectors = strategy.ask()
-            room = int(min(len(vectors), limits.evaluations - limits.count))
-            sets = [coding.decode(vector) for vector in vectors[:room]]
-            scores = score_poses(sets)
-            limits.count += room
-            costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
-            leader = int(np.argmin(costs))
-            if -costs[leader] > score.reward:
-                score, sensors, best = scores[leader] or score, sets[leader], vectors[leader]
-                limits.record(score.reward)
-            if room == len(vectors):
+            sets = [coding.decode(vector) for vector in vectors]
+            if known:
+                costs = known.pop(0).tolist()
+                scores: tuple[Score | None, ...] = (None,) * len(costs)
+            else:
+                room = int(min(len(vectors), limits.evaluations - limits.count))
+                scores = tuple(score_poses(sets[:room]))
+                limits.count += room
+                costs = [INFEASIBLE_COST if s is None else -s.reward for s in scores]
+            first = int(np.argmin(costs))
+            if -costs[first] > reward:
+                reward, sensors, best = -costs[first], sets[first], vectors[first]
+                score = scores[first] or score
+                limits.record(reward)
+            if len(costs) == len(vectors):
                 strategy.tell(vectors, costs)
+            steps_costs.append(np.array(costs))
+            if kept is None:
+                checkpoint.offer(state)
+            elif not known:  # back where it was killed
+                limits.resume(kept["limits"])
+                score, kept = score_of(kept["score"]), None
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
@@ -260,11 +287,11 @@ class Coding:
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """The sensors of a vector."""
-        taken = np.zeros(len(self.feet), bool)
+        taken = np.zeros(len(self.feet), np.int64)
         sensors = []
         for c, (lift, turn, tilt, *spot) in enumerate(vector.reshape(-1, self.width)):
             mount = self._nearest(np.array(spot), taken) if self.roam else int(self.start.mount[c])
-            taken[mount] = True
+            taken[mount] += 1
             low, high = _range(self.start.mounts[mount])
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = angles(self.start.sensors[c])[1] + np.pi * turn
@@ -279,7 +306,7 @@ class Coding:
 
     def _nearest(self, spot: np.ndarray, taken: np.ndarray) -> int:
         away = np.linalg.norm(self.feet[:, :2] - (self.corner + spot * self.span), axis=1)
-        return int(np.where(taken, np.inf, away).argmin())
+        return int(np.where(taken >= self.start.places, np.inf, away).argmin())
 
 
 def _range(mount: Mount) -> tuple[float, float]:

@@ -39,7 +39,7 @@ def described_assessment(assessment: Assessment) -> list[str]:
     lines = [
         f"by the {assessment.by} on {assessment.frames} frames that neither searches nor race saw{fresh}:",
         f"  AP {assessment.ap:.4f} ({assessment.low:.4f} to {assessment.high:.4f}) on {assessment.objects} objects, "
-        f"{assessment.kbit:.1f} kbit; predicted {assessment.predicted:.4f}",
+        f"{assessment.kbit:.1f} kbit; predicted {assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
         f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
         f"{assessment.tolerance:g}{sure}",
     ]

@@ -15,7 +15,7 @@ greatest coverage and `placement_env.search.exact.cheapest` for the fewest senso
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -24,9 +24,10 @@ from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.cmaes import Coding, PoseScorer, check_continuous, improved, look_of
 from placement_env.search.progress import Limits
-from placement_env.search.result import Certificate, Result
+from placement_env.search.result import Certificate, Result, score_of
 from toolkit.arrays import Float64
 from toolkit.sensors.sensor import Sensor
 
@@ -48,20 +49,22 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Greedy's set, then every sensor of it turned, tilted and lifted uphill.
 
     `Result.sensors` are the poses and `Result.best` is their score; its subset names the candidates they come from. An
-    evaluation is a set scored or a difference taken. Raises ValueError for an objective without a site, and one of
-    several IoU thresholds or failures.
+    evaluation is a set scored or a difference taken; checkpoint: where the state of the ascent is kept. Raises
+    ValueError for an objective without a site, and one of several IoU thresholds or failures.
     """
     made = check_continuous(objective, "gradient ascent")
 
     def uphill(score_poses: PoseScorer, start: Candidates, left: float | None) -> Result:
         classes = objective.classes
         return ascend(
-            score_poses, look_of(made), start, classes=classes, seed=seed, seconds=left, evaluations=evaluations
-        )
+            score_poses, look_of(made), start, classes=classes, seed=seed, seconds=left, evaluations=evaluations,
+            checkpoint=checkpoint,
+        )  # fmt: skip
 
     return improved(objective, budget, uphill, seconds=seconds)
 
@@ -75,6 +78,7 @@ def ascend(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Move the sensors of `start`, all of which are placed, uphill; the answer is no worse than the start.
 
@@ -85,12 +89,24 @@ def ascend(
         evaluations = ASCENTS
     limits, rng, coding = Limits(seconds, evaluations), np.random.default_rng(seed), Coding(start, roam=False)
     sensors, best = start.sensors, coding.encode()
-    score = score_poses([sensors])[0]
-    if score is None:
+    first_score = score_poses([sensors])[0]
+    if first_score is None:
         raise ValueError("the sensors to start from may not be built: choose a feasible set")
+    score = first_score
     limits.count += 1
     limits.record(score.reward)
     vector, moments, step, idle = best.copy(), np.zeros((2, len(best))), 0, 0
+    if (kept := checkpoint.load()) is not None:
+        limits.resume(kept["limits"])
+        rng.bit_generator.state = kept["rng"]
+        vector, best, moments, (step, idle) = kept["vector"], kept["best"], kept["moments"], kept["counts"]
+        score, sensors = score_of(kept["score"]), coding.decode(best) if kept["moved"] else sensors
+
+    def state() -> KeptState:
+        now = {"limits": limits.state(), "rng": rng.bit_generator.state, "counts": [step, idle]}
+        where = {"vector": vector, "best": best, "moments": moments, "moved": sensors is not start.sensors}
+        return now | where | {"score": asdict(score)}
+
     while not limits.spent:
         slope = gradient(look, coding, vector, classes)
         limits.count += 2 * len(vector)
@@ -109,6 +125,7 @@ def ascend(
         if idle >= PATIENCE:
             vector = bounded(best + rng.normal(0.0, DISTURBED, len(best)))
             moments, step, idle = np.zeros_like(moments), 0, 0
+        checkpoint.offer(state)
     score = replace(score, subset=tuple(range(len(sensors))))
     note = "gradient ascent ends at a local best; the answer is no worse than its start"
     certificate = Certificate("none", score.reward, note=note)

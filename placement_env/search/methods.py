@@ -17,31 +17,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """Where a search is: module and function; needs: the package it cannot do without; extra: what brings it."""
+    """Where a search is: module and function; needs: the package it cannot do without; extra: what brings it; resumes:
+    whether it takes a checkpoint (the others are short but for what the cache keeps, and begin again)."""
 
     module: str
     function: str = "search"
     needs: str = ""
     extra: str = "search"
+    resumes: bool = False
 
 
 _SEARCH = "placement_env.search"
 METHODS: dict[str, Method] = {
-    "portfolio": Method(f"{_SEARCH}.portfolio.portfolio"),
+    "portfolio": Method(f"{_SEARCH}.portfolio.portfolio", resumes=True),
     "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
     "greedy": Method(f"{_SEARCH}.greedy"),
     "lazy": Method(f"{_SEARCH}.greedy", "lazy"),
     "stochastic": Method(f"{_SEARCH}.greedy", "stochastic"),
     "raced": Method(f"{_SEARCH}.greedy", "raced"),
-    "swap": Method(f"{_SEARCH}.swap"),
-    "annealing": Method(f"{_SEARCH}.annealing"),
+    "swap": Method(f"{_SEARCH}.swap", resumes=True),
+    "annealing": Method(f"{_SEARCH}.annealing", resumes=True),
     "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
     "hits": Method(f"{_SEARCH}.exact.hits", needs="ortools"),
     "cheapest": Method(f"{_SEARCH}.exact.cheapest", needs="ortools"),
-    "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo"),
-    "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma"),
-    "gradient": Method(f"{_SEARCH}.gradient"),
-    "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl"),
+    "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo", resumes=True),
+    "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma", resumes=True),
+    "gradient": Method(f"{_SEARCH}.gradient", resumes=True),
+    "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl", resumes=True),
 }
 RENDERED = (
     "cpsat",

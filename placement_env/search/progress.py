@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,9 +56,18 @@ class Limits:
         """How much of the nearer limit is used, 0 to 1; 0 without limits."""
         return min(1.0, max(self.count / self.evaluations, self.elapsed / self.seconds))
 
-    def record(self, reward: float) -> None:
-        """Note that the best reward is now this."""
-        self.rows.append((self.count, self.elapsed, reward))
+    def record(self, reward: float, *, at: int | None = None) -> None:
+        """Note that the best reward is this since so many sets, None for since now."""
+        self.rows.append((self.count if at is None else at, self.elapsed, reward))
+
+    def state(self) -> dict[str, Any]:
+        """Of a checkpoint."""
+        return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from a checkpoint: the sets and seconds until then count."""
+        self.count, self.started = int(state["count"]), time.monotonic() - float(state["elapsed"])
+        self.rows = [(int(count), float(seconds), float(reward)) for count, seconds, reward in state["rows"]]
 
     def history(self, reward: float) -> History:
         """The improvements, and where it ends."""
@@ -84,6 +93,16 @@ class Progress:
     def spent(self) -> bool:
         """Whether a limit is reached."""
         return self.limits.spent
+
+    def state(self) -> dict[str, Any]:
+        """Of a checkpoint."""
+        return {"limits": self.limits.state(), "best": np.flatnonzero(self.best).tolist(), "reward": self.reward}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from a checkpoint; the incumbent is scored once more, so that it is known."""
+        self.limits.resume(state["limits"])
+        self.best, self.reward = rows_of([state["best"]], self.size)[0], float(state["reward"])
+        self.objective.scores(self.best[None])
 
     def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Figures:
         """Score sets, feasible or not, as far as the limits go."""
@@ -131,11 +150,11 @@ class Progress:
         if not better.size:
             return
         fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
-        better = better[fits]
-        if better.size:
-            row = better[np.argmax(rewards[better])]
-            self.best, self.reward = subsets[row].copy(), float(rewards[row])
-            self.limits.record(self.reward)
+        before = self.limits.count - len(subsets)
+        for row in better[fits].tolist():  # one after another, so that the history does not hang on how many at once
+            if rewards[row] > self.reward:
+                self.best, self.reward = subsets[row].copy(), float(rewards[row])
+                self.limits.record(self.reward, at=before + row + 1)
 
     def _pace(self, scored: int, took: float) -> None:
         """Blocks as large as fit `PACE_S` and what is left of the time: one set may take 0.1 ms, or a minute."""

@@ -105,6 +105,7 @@ class Assessment:
     entrants: int
     raced: int
     contenders: tuple[Contender, ...]
+    expected: float = math.nan
 
     @property
     def curse(self) -> float:
@@ -186,22 +187,23 @@ def _result_of(content: dict[str, Any]) -> Result:
     return Result(
         **content
         | {
-            "best": _score(content["best"]),
+            "best": score_of(content["best"]),
             "history": History(
                 np.array(history["evaluations"], np.int64),
                 np.array(history["seconds"], np.float64),
                 np.array(history["reward"], np.float64),
             ),
             "certificate": Certificate(**certificate | {"bound": _number(certificate["bound"], math.inf)}),
-            "front": _each(_score, content["front"]),
-            "by_size": _each(_score, content["by_size"]),
+            "front": _each(score_of, content["front"]),
+            "by_size": _each(score_of, content["by_size"]),
             "sensors": _each(_sensor, content["sensors"]),
             "assessment": None if assessment is None else _assessment(assessment),
         }
     )
 
 
-def _score(row: dict[str, Any]) -> Score:
+def score_of(row: dict[str, Any]) -> Score:
+    """The score whose values a file holds."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
     return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
 
@@ -212,7 +214,8 @@ def _sensor(row: dict[str, Any]) -> Sensor:
 
 def _assessment(row: dict[str, Any]) -> Assessment:
     rows = [each | {name: tuple(each[name]) for name in ("searches", "subset")} for each in row["contenders"]]
-    return Assessment(**row | {"contenders": tuple(Contender(**each) for each in rows)})
+    expected = _number(row.get("expected"), math.nan)
+    return Assessment(**row | {"expected": expected, "contenders": tuple(Contender(**each) for each in rows)})
 
 
 def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:

@@ -8,12 +8,14 @@ set is a local optimum under such changes. Then it starts again from a random se
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.greedy import grow
 from placement_env.search.neighbourhood import Neighbourhood
 from placement_env.search.progress import Progress, rows_of, with_each
@@ -21,6 +23,18 @@ from placement_env.search.result import Certificate, Result
 
 STARTS = 5
 EMPTY = -1  # a place without a sensor
+
+
+@dataclass
+class Climb:
+    """A climb on its way. start: its number; before: the best reward until it began; places: of the set, a candidate or
+    `EMPTY` in each; waiting: places to be changed next; reward: of the set."""
+
+    start: int
+    before: float
+    places: list[int]
+    waiting: list[int]
+    reward: float
 
 
 def search(
@@ -32,27 +46,42 @@ def search(
     evaluations: int | None = None,
     starts: int | None = None,
     start: Iterable[int | str] | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets drawn from `seed`.
 
     start: candidates by index or name, such as the answer of another search; those that do not fit the budget, their
     links or the money beside those before them are left out. starts: how many; None for as many as the limits allow, or
-    `STARTS` without a limit. The certificate is "local optimum" where the best set was searched around to its end.
-    Raises ValueError where `starts` is below 1 and for a candidate that there is not.
+    `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local optimum"
+    where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a candidate
+    that there is not.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)
     neighbourhood, rng = Neighbourhood(objective, budget), np.random.default_rng(seed)
-    proven = False
     if starts is None:
         starts = STARTS if seconds is None and evaluations is None else sys.maxsize
-    for number in range(starts):
-        if progress.spent and number:
-            break
-        before = progress.reward if number else -np.inf
-        finished = _climb(progress, neighbourhood.sample(rng) if number else _first(progress, start), rng)
-        proven = finished if progress.reward > before else proven
+    first, proven, climb = 0, False, None
+
+    def state() -> KeptState:
+        now = {"progress": progress.state(), "rng": rng.bit_generator.state, "proven": proven}
+        return now | ({} if climb is None else {"climb": vars(climb)})
+
+    if (kept := checkpoint.load()) is not None:
+        progress.resume(kept["progress"])
+        rng.bit_generator.state, proven, climb = kept["rng"], kept["proven"], Climb(**kept["climb"])
+        first = climb.start
+    for number in range(first, starts):
+        if climb is None:
+            if progress.spent and number:
+                break
+            before = progress.reward if number else -np.inf
+            begins = neighbourhood.sample(rng) if number else _first(progress, start)
+            climb = _begun(progress, number, before, begins)
+        finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
+        proven = finished if progress.reward > climb.before else proven
+        climb = None
     certificate = (
         Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
         if proven
@@ -78,24 +107,31 @@ def _greedy(progress: Progress) -> list[int]:
     return np.flatnonzero(progress.best).tolist() or grown
 
 
-def _climb(progress: Progress, start: list[int], rng: np.random.Generator) -> bool:
-    """Change one place after another until none improves; whether it came so far before the limits did."""
-    places = start + [EMPTY] * (progress.budget - len(start))
-    reward = float(progress.rewards(rows_of([start], progress.size))[0])
-    waiting = list(range(len(places)))
-    while waiting:
-        place = waiting.pop(0)
+def _begun(progress: Progress, start: int, before: float, chosen: list[int]) -> Climb:
+    """The start of a climb from a set."""
+    places = chosen + [EMPTY] * (progress.budget - len(chosen))
+    reward = float(progress.rewards(rows_of([chosen], progress.size))[0])
+    return Climb(start, before, places, list(range(len(places))), reward)
+
+
+def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]) -> bool:
+    """Change one place after another until none improves; whether it came so far before the limits did. between:
+    called before each change."""
+    places = climb.places
+    while climb.waiting:
+        between()
+        place = climb.waiting.pop(0)
         others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
         subsets = np.vstack([rows_of([others], progress.size), with_each(others, options, progress.size)])
         rewards = progress.rewards(subsets)
         best = int(rewards.argmax())
-        if rewards[best] > reward:
-            reward = float(rewards[best])
+        if rewards[best] > climb.reward:
+            climb.reward = float(rewards[best])
             places[place] = EMPTY if best == 0 else int(options[best - 1])
-            waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
+            climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
         if not np.isfinite(rewards).all():
             return False
-    if reward == progress.reward:  # of equal sets the one whose surroundings are known
+    if climb.reward == progress.reward:  # of equal sets the one whose surroundings are known
         progress.best = rows_of([[c for c in places if c != EMPTY]], progress.size)[0]
     return True

@@ -2,12 +2,23 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from models.training.packed import PackedFrames
+from toolkit.boxes import footprints
+from toolkit.datasets.cloud_files import read_poses
+from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.datasets.samples import read, write_samples
+from toolkit.geometry import pose
+from toolkit.objects import Objects
+from toolkit.rendering.renderer import Renderer
+from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site, Solid
 
 ROOT = Path(__file__).parents[2]
 LOG = Path(os.environ.get("COVIEW_SHARED", ROOT.parent / "shared")) / "real" / "av2_two_lidars"
@@ -66,3 +77,111 @@ def test_the_real_log(tmp_path, run):
         found[level] = row["ap"]
     assert found["plane"] > 0.5
     assert found["plane"] > found["none"]
+
+
+@pytest.fixture(scope="session")
+def lidars(tmp_path_factory):
+    """Six samples of two 32-row lidars beside a street, one of them crooked; two cars stand elsewhere in each."""
+    model = RowLidar(tuple(np.deg2rad(np.linspace(0, -40, 32))), columns=720)
+    hut = Solid(np.array([[-14.0, 10], [-8, 10], [-8, 16], [-14, 16]]), 0.0, 4.0, "building")
+    true = [Sensor("east", model, pose(-6.0, -9.0, 4.5, yaw=1.0)), Sensor("west", model, pose(6.0, -9.0, 4.5, yaw=2.0))]
+    crooked = pose(roll=np.deg2rad(0.4), pitch=np.deg2rad(0.6)) @ true[1].pose
+    rng, samples = np.random.default_rng(0), []
+    for k in range(6):
+        boxes = np.array([[-12.0 + 4 * k, 0.0, 0.75, 4.4, 1.9, 1.5, 0.0], [9.0 - 3 * k, 4.0, 0.75, 4.2, 1.8, 1.5, 0.0]])
+        cars = tuple(Solid(footprint, 0.0, 1.5, "container") for footprint in footprints(boxes))
+        site = Site("street", np.array([-25.0, -25, 25, 25]), solids=(hut, *cars))
+        clouds = []
+        for sensor, image in zip(true, Renderer(site, [], tuple(true), threads=1).background, strict=True):
+            noisy = model.noisy(image, rng)
+            points = (model.rays() * noisy[..., None])[noisy > 0]
+            believed = sensor.pose if sensor.name == "east" else crooked
+            clouds.append(SensorCloud(sensor.name, points, believed))
+        samples.append(Sample(str(k), tuple(clouds), Objects(boxes)))
+    folder = tmp_path_factory.mktemp("lidars") / "street"
+    write_samples(samples, folder, "folder")
+    return folder
+
+
+LIDAR_AREA = ("--layout", "folder", "--area", -20, -20, 20, 20, "--level", "plane", "--still", "--classes", "vehicle")
+
+
+def test_schemes_on_lidars_that_are_put_right(lidars, tmp_path, run):
+    arguments = ("evaluate", lidars, *LIDAR_AREA, "--schemes", "early", "foreground", "--rate", 10)
+    code, said, err = run(*arguments, "--detector", "cluster", "--calibrate", "together", "--out", tmp_path)
+    assert code == 0, err
+    assert "west: turned by 0." in said
+    assert "at 10 Hz" in said
+    assert "east: of 1" in said
+    content = json.loads((tmp_path / "table.json").read_text())
+    assert 0.2 < content["poses"]["west"]["turned_deg"] < 0.8
+    early, foreground = (content["schemes"][name]["kbit_per_sensor"] for name in ("early", "foreground"))
+    assert foreground < early / 15
+    worth = [row["ap"] for row in rows(tmp_path / "table.json", "BEV 0.5")]
+    assert min(worth) > 0.5
+
+
+def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
+    arguments = ("calibrate", lidars, "--layout", "folder", "--held", "east", "--frames", 5)
+    code, said, err = run(*arguments, "--poses", tmp_path / "poses.json", "--out", tmp_path / "right")
+    assert code == 0, err
+    assert "west: turned by 0." in said
+    found = read_poses(tmp_path / "poses.json")
+    true = pose(6.0, -9.0, 4.5, yaw=2.0)
+    believed = next(read(lidars, "folder")).clouds[1].world_SE3_sensor
+    assert np.abs(believed - true).max() > 0.05
+    assert np.abs(found["west"][:3, :3] - true[:3, :3]).max() < 0.003
+    right = list(read(tmp_path / "right", "folder"))
+    assert len(right) == 5
+    np.testing.assert_allclose(right[4].clouds[1].world_SE3_sensor, found["west"], atol=1e-9)
+    assert "--errors is not for --layout" in refused(*arguments, "--errors", "poor")
+    assert "no sensor 'south'" in refused("calibrate", lidars, "--layout", "folder", "--held", "south")
+
+
+def test_one_lidar_alone_is_scored_whatever_the_other_is(lidars, tmp_path, run):
+    alone = tmp_path / "alone"
+    samples = []
+    for sample in read(lidars, "folder"):
+        east, west = sample.clouds
+        blinded = SensorCloud("west", west.points[:9], west.world_SE3_sensor)
+        samples.append(replace(sample, clouds=(east, blinded)))
+    write_samples(samples, alone, "folder")
+    arguments = ("evaluate", alone, "--layout", "folder", "--level", "plane", "--still", "--classes", "vehicle")
+    chosen = (*arguments, "--detector", "cluster", "--sensors", "east", "--schemes", "foreground")
+    code, said, err = run(*chosen, "--out", tmp_path / "e")
+    assert code == 0, err
+    assert "west" not in said
+    (row,) = rows(tmp_path / "e" / "table.json", "BEV 0.5")
+    assert row["ap"] > 0.3
+    code, _, err = run(*arguments, "--detector", "cluster", "--schemes", "foreground", "--out", tmp_path / "x")
+    assert code == 2
+    assert "54 points of west say nothing of its rows" in err
+
+
+def test_clusters_find_what_no_label_says(lidars, tmp_path, run):
+    code, said, err = run("evaluate", lidars, *LIDAR_AREA, "--detector", "cluster", "--out", tmp_path)
+    assert code == 0, err
+    assert "all clouds" in said
+    (row,) = rows(tmp_path / "table.json", "BEV 0.5")
+    assert row["ap"] > 0.5
+
+
+def test_calibration_is_for_clouds_and_by_what_there_is(lidars, recording, tmp_path, refused):
+    assert "--calibrate needs --layout" in refused("evaluate", recording, "--calibrate", "together")
+    arguments = ("evaluate", lidars, *LIDAR_AREA, "--out", tmp_path)
+    assert "nowhere.ply" in refused(*arguments, "--calibrate", "nowhere.ply")
+
+
+@pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
+def test_foreground_on_the_real_log(tmp_path, run):
+    pytest.importorskip("pyarrow")
+    arguments = ("--frames", 1, "--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
+    chosen = ("--layout", "argoverse", *arguments, "--schemes", "foreground")
+    code, said, err = run("evaluate", LOG, *chosen, "--out", tmp_path)
+    assert code == 0, err
+    assert "empty scenes are learnt from 1 samples" in err
+    assert "up_lidar: of 51785 points its images leave out" in said
+    (row,) = rows(tmp_path / "table.json", "BEV 0.5")
+    assert row["ap"] > 0.5
+    content = json.loads((tmp_path / "table.json").read_text())
+    assert 10 < content["schemes"]["foreground"]["kbit_per_sensor"] < 100

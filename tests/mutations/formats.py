@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import layout_formats as layouts
 import network_formats as networks
 import numpy as np
 import point_formats as points
@@ -73,6 +74,10 @@ def formats() -> dict[str, Format]:
         **{
             name: Format(make, points.read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
             for name, make in meshes.items()
+        },
+        **{
+            name: Format(layouts.maker(name), layouts.reader(name), mutations, 0.4)
+            for name, (_, _, mutations) in layouts.FILES.items()
         },
     }
 

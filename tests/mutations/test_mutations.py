@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from toolkit.datasets.layouts.table import LAYOUTS as LAYOUT_NAMES
+
 HERE = Path(__file__).parent
 HALVES = (
     (
@@ -36,6 +38,9 @@ HALVES = (
 )
 
 
+LAYOUTS = ("in-",)  # a file of a recording in each layout
+
+
 def run(mutants: int, wanted: tuple[str, ...]) -> None:
     done = subprocess.run(
         [sys.executable, HERE / "run.py", str(mutants), "--formats", *wanted], capture_output=True, text=True,
@@ -47,23 +52,35 @@ def run(mutants: int, wanted: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("wanted", HALVES)
 def test_some_mutants_of_every_format(wanted):
-    run(400, wanted)
+    run(530, wanted)
+
+
+def test_some_mutants_of_every_layout():
+    run(130, LAYOUTS)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wanted", HALVES)
+@pytest.mark.parametrize("wanted", [*HALVES, LAYOUTS])
 def test_very_many_mutants_of_every_format(wanted):
-    run(2400, wanted)
+    run(3200, wanted)
+
+
+def test_every_layout_has_damaged_files():
+    text = printed("from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in FILES.values()})")
+    assert set(text.split()) == set(LAYOUT_NAMES)
 
 
 def test_the_halves_are_all_formats():
-    code = "from formats import formats; print(*formats())"
-    text = subprocess.run(
+    for name in printed("from formats import formats; print(*formats())").split():
+        assert sum(any(part in name for part in half) for half in (*HALVES, LAYOUTS)) == 1, name
+
+
+def printed(code):
+    """What some code prints beside the scripts."""
+    return subprocess.run(
         [sys.executable, "-c", code], cwd=HERE, capture_output=True, text=True, check=True,
         env={"PYTHONPATH": str(HERE.parents[1])},
     ).stdout  # fmt: skip
-    for name in text.split():
-        assert sum(any(part in name for part in half) for half in HALVES) == 1, name
 
 
 def test_named_damage_is_one_line_each():

@@ -256,6 +256,47 @@ def test_a_budget_of_set_frames_and_a_stop():
     assert race_until(stopped, np.eye(5, dtype=bool), np.arange(96), stop=lambda: True).spent == 60
 
 
+def test_a_race_ends_with_the_frames_there_was_time_for():
+    """Of the second rung's 24 frames there are 17."""
+
+    def scores(sets, frames):
+        asked.append((len(sets), len(frames)))
+        return spread(sets, frames)._replace(frames=17 if len(frames) > 12 else None)
+
+    asked, spread = [], Spread(TRUE, noise=0.2)
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(96), tolerance=0.0)
+    assert asked == [(5, 12), (asked[1][0], 24)]
+    assert ran.frames.tolist()[: asked[1][0]] == [17] * asked[1][0]
+    assert ran.spent == 60 + 5 * asked[1][0]
+    assert ran.confidence < 0.95
+
+
+@pytest.mark.parametrize(("blocks", "confidence"), [(1, 0.5), (3, 1 - 1 / 8), (5, 1 - 1 / 32)])
+def test_nobody_is_sure_by_the_few_blocks_there_was_time_for(blocks, confidence):
+    """What is worse in all of three blocks may be so by chance."""
+
+    def scores(sets, frames):
+        return Spread(TRUE, noise=0.0)(sets, frames)._replace(frames=7, blocks=float(blocks))
+
+    ran = race_until(scores, np.eye(5, dtype=bool), np.arange(48), confidence=0.95)
+    assert (ran.ranking[0], ran.confidence, ran.spent) == (1, confidence, 35)
+    assert race_until(scores, np.eye(5, dtype=bool)[:1], np.arange(48)).confidence == 1.0
+
+
+def test_sets_go_by_figures_and_predictions_together():
+    """The second leads by its figure, the fifth by what was predicted, within the noise."""
+    predicted = TRUE + np.array([0.0, -0.04, 0.0, 0.0, 0.05]) - 0.2
+    noisy = Spread(TRUE, noise=0.3)
+    ran = race_until(noisy, np.eye(5, dtype=bool), np.arange(24), predicted=predicted)
+    assert ran.ranking[0] == 4
+    assert ran.figures[0] == TRUE[4]  # as measured
+    assert ran.expected[0] > ran.expected[ran.ranking.tolist().index(1)]
+    assert 0.895 < ran.expected[0] < 0.95
+    alone = race_until(Spread(TRUE, noise=0.3), np.eye(5, dtype=bool), np.arange(24))
+    assert alone.ranking[0] == 1
+    assert alone.expected.tolist() == alone.figures.tolist()
+
+
 def test_equal_rows_race_once_and_bad_arguments_are_refused():
     twice = np.eye(5, dtype=bool)[[1, 1, 2]]
     assert race_until(Spread(TRUE, noise=0.0), twice, np.arange(12)).ranking.tolist() == [0, 2]

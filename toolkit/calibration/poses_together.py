@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
+from toolkit.arrays import Float64
 from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
-from toolkit.calibration.joint import Alignment, align, towards_sensor
+from toolkit.calibration.joint import Alignment, Pairs, Poses, align, towards_sensor
 from toolkit.calibration.joint_objects import SitedRecording, object_pairs, seen_objects
 from toolkit.calibration.reference import cloud_surface, scene_points
 from toolkit.calibration.registration import Registration
@@ -46,14 +47,26 @@ def find_poses_together(
     scenes = learn_empty_scenes(recording, frames=count, sample=sample, errors=errors, noise_seed=noise_seed)
     sensors = read_frame(recording, 0, errors=errors, noise_seed=noise_seed).sensors
     stay = select_sensors(sensors, held)
-    surfaces = [towards_sensor(cloud_surface(scene_points(scene)[0])) for scene in scenes]
     more = None
     if detector is not None:
         chosen = np.unique(np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)).tolist()
         read = [read_frame(recording, k, errors=errors, noise_seed=noise_seed) for k in chosen]
         more = partial(object_pairs, seen_objects(recording, read, detector))
-    alignment = align(surfaces, [sensor.pose for sensor in sensors], held=stay, more=more)
-    return tuple(_found(sensor, k, alignment, k in stay) for k, sensor in enumerate(sensors))
+    return clouds_together([scene_points(scene)[0] for scene in scenes], sensors, held=stay, more=more)
+
+
+def clouds_together(
+    clouds: Sequence[Float64[np.ndarray, "_ 3"]],
+    sensors: Sequence[Sensor],
+    *,
+    held: Sequence[int] = (),
+    more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
+) -> tuple[FoundPose, ...]:
+    """The same of sensors whose points of the standing scene are known, each in its own frame; held: numbers; more: see
+    `toolkit.calibration.joint.align`."""
+    surfaces = [towards_sensor(cloud_surface(points)) for points in clouds]
+    alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
+    return tuple(_found(sensor, k, alignment, k in held) for k, sensor in enumerate(sensors))
 
 
 def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> FoundPose:

@@ -24,6 +24,7 @@ from toolkit.sites.site import Site
 
 SURFACE_SPACING = 0.15  # m between the points a surface is sampled with
 OUTSKIRTS = 30.0  # m beyond the detection area, as far as a site's surface is sampled
+LEAST_FLAT = 50  # points of a surface
 GROWS = ("tree", "bush")  # kinds of solids that no drawing of a site holds leaf by leaf
 _NEIGHBOURHOOD, _NEIGHBOURS = 2.0, 24  # m and points at most, that a normal is fitted to
 _FLAT, _LONG = 0.35, 0.15  # least extent by the middle one of what is not flat; middle by largest of what is a line
@@ -69,14 +70,16 @@ def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
 
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < LEAST_FLAT:
+        raise ValueError(f"the reference has {len(points)} points on flat ground or walls, {LEAST_FLAT} are needed")
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(SURFACE_SPACING)
     around = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOURHOOD, _NEIGHBOURS)
     cloud.estimate_normals(around)
     cloud.estimate_covariances(around)
     extents = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
     flat = (extents[:, 0] < _FLAT**2 * extents[:, 1]) & (extents[:, 1] > _LONG**2 * extents[:, 2])
-    if flat.sum() < 50:
-        raise ValueError(f"the reference has {int(flat.sum())} points on flat ground or walls, 50 are needed")
+    if flat.sum() < LEAST_FLAT:
+        raise ValueError(f"the reference has {int(flat.sum())} points on flat ground or walls, {LEAST_FLAT} are needed")
     return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat], np.sqrt(extents[flat, 0].clip(0)))
 
 

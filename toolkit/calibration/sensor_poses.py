@@ -156,6 +156,17 @@ def check_frames_suffice(recording: Readable, frames: int | None) -> int:
 def find_pose(scene: EmptyScene, sensor: Sensor, surface: Surface) -> FoundPose:
     """The pose of one sensor from its empty scene, near the one it is believed to have; a refusal says why not."""
     points, deviation = scene_points(scene)
+    return find_pose_of_points(points, sensor, surface, deviation=deviation)
+
+
+def find_pose_of_points(
+    points: Float64[np.ndarray, "n 3"],
+    sensor: Sensor,
+    surface: Surface,
+    *,
+    deviation: Float64[np.ndarray, " n"] | None = None,
+) -> FoundPose:
+    """The same from points that it measured, own frame; deviation: of each (m)."""
     try:
         registration = register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:

@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
+from toolkit.datasets.layouts.hdf5_clouds import CLOUDS_KIND
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -192,7 +193,10 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> None:
-    """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset."""
+    """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset, and
+    where the file holds recorded clouds."""
+    if str(hdf5.attributes_in(file, "the file").get("coview", "")) == CLOUDS_KIND:
+        raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     kinds: dict[str, type] = {
         "dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group, "coview": h5py.Group,
         "coview/ranges": h5py.Group, "coview/depth": h5py.Group,

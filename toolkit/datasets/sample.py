@@ -7,15 +7,15 @@ the site's; on a vehicle it is the vehicle's, and `map_SE3_world` says where in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.boxes import corners
-from toolkit.geometry import check_pose, transform
+from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import Objects
 
 IGNORED_SHARE = 0.5  # of a box's rectangle in the image, from which on an ignored region voids it, as KITTI has it
@@ -27,7 +27,7 @@ class SensorCloud:
 
     points: (n, 3) m, in the sensor's own frame or, where the set gives them so, in the sample's world frame; `frame`
     says which. world_SE3_sensor: where the sensor was. time: of each point, seconds from the sample's time; intensity:
-    as the set gives it. None where the set has none.
+    as the set gives it; ring: number of the laser that measured it. None where the set has none.
     """
 
     name: str
@@ -36,14 +36,28 @@ class SensorCloud:
     frame: Literal["sensor", "world"] = "sensor"
     time: Float64[np.ndarray, " n"] | None = None
     intensity: Float32[np.ndarray, " n"] | None = None
+    ring: Int64[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise ValueError(f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}")
-        for name, column in (("time", self.time), ("intensity", self.intensity)):
+        for name, column in (("time", self.time), ("intensity", self.intensity), ("ring", self.ring)):
             if column is not None and column.shape != (len(self.points),):
                 raise ValueError(f"{name} of {self.name!r} must be of {len(self.points)} points, got {column.shape}")
         object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
+
+    def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
+        """The points in the sensor's own frame, float64."""
+        points = self.points.astype(np.float64)
+        return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
+
+    def in_own_frame(self) -> SensorCloud:
+        """The cloud with its points in the sensor's own frame."""
+        return (
+            self
+            if self.frame == "sensor"
+            else replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
+        )
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
         """The points in the world frame, float64, so that map coordinates keep their millimetres."""
@@ -59,6 +73,10 @@ class Region(Protocol):
         """Which boxes, world frame, stand where an unlabelled object would be a miss of the labels."""
         ...
 
+    def record(self) -> dict[str, Any]:
+        """What files say of it, in JSON: its kind, and its numbers; `region_of` makes a region of that."""
+        ...
+
 
 @dataclass(frozen=True)
 class Everywhere:
@@ -67,6 +85,10 @@ class Everywhere:
     def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
         """All."""
         return np.ones(len(boxes), bool)
+
+    def record(self) -> dict[str, Any]:
+        """Its kind."""
+        return {"kind": "everywhere"}
 
 
 @dataclass(frozen=True)
@@ -80,6 +102,10 @@ class Rectangle:
         xmin, ymin, xmax, ymax = self.area
         x, y = boxes[:, 0], boxes[:, 1]
         return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
+
+    def record(self) -> dict[str, Any]:
+        """Its kind and area."""
+        return {"kind": "rectangle", "area": list(self.area)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +137,12 @@ class ImageWedge:
         high = np.clip(np.stack([u.max(axis=1), v.max(axis=1)], axis=1), 0, limits)
         return np.where(np.asarray(ahead.all(axis=1))[:, None], np.hstack([low, high]), 0.0)
 
+    def record(self) -> dict[str, Any]:
+        """Its kind, its projection, its image and what is ignored in it."""
+        ignored = [list(region) for region in self.ignored]
+        return {"kind": "image", "projection": self.projection.tolist(), "width": self.width, "height": self.height,
+                "ignored": ignored}  # fmt: skip
+
     def _share(self, boxes: np.ndarray, region: tuple[float, float, float, float]) -> np.ndarray:
         rectangles = self.rectangles(boxes)
         overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(rectangles[:, :2], region[:2])
@@ -123,6 +155,43 @@ class ImageWedge:
         depth = homogeneous[:, 2]
         divisor = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
         return homogeneous[:, 0] / divisor, homogeneous[:, 1] / divisor, depth
+
+
+def _four(values: Any) -> tuple[float, float, float, float]:
+    a, b, c, d = (float(value) for value in values)
+    return a, b, c, d
+
+
+def _projection(values: Any) -> Float64[np.ndarray, "3 4"]:
+    matrix = np.array(values, np.float64)
+    if matrix.shape != (3, 4):
+        raise ValueError(f"a projection must be 3 by 4, got {matrix.shape}")
+    return matrix
+
+
+_REGIONS: dict[str, Callable[[Mapping[str, Any]], Region]] = {
+    "everywhere": lambda record: Everywhere(),
+    "rectangle": lambda record: Rectangle(_four(record["area"])),
+    "image": lambda record: ImageWedge(
+        _projection(record["projection"]), int(record["width"]), int(record["height"]),
+        tuple(_four(each) for each in record["ignored"]),
+    ),
+}  # fmt: skip
+
+
+def region_of(record: Any) -> Region:
+    """The region that `Region.record` says. Raises ValueError for a kind that there is not, and for other numbers.
+
+    >>> region_of(Rectangle((0.0, 0.0, 2.0, 1.0)).record())
+    Rectangle(area=(0.0, 0.0, 2.0, 1.0))
+    """
+    kind = str(record.get("kind")) if isinstance(record, Mapping) else ""
+    if kind not in _REGIONS:
+        raise ValueError(f"labels must be complete in one of {', '.join(_REGIONS)}, got {str(record)[:60]}")
+    try:
+        return _REGIONS[kind](record)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})") from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -196,7 +196,7 @@ def evaluate_dataset(
     sets = [tuple(select_sensors(dataset.sensors, chosen)) for chosen in sensor_sets]
     runs = {(name, chosen): _Run() for name in named for chosen in sets}
     known = RecordingScenes(dataset, scenes, errors=errors, noise_seed=noise_seed)
-    settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou, "scene": known}
+    settings: dict[str, Any] = {"codec": check_codec(codec), "nms_iou": nms_iou, "scene": known, "memory": {}}
     truths, counted = [], []
     for k in range(count):
         frame = read_frame(dataset, k, errors=errors, noise_seed=noise_seed)

@@ -8,21 +8,29 @@ from dataclasses import replace
 from toolkit.detection.early import Early
 from toolkit.detection.hybrid import Hybrid
 from toolkit.detection.late import Late
+from toolkit.detection.link.differences import KEY_EVERY, RefersTo
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 from toolkit.detection.sharing.requests import MOST_GRANT
 
 PAPER_SCHEMES = ("early", "late", "hybrid")  # what tables of sensor sets and observations hold, in this order
 SCHEMES: dict[str, Scheme] = {
-    "early": Early(), "late": Late(), "hybrid": Hybrid(), "foreground": Foreground(), "adaptive": Adaptive()
+    "early": Early(), "late": Late(), "hybrid": Hybrid(), "foreground": Foreground(), "adaptive": Adaptive(),
+    "differences": ForegroundDifferences(),
 }  # fmt: skip
 CURVE_KBIT = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # per sensor and frame
 
 
-def schemes_in_steps(step: float, *, adaptive: Adaptive | None = None) -> dict[str, Scheme]:
-    """The same, those that send numbers in steps doing so in these (m); adaptive: in place of the usual budget."""
-    return SCHEMES | {"foreground": Foreground(step)} | ({} if adaptive is None else {"adaptive": adaptive})
+def schemes_in_steps(
+    step: float, *, adaptive: Adaptive | None = None, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
+) -> dict[str, Scheme]:
+    """The same, those that send numbers in steps doing so in these (m); adaptive: in place of the usual budget;
+    refers_to, key_every: of differences."""
+    differences = ForegroundDifferences(step, refers_to, key_every)
+    stepped: dict[str, Scheme] = {"foreground": Foreground(step), "differences": differences}
+    return SCHEMES | stepped | ({} if adaptive is None else {"adaptive": adaptive})
 
 
 def sharing_curve(

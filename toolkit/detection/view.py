@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from time import perf_counter
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points,
 from toolkit.sensors.sensor import Sensor
 
 NMS_IOU = 0.1
+LinkMemory = dict[tuple[int, str], Any]  # what links keep from frame to frame, by sensor (index) and name
 _Value = TypeVar("_Value")
+Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +44,15 @@ class Cloud:
 @dataclass(frozen=True, eq=False)
 class Captured:
     """The image that the points of one sensor were measured in. frame: of which it is number `index`; area, height: of
-    the crop; kept: the pixels of the points in the crop in the order of these, None to find them."""
+    the crop; kept: the pixels of the points in the crop in the order of these, None to find them; lift: what was done
+    to points of the frame's world before they were cropped, such as putting them on level ground."""
 
     frame: Frame
     index: int
     area: Area
     height: float | None = None
     kept: Int64[np.ndarray, " n"] | None = None
+    lift: Lift | None = None
 
     @property
     def sensor(self) -> Sensor:
@@ -79,7 +83,8 @@ class Captured:
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         if shift is not None:
             xyz += shift.reshape(-1, 3).T
-        return np.ascontiguousarray(xyz[:, valid].T)
+        points = np.ascontiguousarray(xyz[:, valid].T)
+        return points if self.lift is None else self.lift(points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +115,8 @@ class View:
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
     clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
     dropped; capture: gives the image behind the points of a sensor, None where there is none; scene: gives the empty
-    scene of a sensor, None where none is known.
+    scene of a sensor, None where none is known; memory: passed from one frame's view to the next by whoever reads
+    frames in order, None where they are not.
     """
 
     def __init__(
@@ -124,7 +130,9 @@ class View:
         nms_iou: float = NMS_IOU,
         capture: Callable[[int], Captured] | None = None,
         scene: Callable[[int], EmptyScene] | None = None,
+        memory: LinkMemory | None = None,
     ) -> None:
+        self._memory: LinkMemory = {} if memory is None else memory
         self.site, self.sensors, self.codec, self.nms_iou = site, sensors, codec, nms_iou
         self._measure, self._run, self._capture, self._scene = measure, run, capture, scene
         self._captured: dict[int, Captured] = {}
@@ -165,6 +173,13 @@ class View:
         if self._scene is None:
             raise ValueError("this view knows no empty scenes: pass some of toolkit.calibration.empty_scene")
         return self._scene(sensor)
+
+    def remembered(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
+        """What a link of a sensor keeps from frame to frame, made by `begin` in the first; name: of the link."""
+        if (sensor, name) not in self._memory:
+            self._memory[sensor, name] = begin()
+        kept: _Value = self._memory[sensor, name]
+        return kept
 
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
@@ -232,8 +247,10 @@ def frame_view(
     codec: Codec = PAPER,
     nms_iou: float = NMS_IOU,
     scene: Callable[[int], EmptyScene] | None = None,
+    memory: LinkMemory | None = None,
 ) -> View:
-    """The view of a frame, cropped to a site or area and below a height (m), else the site's own; scene: see `View`."""
+    """The view of a frame, cropped to a site or area and below a height (m), else the site's own; scene, memory: see
+    `View`."""
 
     def measure(sensor: int) -> Float32[np.ndarray, "n 3"]:
         return frame_points(frame, [sensor], area=site, height=height)[0]
@@ -245,8 +262,9 @@ def frame_view(
         return Captured(frame, sensor, site, height)
 
     return View(
-        site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou, capture=capture, scene=scene
-    )
+        site, frame.sensors, measure=measure, run=run, codec=codec, nms_iou=nms_iou, capture=capture, scene=scene,
+        memory=memory,
+    )  # fmt: skip
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:

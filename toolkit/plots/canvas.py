@@ -86,15 +86,24 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> F
     return figure
 
 
+def check_picture(out: Path | str) -> None:
+    """Raise ValueError where the name of a picture ends in neither .png nor .svg.
+
+    >>> check_picture("frame.jpg")
+    Traceback (most recent call last):
+    ValueError: a picture's name must end in .png or .svg, got frame.jpg
+    """
+    if Path(out).suffix.lower() not in (".png", ".svg"):
+        raise ValueError(f"a picture's name must end in .png or .svg, got {Path(out).name}")
+
+
 def write_figure(figure: Figure, out: Path | str) -> None:
     """Write SVG where the file's name ends in .svg, PNG where it ends in .png; the same picture, the same bytes.
 
     Raises ValueError for another ending.
     """
-    ending = Path(out).suffix.lower()
-    if ending not in (".png", ".svg"):
-        raise ValueError(f"a picture's name must end in .png or .svg, got {Path(out).name}")
-    if ending == ".svg":
+    check_picture(out)
+    if Path(out).suffix.lower() == ".svg":
         write_bytes(out, f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
         return
     drawn = BytesIO()

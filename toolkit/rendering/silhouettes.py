@@ -18,6 +18,8 @@ from toolkit.rendering.strips import counting
 from toolkit.sensors.model import NEAR, nearest
 from toolkit.sensors.sensor import Sensor
 
+BOXES_TOGETHER = 512  # boxes whose windows are found together
+
 
 class Silhouette(NamedTuple):
     """Pixels that meet an object nearer than what stands still, numbered row after row, sensor after sensor; the sensor
@@ -27,6 +29,14 @@ class Silhouette(NamedTuple):
     sensors: Int64[np.ndarray, " n"]
     depth: Float32[np.ndarray, " n"]
     points: Float32[np.ndarray, "n 3"]
+
+
+class Windows(NamedTuple):
+    """Where one box may be seen: rows of sensor, top, bottom, left, right (pixels); and the least that each sensor can
+    measure of it (m)."""
+
+    rows: Int64[np.ndarray, "m 5"]
+    least: Float32[np.ndarray, " S"]
 
 
 class SensorRays:
@@ -51,9 +61,21 @@ class SensorRays:
             (model, np.array([i for i, each in enumerate(models) if each == model])) for model in dict.fromkeys(models)
         ]
 
-    def silhouette(self, body: int, box: Float64[np.ndarray, "7"]) -> Silhouette:
-        """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves."""
-        pixels, sensors = self._in_windows(self._renderer.reached_corners(np.array([body]), box[None])[0])
+    def windows(self, bodies: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> list[Windows]:
+        """Where each of some bodies of the renderer may be seen in its box."""
+        each: list[Windows] = []
+        for first in range(0, len(boxes), BOXES_TOGETHER):
+            some = slice(first, first + BOXES_TOGETHER)
+            each += self._windows(self._renderer.reached_corners(bodies[some], boxes[some]))
+        return each
+
+    def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:
+        """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves. windows: of that
+        box, None to find them."""
+        (there,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
+        pixels, sensors = self._in_windows(there)
+        if not len(pixels):
+            return Silhouette(pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32))
         body_from_world = self._renderer.body_from_world(box)
         turn = body_from_world[:3, :3].T.astype(np.float32)
         starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
@@ -68,26 +90,38 @@ class SensorRays:
         points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
 
-    def _in_windows(self, world_corners: Float64[np.ndarray, "8 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels that may meet a box, and their sensors."""
+    def _windows(self, world_corners: Float64[np.ndarray, "n 8 3"]) -> list[Windows]:
+        """Of boxes, all of them at once."""
         rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
-        in_sensor = (world_corners - positions) @ rotations
-        least = np.zeros(len(self.sensors), np.float32)
-        found = []
+        count = len(world_corners)
+        in_sensor = (world_corners[:, None] - positions) @ rotations
+        least = np.zeros((count, len(self.sensors)), np.float32)
+        found, owners = [], []
         for model, alike in self._alike:
-            least[alike] = nearest(model, in_sensor[alike])
-            windowed = model.windows(in_sensor[alike])
-            windowed[:, 0] = alike[windowed[:, 0]]
+            corners = in_sensor[:, alike].reshape(-1, 8, 3)
+            least[:, alike] = nearest(model, corners).reshape(count, -1)
+            windowed = model.windows(corners)
+            owner, which = np.divmod(windowed[:, 0], len(alike))
+            windowed[:, 0] = alike[which]
             found.append(windowed)
-        sensor, top, bottom, left, right = np.concatenate(found).T
+            owners.append(owner)
+        owner, rows = np.concatenate(owners), np.concatenate(found)
+        order = np.argsort(owner, kind="stable")
+        ends = np.searchsorted(owner[order], np.arange(1, count))
+        return [Windows(*each) for each in zip(np.split(rows[order], ends), least, strict=True)]
+
+    def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels that may meet a box, and their sensors."""
+        sensor, top, bottom, left, right = windows.rows.T
+        once_each = len(set(sensor.tolist())) == len(sensor)
         rows = bottom - top
         sensor, left, width = (np.repeat(each, rows) for each in (sensor, left, right - left))
         row = counting(rows) + np.repeat(top, rows)
         begin = self.first[sensor] + row * self._columns[sensor] + left
         pixels, sensors = counting(width) + np.repeat(begin, width), np.repeat(sensor, width)
-        reached = np.flatnonzero(self._reach.take(pixels) > least.take(sensors))
+        reached = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels, sensors = pixels[reached], sensors[reached]
-        if len(np.unique(np.concatenate(found)[:, 0])) == sum(map(len, found)):
+        if once_each:
             return pixels, sensors
         pixels, once = np.unique(pixels, return_index=True)  # a lidar's windows may meet beyond its seam
         return pixels, sensors[once]

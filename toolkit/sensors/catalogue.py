@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.model import SensorModel
+from toolkit.sensors.row_lidar import RowLidar
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
 
@@ -87,5 +88,5 @@ def name_in_words(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).replace("_", "-").lower()
 
 
-for _model in (DepthCamera, SpinningLidar, SolidStateLidar):
+for _model in (DepthCamera, SpinningLidar, SolidStateLidar, RowLidar):
     register_sensor_model(_model)

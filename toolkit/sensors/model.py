@@ -135,8 +135,8 @@ def frozen(rays: np.ndarray) -> np.ndarray:
     return rays
 
 
-def angle(default: float) -> Any:
-    """A field of a model that is an angle: radians here, degrees in a site's GeoJSON."""
+def angle(default: float | tuple[float, ...]) -> Any:
+    """A field of a model that is an angle, or several: radians here, degrees in a site's GeoJSON."""
     return field(default=default, metadata={"unit": "rad"})
 
 

@@ -178,7 +178,7 @@ def _read_mount(coordinates: list[Any], properties: Json, where: str) -> Mount:
     position = np.array(_position(coordinates, 3, where))
     where = f"{where}.properties"
     name = _member(properties, "name", str, where)
-    numbers = {key: _number(properties, key, where) for key in properties if key not in ("layer", "name")}
+    numbers: dict[str, Any] = {k: _number(properties, k, where) for k in properties if k not in ("layer", "name")}
     return _named(where, lambda: Mount(name, position, **numbers))
 
 
@@ -214,7 +214,8 @@ def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> An
     if isinstance(entry.default, int):
         return _member(properties, key, int, where)
     if isinstance(properties[key], list) and not isinstance(entry.default, float):
-        return tuple(_numbers(properties[key], len(properties[key]), f"{where}.{key}"))
+        numbers = _numbers(properties[key], len(properties[key]), f"{where}.{key}")
+        return tuple(np.deg2rad(numbers).tolist() if is_angle(entry) else numbers)
     number = _number(properties, key, where)
     return float(np.deg2rad(number)) if is_angle(entry) else number
 
@@ -225,7 +226,7 @@ _READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[s
     "footway": ("Polygon", _read_polygon, ()),
     "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
     "parking": ("Point", _read_parking, ("heading_deg",)),
-    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity")),
+    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
 }
 
@@ -297,6 +298,8 @@ def _point(coordinates: list[float], **properties: Any) -> Json:
 
 
 def _rest(mount: Mount, *left_out: str) -> Json:
+    """The fields of a mount; max_sensors where it may carry several."""
+    left_out = left_out if mount.max_sensors > 1 else (*left_out, "max_sensors")
     return {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
 
 
@@ -308,7 +311,7 @@ def _model(model: SensorModel) -> Json:
 
 def _written_value(entry: Field[Any], value: Any) -> Any:
     if is_angle(entry):
-        return _degrees(value)
+        return [_degrees(each) for each in value] if isinstance(value, tuple) else _degrees(value)
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -59,6 +59,8 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
     """A pole; files of poles have its properties under the same names."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
+    if mount.max_sensors > 1:
+        more = {"max_sensors": mount.max_sensors, **more}
     return feature(site, shapely.Point(mount.position[:2]), layer="mount", **values, **more)
 
 

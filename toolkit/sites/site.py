@@ -51,10 +51,10 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A pole or corner where one sensor may hang, between min_height and max_height (m above `position`).
+    """A pole or corner where sensors may hang, between min_height and max_height (m above `position`).
 
     position: (3,) foot on the ground; price: of building there, in units of one ordinary mount; capacity: of its link
-    to the fusion centre (kbit per frame).
+    to the fusion centre (kbit per frame), shared by its sensors; max_sensors: that it may carry.
     """
 
     name: str
@@ -63,6 +63,7 @@ class Mount:
     max_height: float = 8.0
     price: float = 1.0
     capacity: float = 2000.0
+    max_sensors: int = 1
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -73,6 +74,9 @@ class Mount:
             raise ValueError(f"mount.min_height must lie in 0..max_height {self.max_height}, got {self.min_height}")
         if not 0 <= self.price < np.inf or not self.capacity > 0:
             raise ValueError(f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}")
+        if self.max_sensors != int(self.max_sensors) or self.max_sensors < 1:
+            raise ValueError(f"mount.max_sensors must be a whole number from 1 up, got {self.max_sensors}")
+        object.__setattr__(self, "max_sensors", int(self.max_sensors))
 
 
 @dataclass(frozen=True)

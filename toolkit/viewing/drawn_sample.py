@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from toolkit.arrays import Float32, Float64
-from toolkit.datasets.sample import Sample
-from toolkit.detection.samples.detected import Level, detect_samples, middle_of
-from toolkit.objects import LABELS, Detections, Detector
+from toolkit.datasets.sample import OtherObjects, Sample
+from toolkit.detection.samples.detected import DETECTION_REACH, Detected, Level, detect_samples, middle_of
+from toolkit.objects import LABELS, Detections, Detector, label_index
+from toolkit.viewing.outcomes import MARKED, BoxesByKind, Marked, outcomes_of
 
 OTHERS = "others"  # what a set labels beside our classes
 BOX_KINDS = (*LABELS, OTHERS)
@@ -36,7 +37,7 @@ class DrawnCloud:
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
     """One instant. truth, detections: boxes of each kind of `BOX_KINDS`, none for a kind that is not there; warning: of
-    ground that is not level."""
+    ground that is not level; outcomes: which are hits, missed and false alarms, nothing where nobody knows."""
 
     name: str
     time: float
@@ -44,11 +45,15 @@ class DrawnSample:
     truth: dict[str, Float64[np.ndarray, "_ 7"]]
     detections: dict[str, Float64[np.ndarray, "_ 7"]]
     warning: str | None = None
+    outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
 
     def described(self) -> str:
         """How much is in it, in one line."""
         points = sum(len(cloud.points) for cloud in self.clouds)
-        counts = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
+        counts: dict[str, int] = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
+        for name, boxes in self.outcomes.items():
+            number = _count(boxes)
+            counts[MARKED[name] if number == 1 else name] = number
         return f"{self.name}: " + ", ".join(f"{number} {what}" for what, number in counts.items())
 
 
@@ -59,11 +64,17 @@ def _count(boxes: dict[str, np.ndarray]) -> int:
 @dataclass(frozen=True)
 class Drawing:
     """How samples are drawn: with what a detector finds, if there is one, and levelled as
-    `toolkit.detection.samples.detected.detect_samples` does; middle: x and y, world frame, of where it detects."""
+    `toolkit.detection.samples.detected.detect_samples` does; middle: x and y, world frame, of where it detects; half:
+    of the sides (m) of the area in which detections count; least_score: of those that are drawn; classes, sensors: only
+    boxes of these, and only the clouds of these, all when None."""
 
     detector: Detector | None = None
     levelling: Level = "none"
     middle: tuple[float, float] | None = None
+    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH)
+    least_score: float = 0.0
+    classes: Sequence[str] | None = None
+    sensors: Sequence[str] | None = None
 
     def origin(self, sample: Sample) -> Float64[np.ndarray, "3"]:
         """What a recording that begins with this sample is counted from, in metres, world frame: the middle of its
@@ -75,8 +86,11 @@ class Drawing:
 
     def drawn(self, sample: Sample, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """A sample as it is drawn. Raises ValueError for a levelling that there is not."""
+        sample = sample if self.sensors is None else sample.seen_by(self.sensors)
         detector = self.detector or _detects_nothing
         (each,) = detect_samples([sample], detector, levelling=self.levelling, middle=self.middle)
+        each = self._chosen(each)
+        sample = each.sample
         ground, to_middle = each.ground, np.array([*each.middle, 0.0])
         back = to_middle - origin
 
@@ -98,7 +112,18 @@ class Drawing:
         truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
         found = _by_kind(boxes(each.detections.boxes), each.detections.labels)
-        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.warning)
+        known = {} if self.detector is None else outcomes_of(each, self.half)
+        outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
+        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.warning, outcomes)
+
+    def _chosen(self, each: Detected) -> Detected:
+        """What is to be drawn of a sample and what was detected in it."""
+        found = each.detections[each.detections.scores >= self.least_score]
+        if self.classes is None:
+            return replace(each, detections=found)
+        wanted = [label_index(label) for label in self.classes]
+        sample = replace(each.sample.of(np.isin(each.sample.objects.labels, wanted)), others=OtherObjects())
+        return replace(each, sample=sample, detections=found[np.isin(found.labels, wanted)])
 
     def all_of(
         self, samples: Iterable[Sample], progress: Callable[[int], None] = lambda done: None

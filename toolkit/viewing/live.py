@@ -14,11 +14,14 @@ from toolkit.viewing.point_shades import Scales
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
+    OUTCOME_NODES,
+    SHOWN_AS,
     SceneStyle,
     add_grid,
     add_groups,
     add_sample,
     add_sensor,
+    nodes_of_kind,
     sensors_of,
     viewed_area,
 )
@@ -64,8 +67,10 @@ class LiveView:
         boxes = server.gui.add_folder("Boxes")
         for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
             self._add_switch(boxes, how, [f"/{group}"])
+        for name, node in OUTCOME_NODES.items() if drawing.detector is not None else ():
+            self._add_switch(boxes, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
         for kind in BOX_KINDS:
-            self._add_switch(boxes, kind, [f"/{group}/{kind}" for group in BOXES])
+            self._add_switch(boxes, kind, nodes_of_kind(kind, outcomes=True))
         self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
         self.show(0)
 

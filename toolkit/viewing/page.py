@@ -10,18 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.plots.palette import sensor_colour
+from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.runtime.files import write_text
 from toolkit.viewing.drawn_sample import BOX_KINDS, Colouring, DrawnSample, colourings_of
 from toolkit.viewing.embedded import POLICY, scene_script, script_data
+from toolkit.viewing.outcomes import MARKED
 from toolkit.viewing.point_shades import Scales
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
+    OUTCOME_NODES,
     SceneStyle,
     add_grid,
     add_groups,
     add_sample,
+    nodes_of_kind,
     sensors_of,
     viewed_area,
 )
@@ -89,11 +92,14 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
 
 
 def _switches(samples: Sequence[DrawnSample], sensors: Sequence[str]) -> tuple[Switch, ...]:
-    """Sensors, truth and detections, and each kind of object that there is."""
+    """Sensors, truth and detections, outcomes where they are known, and each kind of object that there is."""
     found = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
     found += [Switch(name, f"/{name}", colour) for name, colour in BOXES.items()]
+    known = any(sample.outcomes for sample in samples)
+    colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
+    found += [Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
     there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
-    found += [Switch(kind, " ".join(f"/{group}/{kind}" for group in BOXES)) for kind in BOX_KINDS if kind in there]
+    found += [Switch(kind, " ".join(nodes_of_kind(kind, outcomes=known))) for kind in BOX_KINDS if kind in there]
     return (*found, Switch("grid of 10 m", GRID_NODE))
 
 

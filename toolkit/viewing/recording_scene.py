@@ -5,13 +5,14 @@
     /sensors/K/place/FRAME          where it was
     /truth/KIND/FRAME               labelled boxes of one kind
     /detections/KIND/FRAME          detected boxes of one kind
+    /hits/KIND/FRAME                those that are true; /missed, and /false_alarms, in the same way
 
 A node is seen where it and all nodes above it are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,8 +21,9 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.mesh import box
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
-from toolkit.viewing.box_lines import box_edges, dashed, headings
+from toolkit.viewing.box_lines import box_edges, dashed, headings, roof_crosses, spikes
 from toolkit.viewing.drawn_sample import BOX_KINDS, Colouring, DrawnCloud, DrawnSample, thinned
+from toolkit.viewing.outcomes import MARKED, Marked
 from toolkit.viewing.point_shades import Scales, newest_of, shades
 from toolkit.viewing.viser_scene import add_lines, add_mesh, rgb
 
@@ -30,11 +32,14 @@ if TYPE_CHECKING:
 
 TRUTH, DETECTION = FAINT, OUTCOME["detection"].colour
 BOXES = {"truth": TRUTH, "detections": DETECTION}  # by their node
+OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
+SHOWN_AS: dict[Marked, str] = {"hits": "green", "missed": "red with a cross", "false alarms": "violet with a mark"}
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
 _LEAST_AREA = 20.0  # m that a scene measures at least
 _MOST = (10.0, 90.0)  # percentiles of points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
+_MARK_WIDTH = 3.0  # of the lines of outcomes, pixels
 _WIDTH = {"truth": 1.5, "detections": 2.5}  # of lines, pixels
 
 
@@ -57,8 +62,9 @@ def sensors_of(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
     """The nodes that everything is below, of which the first colouring is shown; their handles."""
-    names = [*(f"/{group}" for group in ("sensors", *BOXES))]
-    names += [f"/{group}/{kind}" for group in BOXES for kind in BOX_KINDS]
+    boxes = (*BOXES, *OUTCOME_NODES.values())
+    names = [*(f"/{group}" for group in ("sensors", *boxes))]
+    names += [f"/{group}/{kind}" for group in boxes for kind in BOX_KINDS]
     made = [api.add_frame(name, show_axes=False) for name in names]
     return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
 
@@ -100,7 +106,17 @@ def add_sample(
             node = f"/{group}/{kind}/{frame}"
             handle = add_lines(api, node, lines(boxes), BOXES[group], width=_WIDTH[group], visible=visible)
             made += [] if handle is None else [handle]
+    for name, by_kind in sample.outcomes.items():
+        for kind, boxes in by_kind.items():
+            node, colour = f"/{OUTCOME_NODES[name]}/{kind}/{frame}", OUTCOME[MARKED[name]].colour
+            handle = add_lines(api, node, _MARKS[name](boxes), colour, width=_MARK_WIDTH, visible=visible)
+            made += [] if handle is None else [handle]
     return made
+
+
+def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
+    """The nodes that all boxes of one kind are below."""
+    return [f"/{group}/{kind}" for group in (*BOXES, *(OUTCOME_NODES.values() if outcomes else ()))]
 
 
 def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visible: bool) -> Any:
@@ -144,3 +160,10 @@ def _outlined(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]
 
 def _dashes(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
     return np.concatenate([dashed(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)])
+
+
+_MARKS: dict[Marked, Callable[[Float64[np.ndarray, "_ 7"]], Float64[np.ndarray, "_ 2 3"]]] = {
+    "hits": box_edges,
+    "missed": lambda boxes: np.concatenate([box_edges(boxes), roof_crosses(boxes)]),
+    "false alarms": lambda boxes: np.concatenate([box_edges(boxes), spikes(boxes)]),
+}

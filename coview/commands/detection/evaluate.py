@@ -45,7 +45,10 @@ def evaluate(
     radius: float | None = None,
     codec: str = "paper",
     step: float = 0.02,
+    refers_to: Literal["previous", "key"] = "previous",
+    key_every: int = 10,
     rate: float | None = None,
+    calibrate: str | None = None,
     budget: float | None = None,
     whole_link: bool = False,
     curve: bool = False,
@@ -65,9 +68,11 @@ def evaluate(
 
     Example: coview evaluate my-log --layout argoverse --detector general
 
+    Example: coview evaluate my-junction --layout folder --schemes early late foreground --calibrate together --still
+
     Args:
         dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
-        detector: cluster, or general with --layout; a trained network: voxelnet for the site's own, a name, or a
+        detector: cluster, general with --layout; a trained network: voxelnet for the site's own, a name, or a
             weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
             toolkit.detection.imported).
         layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in
@@ -75,8 +80,8 @@ def evaluate(
         level: With --layout, as in coview detect.
         still: With --layout, as in coview detect.
         area: With --layout, as in coview detect.
-        schemes: Which of early, late, hybrid, foreground and adaptive fusion, the first three when left out; with
-            --layout, all clouds at once.
+        schemes: Which of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion, the first
+            three when left out; with --layout, all clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
         iou: IoU thresholds; when left out 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian.
@@ -86,7 +91,12 @@ def evaluate(
         codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes. The foreground
             scheme always sends bytes.
         step: In which bytes say distances (m): 0.02, 0.04, 0.08.
+        refers_to: What differences are taken from: the previous message, or the last whole image (key), where messages
+            may be lost. Frames must be close together (coview simulate --every 0.1).
+        key_every: Messages from one whole image to the next at most, where differences are sent.
         rate: Frames per second (Hz): print what each scheme puts on a link.
+        calibrate: With --layout, first find where the sensors are: by a reference as in coview calibrate, or together,
+            by each other.
         budget: Of adaptive fusion, 3 when left out: most that a sensor sends and is sent in a frame (kbit).
         whole_link: The budget is that of all sensors together.
         curve: Adaptive fusion by budgets from 1 to 6 kbit a sensor, between late and early fusion, in place of schemes.
@@ -118,24 +128,30 @@ def evaluate(
     check_least("--radius", radius, 0.0)
     check_positive("--rate", rate)
     check_least("--budget", budget, 0.0)
+    check_least("--key-every", key_every, 1)
     refuse_given({"--schemes": schemes is not None, "--budget": budget is not None, "--layout": layout is not None,
                   "--whole-link with several --sensors": whole_link and len(sensors) > 1} if curve else {},
                  "does not go with --curve")  # fmt: skip
     shares = adaptive_of(3.0 if budget is None else budget, whole_link=whole_link)
-    sent_by, named = codec_named(codec, step=step), schemes_in_steps(step, adaptive=shares)
+    sent_by, named = (
+        codec_named(codec, step=step),
+        schemes_in_steps(step, adaptive=shares, refers_to=refers_to, key_every=key_every),
+    )
     if layout is not None:
         others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
-                  "--errors": errors != "paper", "--site": site is not None, "--rate": rate is not None}  # fmt: skip
+                  "--errors": errors != "paper", "--site": site is not None}  # fmt: skip
         refuse_given(others, "is not for --layout")
         check_folder(out, holds="table.json", inputs=[dataset], overwrite=overwrite)
         figures = score_clouds(
             dataset, layout, detector or "general", schemes=[named[name] for name in schemes or ()], codec=sent_by,
-            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, hidden=json,
+            sensors=sensors, classes=classes, iou=iou, level=level, still=still, area=area, frames=frames, rate=rate,
+            calibrate=calibrate, hidden=json,
         )  # fmt: skip
         figures.save(out / "table.json")
         print_result(figures.as_dict(), f"{figures.text()}\nwritten to {out}/table.json", as_json=json)
         return OK
-    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None}, "needs --layout")
+    refuse_given({"--level": level != "map", "--still": still, "--area": area is not None,
+                  "--calibrate": calibrate is not None}, "needs --layout")  # fmt: skip
     schemes, detector = schemes or ("early", "late", "hybrid"), detector or "cluster"
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:

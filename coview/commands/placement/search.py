@@ -54,6 +54,8 @@ def search(
     failing: Literal[0, 1, 2] = 0,
     failures: Literal["worst", "mean"] = "worst",
     parts: int = 1,
+    levels: Literal[1, 2, 3, 4] = 1,
+    levels_by: Literal["worst", "mean"] = "worst",
     detector: str | None = None,
     errors: str = "paper",
     frames: int = 200,
@@ -76,7 +78,7 @@ def search(
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
-    """Search the sensors to build: which poles, headings and tilts, at most a budget of them, one per pole.
+    """Search the sensors to build: which poles, headings and tilts, at most a budget of them.
 
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 
@@ -97,10 +99,12 @@ def search(
         model: Sensor models, by name, that may be mounted; the paper's camera when left out.
         sensors: Catalogue of sensor models and their prices instead, TOML, as for coview plan.
         money: Most that a set may cost, in the catalogue's currency, or in ordinary poles.
-        curve: Print the best AP of every number of sensors up to the budget, and its price; writes no folder.
+        curve: Print the best AP of every number of sensors up to the budget, or for every amount of --money up to that.
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
         failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least by fidelity coverage alone.
         failures: What is left in the worst case, or in the mean over which fail.
+        levels: Of traffic, by how many road users are there at once: the AP of each by itself, in the race as well.
+        levels_by: The level of least AP counts, or the mean of their AP.
         parts: With --at-least and fidelity coverage: in each of so many parts of the traffic.
         detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
@@ -115,17 +119,18 @@ def search(
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
-        seconds: Stop after so many; a portfolio judges its answer after that.
+        seconds: Stop so many after the candidates are rendered; a portfolio races and judges within that time too.
         evaluations: Stop after so many sets.
         cache: Folder where what was rendered and detected is kept for the next search, None for nowhere.
         workers: Processes that render and detect.
         ray: Address of a Ray cluster instead; local for this machine.
-        out: Folder for the site with its sensors (coview simulate takes it), schedule, map, picture, and their origin.
+        out: Folder for the site with its sensors, schedule, map, picture, origin; killed and asked again, it goes on.
         overwrite: Replace these files.
         json: Print as JSON.
     """
     from placement_env.fidelity.combined.mean_iou import iou_range
     from placement_env.fidelity.combined.robust import Failing
+    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.objective import Weights
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
@@ -135,10 +140,10 @@ def search(
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):
         check_least(option, value, 1)
-    for option, limit in (("--seconds", seconds), ("--evaluations", evaluations)):
-        check_positive(option, limit)
-    for option, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
-        check_least(option, weight, 0)
+    check_positive("--seconds", seconds)
+    check_positive("--evaluations", evaluations)
+    for name, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
+        check_least(name, weight, 0)
     check_share("--confidence", confidence)
     thresholds = iou_range(iou)
     check_schemes([scheme])
@@ -172,29 +177,18 @@ def search(
         check_digest(detector, own, ": add one, or say --cache None")
     pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
-        site=place, candidates=pool, method=chosen, budget=budget,
-        scheme=scheme,
-        fidelity=fidelity,
-        verify=verify,
-        judge=judge or "detector",
-        confidence=confidence,
-        weights=Weights(comm, price),
-        frames=frames,
-        errors=errors,
-        detector=own,
-        surrogate=surrogate,
-        table=table,
-        limits={"seconds": seconds, "evaluations": evaluations},
+        site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
+        judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=errors,
+        detector=own, surrogate=surrogate, table=table, limits={"seconds": seconds, "evaluations": evaluations},
         demand={"at_least": at_least, "failing": failing, "parts": parts} if chosen == "cheapest" else {},
-        currency=currency,
-        curve=curve,
+        currency=currency, curve=curve,
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
-            "failing": Failing(0 if at_least else failing, failures), "workers": workers, "ray": ray,
-            "classes": counted, "codec": codec_named(codec),
+            "failing": Failing(0 if at_least else failing, failures), "levels": TrafficLevels(levels, levels_by),
+            "workers": workers, "ray": ray, "classes": counted, "codec": codec_named(codec),
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:
-        found = answered(order, out=out, progress=bar.stage)
+        found = answered(order, out=out, overwrite=overwrite, progress=bar.stage)
     print_result(found.summary, "\n".join(found.lines), as_json=json)
     return OK if found.met else NOT_MET

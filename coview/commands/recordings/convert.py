@@ -7,9 +7,9 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least
-from coview.clouds import first_of, open_clouds, passing
+from coview.clouds import first_of, open_clouds, open_with_errors, passing
 from coview.exits import OK
-from coview.outputs import check_new_folder
+from coview.outputs import check_file, check_new_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
@@ -23,6 +23,8 @@ def convert(
     out: Path,
     classes: tuple[Label, ...] | None = None,
     frames: int | None = None,
+    errors: str | None = None,
+    seed: int = 0,
     overwrite: bool = False,
     json: bool = False,
 ) -> int:
@@ -30,14 +32,20 @@ def convert(
 
     Example: coview convert tjunction.hdf5 --layout hdf5 --to kitti --out as-kitti
 
+    Example: coview convert lidars.hdf5 --layout hdf5 --errors typical --to folder --out as-measured
+
+    Example: coview convert my-log --layout argoverse --to hdf5 --out my-log.hdf5
+
     Args:
         recording: As in coview detect, or a file of coview simulate with --layout hdf5.
         layout: It has this layout.
-        to: Write this one: folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, nuscenes, argoverse, sustech or
-            rosbag, which has no place for labels.
-        out: Folder to write.
+        to: Write this one: folder, kitti, openlabel, dair, opv2v, v2xset, v2xreal, nuscenes, argoverse, sustech,
+            rosbag, which has no place for labels, or hdf5, one file of clouds as they are, with all that is known.
+        out: Folder to write, of hdf5 the file.
         classes: Only objects of these.
         frames: Only the first so many.
+        errors: Of sensors in --layout hdf5, as in coview evaluate, crooked poses among them; none when left out.
+        seed: Of these errors.
         overwrite: Write into a folder that holds something.
         json: Print the summary as JSON.
     """
@@ -45,10 +53,11 @@ def convert(
     from toolkit.datasets.samples import of_classes, write_samples
 
     check_least("--frames", frames, 1, "leave it out for all")
-    if layout_named(to).write is None:
+    target = layout_named(to)
+    if target.write is None:
         raise ValueError(f"layout {to} is only read: write another, such as folder")
-    samples = open_clouds(recording, layout)
-    check_new_folder(out, inputs=[recording], overwrite=overwrite)
+    samples = open_clouds(recording, layout) if errors is None else open_with_errors(recording, layout, errors, seed)
+    (check_file if target.file else check_new_folder)(out, inputs=[recording], overwrite=overwrite)
     problems: dict[str, int] = {}
     with progress_bar("sample", min(len(samples), frames or len(samples)), hidden=json) as bar:
         chosen = of_classes(first_of(samples, frames), classes)

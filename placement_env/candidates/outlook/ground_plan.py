@@ -22,11 +22,11 @@ from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.sites.network import points_of, users_of
 from toolkit.sites.site import Site
 
-CELLS = 24  # of the raster along each side of the area
+RASTER_CELLS = 24  # of the raster along each side of the area
 FINE = 3  # points along each side of a cell by which shares of its ground are measured
 WAITING = 15.0  # m before a stop line within which vehicles wait, as the scale of an exponential
 LANE_WIDTH = 3.5  # m, of a lane of which the network says nothing
-STEP = 1.0  # m along a lane from point to point
+LANE_STEP = 1.0  # m along a lane from point to point
 CHANNELS = ("lanes", "waiting", "inside", "parked", "footways", "solids", "traffic", "oblique")
 TRAFFIC = (0.0055, 0.0773, 0.0031, 0.312)  # vehicles to a metre of lane, of waiting lane, of junction, and to a bay
 
@@ -51,7 +51,7 @@ class GroundPlan:
     @property
     def size(self) -> Float64[np.ndarray, "2"]:
         """Width and depth of a cell (m)."""
-        return (self.area[2:] - self.area[:2]) / CELLS
+        return (self.area[2:] - self.area[:2]) / RASTER_CELLS
 
     @cached_property
     def traffic(self) -> Float64[np.ndarray, " P"]:
@@ -81,16 +81,20 @@ class GroundPlan:
     def cells_at(self, xy: Float64[np.ndarray, "n 2"]) -> Int64[np.ndarray, " n"]:
         """The cell of each place, -1 outside the area."""
         column, row = np.floor((xy - self.area[:2]) / self.size).astype(np.int64).T
-        inside = (column >= 0) & (column < CELLS) & (row >= 0) & (row < CELLS)
-        return np.where(inside, row * CELLS + column, -1)
+        inside = (column >= 0) & (column < RASTER_CELLS) & (row >= 0) & (row < RASTER_CELLS)
+        return np.where(inside, row * RASTER_CELLS + column, -1)
 
 
 def ground_plan(site: Site) -> GroundPlan:
     """The raster of a site. One without a road network has the lanes of its polygons alone, headed nowhere."""
-    size = (site.area[2:] - site.area[:2]) / CELLS
-    row, column = np.divmod(np.arange(CELLS**2), CELLS)
+    size = (site.area[2:] - site.area[:2]) / RASTER_CELLS
+    row, column = np.divmod(np.arange(RASTER_CELLS**2), RASTER_CELLS)
     centres = site.area[:2] + (np.column_stack([column, row]) + 0.5) * size
-    metres, shares, course = np.zeros((CELLS**2, 4)), _shares(site, centres, size), np.zeros((CELLS**2, 3))
+    metres, shares, course = (
+        np.zeros((RASTER_CELLS**2, 4)),
+        _shares(site, centres, size),
+        np.zeros((RASTER_CELLS**2, 3)),
+    )
     plan = GroundPlan(site.area, centres, np.asarray(site.ground(centres)), metres, shares, course)
     points = lane_points(site.network) if site.network else LanePoints.none()
     waiting = points.metres * ~points.inside * np.exp(-points.rest / WAITING)
@@ -126,7 +130,7 @@ class LanePoints(NamedTuple):
 
 
 def lane_points(network: str) -> LanePoints:
-    """Of all lanes of a net.xml text that cars may use, one at about every `STEP`."""
+    """Of all lanes of a net.xml text that cars may use, one at about every `LANE_STEP`."""
     found = [LanePoints.none()]
     for edge in ElementTree.fromstring(network).iter("edge"):
         function = edge.get("function", "normal")
@@ -145,7 +149,7 @@ def _along(line: np.ndarray, inside: bool) -> LanePoints:
         return LanePoints.none()
     pieces = np.diff(line, axis=0)
     at = np.concatenate([[0], np.cumsum(np.linalg.norm(pieces, axis=1))])
-    count = max(1, round(at[-1] / STEP))
+    count = max(1, round(at[-1] / LANE_STEP))
     middles = (np.arange(count) + 0.5) * at[-1] / count
     xy = np.column_stack([np.interp(middles, at, line[:, axis]) for axis in (0, 1)])
     piece = np.clip(np.searchsorted(at, middles) - 1, 0, len(pieces) - 1)

@@ -14,16 +14,16 @@ import numpy as np
 
 from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.outlook.ground_plan import CELLS, GroundPlan, ground_plan
+from placement_env.candidates.outlook.ground_plan import RASTER_CELLS, GroundPlan, ground_plan
 from placement_env.candidates.outlook.height_map import height_map
-from placement_env.candidates.outlook.ray_density import angles, bins, ray_density
+from placement_env.candidates.outlook.ray_density import bins, ray_angles, ray_density
 from placement_env.candidates.outlook.sight_lines import MIDDLE, SightLines, sight_lines
 from toolkit.arrays import Float32, Float64
 from toolkit.sensors.model import SensorModel
 from toolkit.sites.site import Site
 
 VIEW = ("rays", "clear", "between", "distance", "along")
-FEATURES = (
+CANDIDATE_FEATURES = (
     "x",
     "y",
     "height",
@@ -36,7 +36,7 @@ FEATURES = (
     "solid rays",
 )
 FACE = 4.0  # m² of a vehicle that a sensor looks at
-ASIDE = 1.5  # m that a vehicle reaches to either side, so that it may be seen in part
+REACH_ASIDE = 1.5  # m that a vehicle reaches to either side, so that it may be seen in part
 MOST_RAYS = 1e4  # on a vehicle
 FARTHEST = 150.0  # m
 BLUR = 0.06  # m of relief between ground that is hardly ever sent and ground that nearly always is
@@ -45,8 +45,8 @@ COARSE = 2  # every such row and column of cells is looked at for what is sent
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """Of C candidates. plan: the map; view: `VIEW` of each candidate and used cell, all in 0..1; features: `FEATURES`
-    of each candidate, in -1..1."""
+    """Of C candidates. plan: the map; view: `VIEW` of each candidate and used cell, all in 0..1; features:
+    `CANDIDATE_FEATURES` of each candidate, in -1..1."""
 
     plan: GroundPlan
     view: Float32[np.ndarray, "C Q 5"]
@@ -82,10 +82,10 @@ def rays_at(
     model: SensorModel, offsets: Float32[np.ndarray, "n m 3"], turned: Float64[np.ndarray, "n 3 3"]
 ) -> tuple[Float32[np.ndarray, "n m"], Float32[np.ndarray, "n m"]]:
     """Rays per m² that lies square to them at offsets from sensors, whose bodies are turned so, mean of there and
-    `ASIDE` to either side; and the distances."""
+    `REACH_ASIDE` to either side; and the distances."""
     distance = np.sqrt(np.einsum("nmk,nmk->nm", offsets, offsets))
-    azimuth, elevation = angles(offsets @ turned.astype(np.float32))
-    beside = np.minimum(ASIDE / np.maximum(distance, 1), np.pi / 8)
+    azimuth, elevation = ray_angles(offsets @ turned.astype(np.float32))
+    beside = np.minimum(REACH_ASIDE / np.maximum(distance, 1), np.pi / 8)
     density = ray_density(model)
     per_steradian = np.mean([density[bins(azimuth + k * beside, elevation)] for k in (-1, 0, 1)], axis=0)
     return per_steradian / np.maximum(distance, 1) ** 2 * (distance < model.max_range), distance
@@ -115,7 +115,7 @@ def _sent(
 ) -> Float64[np.ndarray, "n 2"]:
     """Rays that would fall on ground of the area that is higher than the street, and on solids there, if nothing stood
     in between."""
-    some = np.flatnonzero((np.arange(CELLS) % COARSE == 0)[:, None] & (np.arange(CELLS) % COARSE == 0))
+    some = np.flatnonzero((np.arange(RASTER_CELLS) % COARSE == 0)[:, None] & (np.arange(RASTER_CELLS) % COARSE == 0))
     spots = np.column_stack([plan.centres[some], plan.ground[some]])
     flat, upright = (plan.size.prod() * COARSE**2 * each[some] for each in (raised, plan.shares[:, 2]))
     offsets = (spots - positions[:, None]).astype(np.float32)
@@ -143,4 +143,4 @@ def _features(
         "ground rays": np.log1p(sent[:, 0]) / 15,
         "solid rays": np.log1p(sent[:, 1]) / 15,
     }
-    return np.clip(np.stack([columns[name] for name in FEATURES], axis=1), -1, 1).astype(np.float32)
+    return np.clip(np.stack([columns[name] for name in CANDIDATE_FEATURES], axis=1), -1, 1).astype(np.float32)

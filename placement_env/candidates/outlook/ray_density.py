@@ -18,7 +18,7 @@ def ray_density(model: SensorModel) -> Float32[np.ndarray, "180 90"]:
     """Rays per steradian by azimuth (counter-clockwise from straight ahead, from -π on) and elevation (from -π/2 on),
     seen from the body that carries the sensor."""
     rays = model.rays().reshape(-1, 3).astype(np.float64) @ model.body_SE3_sensor[:3, :3].T
-    azimuth, elevation = angles(rays)
+    azimuth, elevation = ray_angles(rays)
     cells = np.ravel_multi_index(bins(azimuth, elevation), (AZIMUTH_BINS, ELEVATION_BINS))
     counts = np.bincount(cells, minlength=AZIMUTH_BINS * ELEVATION_BINS).reshape(AZIMUTH_BINS, ELEVATION_BINS)
     edges = np.sin(np.arange(ELEVATION_BINS + 1) * BIN - np.pi / 2)
@@ -27,7 +27,7 @@ def ray_density(model: SensorModel) -> Float32[np.ndarray, "180 90"]:
     return density
 
 
-def angles(
+def ray_angles(
     directions: Float[np.ndarray, "*n 3"],
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
     """Azimuth and elevation (rad) of directions of a body: x forward, y left, z up."""

@@ -12,11 +12,11 @@ from placement_env.candidates.outlook.ground_plan import GroundPlan
 from placement_env.candidates.outlook.height_map import HeightMap
 from toolkit.arrays import Float32, Float64
 
-STEPS = 80  # along a line
+LINE_STEPS = 80  # along a line
 VEHICLE_TOP = 1.5  # m above the ground, of a vehicle
 LOOKED_AT = (0.5, 1.2)  # m above the ground, of a vehicle behind what hangs
 MIDDLE = 0.75  # m above the ground
-OWN = 3.0  # m at the end of a line that are the vehicle's own
+OWN_LENGTH = 3.0  # m at the end of a line that are the vehicle's own
 
 
 class SightLines(NamedTuple):
@@ -42,14 +42,14 @@ def _from_spot(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same of places over one another."""
     targets, foot = plan.centres[plan.used], plan.ground[plan.used].astype(np.float32)
-    share = ((np.arange(STEPS) + 0.5) / STEPS).astype(np.float32)
+    share = ((np.arange(LINE_STEPS) + 0.5) / LINE_STEPS).astype(np.float32)
     x, y = (xy[axis] + share * (targets[:, axis, None] - xy[axis]) for axis in (0, 1))  # (Q, steps)
     met = heights.places(x, y)
     top, low, high = (each.ravel()[met] for each in (heights.top, heights.low, heights.high))
     cells = plan.cells_at(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(x.shape)
     away = np.linalg.norm(targets - xy, axis=1).astype(np.float32)
     thick = np.where(cells >= 0, plan.traffic[cells], 0).astype(np.float32) / np.float32(plan.size.prod())
-    thick *= (away[:, None] * (1 - share) > OWN) * (away[:, None] / STEPS)
+    thick *= (away[:, None] * (1 - share) > OWN_LENGTH) * (away[:, None] / LINE_STEPS)
     hangs = (high > low).any()
     clear, between = np.empty((2, len(above), len(targets)), np.float32)
     for row, z in enumerate(above.astype(np.float32)):

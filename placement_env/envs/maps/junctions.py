@@ -21,8 +21,8 @@ from toolkit.sites.files import load_site, save_site
 from toolkit.sites.random import random_site
 from toolkit.sites.site import Site
 
-FRAMES = 16
-PLACES, POSES = 12, 24
+JUNCTION_FRAMES = 16
+JUNCTION_PLACES, POSES = 12, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ def prepared(
     seeds: Iterable[int],
     folder: str | Path,
     *,
-    frames: int = FRAMES,
-    places: int = PLACES,
+    frames: int = JUNCTION_FRAMES,
+    places: int = JUNCTION_PLACES,
     poses: int = POSES,
 ) -> Iterator[Junction]:
     """The junctions of seeds one after the other, read from the folder, or made and written there.
@@ -52,7 +52,7 @@ def prepared(
 
 
 def prepare(
-    seed: int, folder: str | Path, *, frames: int = FRAMES, places: int = PLACES, poses: int = POSES
+    seed: int, folder: str | Path, *, frames: int = JUNCTION_FRAMES, places: int = JUNCTION_PLACES, poses: int = POSES
 ) -> Junction:
     """One of `prepared`."""
     check_whole("seed", seed, least=0)
@@ -74,7 +74,7 @@ def prepare(
     return Junction(site, candidates, visibility)
 
 
-def drawn_candidates(site: Site, seed: int, *, places: int = PLACES, poses: int = POSES) -> Candidates:
+def drawn_candidates(site: Site, seed: int, *, places: int = JUNCTION_PLACES, poses: int = POSES) -> Candidates:
     """Some random poses of random sensor models, at random prices; the same seed draws the same."""
     rng = np.random.default_rng([seed, 7])
     models, prices = drawn_models(rng)

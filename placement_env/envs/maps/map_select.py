@@ -16,7 +16,7 @@ from gymnasium.spaces import Discrete
 from placement_env.candidates.outlook.outlook import Outlook, outlook
 from placement_env.checks import check_range, check_whole
 from placement_env.envs.env import RENDER_MODES, check_render_mode
-from placement_env.envs.maps.junctions import FRAMES, PLACES, POSES, Junction, prepare
+from placement_env.envs.maps.junctions import JUNCTION_FRAMES, JUNCTION_PLACES, POSES, Junction, prepare
 from placement_env.envs.maps.map_observation import Observation, map_space, observed, rasters
 from placement_env.envs.maps.terms import Terms, drawn_terms
 from placement_env.envs.rendering import bird_view, summary
@@ -24,7 +24,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from toolkit.arrays import Bool
 
-KEPT = 8  # junctions in memory
+KEPT_JUNCTIONS = 8  # junctions in memory
 OPTIONS_OF_MAP = ("seed", "terms")
 
 
@@ -40,8 +40,8 @@ class MapConfig:
 
     seeds: Sequence[int] = tuple(range(8))
     folder: str | Path = "out/junctions"
-    frames: int = FRAMES
-    places: int = PLACES
+    frames: int = JUNCTION_FRAMES
+    places: int = JUNCTION_PLACES
     poses: int = POSES
     budget: int | Sequence[int] = (2, 6)
     failures: int | Sequence[int] = (0, 8)
@@ -108,7 +108,7 @@ class SensorMapEnv(gym.Env[Any, Any]):
         self.config = config or MapConfig(**settings)
         self.render_mode, slots = check_render_mode(render_mode), self.config.slots
         self.observation_space, self.action_space = map_space(slots), Discrete(slots + 1)
-        self._place = lru_cache(KEPT)(self._made)
+        self._place = lru_cache(KEPT_JUNCTIONS)(self._made)
         self.objective: Objective | None = None
 
     def reset(

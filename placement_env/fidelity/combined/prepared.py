@@ -1,4 +1,4 @@
-"""A fidelity by its name as an objective counts it: at one IoU threshold or the mean over several, with what fails."""
+"""A fidelity by its name as an objective counts it: IoU thresholds, sensors that fail, levels of traffic."""
 
 from __future__ import annotations
 
@@ -6,26 +6,37 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.mean_iou import IoUs, iou_thresholds, mean_of
 from placement_env.fidelity.combined.robust import Failing, robust
+from placement_env.fidelity.combined.traffic_levels import ALL_TRAFFIC, LevelFidelity, TrafficLevels
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.protocol import Fidelity
+from placement_env.fidelity.traffic import Traffic, scored
+from placement_env.fidelity.visibility import of_frames
+from toolkit.arrays import Int64
+from toolkit.objects import LABELS
 
+BY_LEVELS = ("coverage", "surrogate")
 KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # of preparations that differ in their threshold alone
 
 
 @dataclass(frozen=True)
 class Counting:
-    """What of a set counts. iou: threshold or thresholds; failing: sensors."""
+    """What of a set counts. iou: threshold or thresholds; failing: sensors; levels: of traffic."""
 
     ious: tuple[float, ...]
     failing: Failing
+    levels: TrafficLevels = ALL_TRAFFIC
 
     @staticmethod
-    def of(iou: float | Iterable[float], failing: Failing | int = 0) -> Counting:
+    def of(iou: float | Iterable[float], failing: Failing | int = 0, levels: TrafficLevels | int = 1) -> Counting:
         """From what users say. Raises ValueError where it is none."""
-        return Counting(iou_thresholds(iou), failing if isinstance(failing, Failing) else Failing(failing))
+        lost = failing if isinstance(failing, Failing) else Failing(failing)
+        over = levels if isinstance(levels, TrafficLevels) else TrafficLevels(levels)
+        return Counting(iou_thresholds(iou), lost, over)
 
     @property
     def iou(self) -> IoUs:
@@ -39,19 +50,22 @@ class Counting:
 
     @property
     def plain(self) -> bool:
-        """Whether it is one threshold and nothing fails."""
-        return len(self.ious) == 1 and not self.failing.sensors
+        """Whether it is one threshold, nothing fails and all traffic is one."""
+        return len(self.ious) == 1 and not self.failing.sensors and self.levels.count == 1
 
     @property
     def origin(self) -> dict[str, Any]:
         """What results say of it."""
         failing = {"failing": asdict(self.failing)} if self.failing.sensors else {}
-        return {"iou": self.ious[0] if len(self.ious) == 1 else list(self.ious), **failing}
+        levels = {"levels": asdict(self.levels)} if self.levels.count > 1 else {}
+        return {"iou": self.ious[0] if len(self.ious) == 1 else list(self.ious), **failing, **levels}
 
     def check(self, preparation: Preparation, fidelity: str) -> None:
         """Raises ValueError where the fidelity cannot score so at one of the thresholds; renders nothing."""
         for iou in self.ious:
             replace(preparation, iou=iou).check(fidelity)
+        if self.levels.count > 1 and fidelity not in BY_LEVELS:
+            raise ValueError(f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {fidelity!r}")
 
     def preparations(self, preparation: Preparation) -> tuple[Preparation, ...]:
         """The same at each threshold; what was seen is seen once."""
@@ -66,4 +80,18 @@ class Counting:
 
     def fidelity(self, preparation: Preparation, name: str) -> Fidelity:
         """The fidelity of that name, so counted."""
-        return robust(mean_of([each.fidelity(name) for each in self.preparations(preparation)]), self.failing)
+        made = self.preparations(preparation)
+        whole = mean_of([each.fidelity(name) for each in made])
+        if self.levels.count == 1:
+            return robust(whole, self.failing)
+        seen, parts = preparation.visibility, []
+        for frames in self.parts(preparation.traffic):
+            there = of_frames(seen, frames)
+            parts.append(mean_of([each.at(each.candidates, there).fidelity(name) for each in made]))
+        return robust(LevelFidelity(whole, parts, self.levels), self.failing)
+
+    def parts(self, traffic: Traffic) -> tuple[Int64[np.ndarray, " _"], ...]:
+        """The frames of each level of traffic, by how many road users of any class are in the site's area."""
+        every = range(len(LABELS))
+        there = [int(scored(each.objects, traffic.site, every).sum()) for each in traffic.snapshots]
+        return self.levels.parts(np.array(there, np.int64))

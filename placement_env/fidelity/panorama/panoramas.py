@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from placement_env.fidelity.blocks import Block, seen_in_blocks
 from placement_env.fidelity.occlusion import Seen
 from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_through
 from placement_env.fidelity.panorama.still import Still
@@ -19,7 +20,6 @@ from toolkit.points import Crop, centred_in
 from toolkit.rendering.strips import Counted, strips_of
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.parallel import spread
 from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
 
@@ -55,42 +55,29 @@ def look_round(
     cache: Cache | None = None,
 ) -> Seen:
     """What far-sighted sensors see of all frames; the arguments as of `placement_env.fidelity.visibility.see`."""
-    job = _Job(traffic, tuple(sensors), tuple(labels), cache)
+    look = _Look(traffic, tuple(sensors), tuple(labels))
     blocks = [(k, min(k + FRAMES_AT_ONCE, len(traffic))) for k in range(0, len(traffic), FRAMES_AT_ONCE)]
-    kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
-    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
-    seen = []
-    for block in blocks:
-        seen.append(kept[block] if block in kept else next(made))
-        if progress:
-            progress(len(sensors) * block[1] // len(traffic))
-    return Seen(*(np.concatenate(each, axis=1) for each in zip(*seen, strict=True)))
+    report = None if progress is None else lambda frames: progress(len(sensors) * frames // len(traffic))
+    return _frame_after_frame(seen_in_blocks(look, blocks, workers=workers, ray=ray, progress=report, cache=cache))
+
+
+def _frame_after_frame(parts: Sequence[Seen]) -> Seen:
+    """What the same sensors see of frames that follow each other."""
+    return Seen(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Job:
-    """Looks at some frames with all sensors; sent to every worker."""
+class _Look:
+    """Looks at some frames with all sensors."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
     labels: tuple[int, ...]
-    cache: Cache | None
 
-    def __call__(self, block: tuple[int, int]) -> Seen:
-        found = self.cached(block)
-        if found is None:
-            frames = [self._frame(k) for k in range(*block)]
-            found = Seen(*(np.concatenate(each, axis=1) for each in zip(*frames, strict=True)))
-            if self.cache is not None:
-                self.cache.put({self.key(block): found})
-        return found
+    def __call__(self, block: Block, /) -> Seen:
+        return _frame_after_frame([self._frame(k) for k in range(*block)])
 
-    def cached(self, block: tuple[int, int]) -> Seen | None:
-        """What an earlier call found; None where there is nothing, or it is damaged."""
-        arrays = None if self.cache is None else self.cache.get([self.key(block)])[0]
-        return None if arrays is None else Seen(*arrays)
-
-    def key(self, block: tuple[int, int]) -> bytes:
+    def key(self, block: Block) -> bytes:
         """What is seen in some frames depends on this."""
         return key_of("panoramas", self._depends_on, block)
 
@@ -126,8 +113,8 @@ class _Job:
         return code, self.traffic.digest(), [sensor.digest for sensor in self.sensors], self.labels
 
     def __getstate__(self) -> tuple[object, ...]:
-        return self.traffic, self.sensors, self.labels, self.cache
+        return self.traffic, self.sensors, self.labels
 
     def __setstate__(self, state: tuple[object, ...]) -> None:
-        for name, value in zip(("traffic", "sensors", "labels", "cache"), state, strict=True):
+        for name, value in zip(("traffic", "sensors", "labels"), state, strict=True):
             object.__setattr__(self, name, value)

@@ -24,7 +24,7 @@ from toolkit.objects import LABELS
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class PlanInputs:
     """How the chosen set was come by. fidelity: of the searches; network: shipped one that detects where the question
     has no detector of its own; excluded: sentences on what excludes candidates."""
 
@@ -37,7 +37,7 @@ class Terms:
 
 
 def answer(
-    terms: Terms,
+    terms: PlanInputs,
     objective: Objective,
     final: Judge,
     ground: Ground,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import interval_about
 from placement_env.analysis.tally import Tally
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
 from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.detector import Detected, Outcome
@@ -59,7 +58,7 @@ class Judge:
         judged, draws = {}, {}
         for each in dict.fromkeys(members):
             tallies = self.tallies(outcomes[each])
-            judged[each] = mean_judgement(tallies, self.classes, self.seed)
+            judged[each] = mean_figures(tallies, self.classes)
             draws[each] = mean_resamples(tallies, self.classes, self.seed)
         resamples = failing.reduced(np.array([draws[each] for each in members]), owners)
         found = []
@@ -69,7 +68,8 @@ class Judge:
                 for each, owner in zip(members[len(sets) :], owners[len(sets) :], strict=True)
                 if owner == n
             ]
-            found.append(_left(cases, resamples[n], worst=failing.combine == "worst"))
+            left = min(cases, key=lambda case: case.ap) if failing.combine == "worst" else _mean(cases)
+            found.append(_within(left, resamples[n]))
         return found
 
     def evaluator(self) -> Evaluator:
@@ -137,15 +137,14 @@ class Judge:
 
 
 def mean_judgement(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
-    """Figures of a tally for each class at each of several IoU thresholds: means over these, the interval too."""
-    each = [combined_judgement(at, classes, seed) for at in tallies]
-    if len(each) == 1:
-        return each[0]
-    ap, recall = (float(np.mean([getattr(judged, name) for judged in each])) for name in ("ap", "recall"))
-    low, high = percentiles(mean_resamples(tallies, classes, seed), confidence=CONFIDENCE)
-    precisions = [judged.precision for judged in each if judged.precision is not None]
-    precision = float(np.mean(precisions)) if precisions else None
-    return replace(each[0], ap=ap, low=min(low, ap), high=max(high, ap), recall=recall, precision=precision)
+    """Figures of a tally for each class at each of several IoU thresholds: means over these, the interval too; that of
+    several classes is the interval of their combination, resample by resample."""
+    return _within(mean_figures(tallies, classes), mean_resamples(tallies, classes, seed))
+
+
+def mean_figures(tallies: Sequence[Sequence[Tally]], classes: Classes) -> Judgement:
+    """The same without resamples, so with no interval but the AP itself."""
+    return _mean([_combined(at, classes) for at in tallies])
 
 
 def mean_resamples(
@@ -156,50 +155,35 @@ def mean_resamples(
     return np.asarray(np.mean(found, axis=0))
 
 
-def _left(cases: Sequence[Judgement], resamples: Float64[np.ndarray, " resamples"], *, worst: bool) -> Judgement:
-    """Of the cases of one set's failures."""
-    least = min(cases, key=lambda case: case.ap)
-    low, high = percentiles(resamples, confidence=CONFIDENCE)
-    if worst:
-        return replace(least, low=min(low, least.ap), high=max(high, least.ap))
+def _within(judged: Judgement, resamples: Float64[np.ndarray, " resamples"]) -> Judgement:
+    """With the interval of its AP's resamples."""
+    low, high = interval_about(judged.ap, resamples, confidence=CONFIDENCE)
+    return replace(judged, low=low, high=high)
+
+
+def _mean(cases: Sequence[Judgement]) -> Judgement:
+    """The mean of figures of the same traffic; precision of those that have one."""
+    if len(cases) == 1:
+        return cases[0]
     ap, recall = (float(np.mean([getattr(case, name) for case in cases])) for name in ("ap", "recall"))
     precisions = [case.precision for case in cases if case.precision is not None]
     precision = float(np.mean(precisions)) if precisions else None
-    return replace(least, ap=ap, low=min(low, ap), high=max(high, ap), recall=recall, precision=precision)
+    return replace(cases[0], ap=ap, low=ap, high=ap, recall=recall, precision=precision)
 
 
-def combined_judgement(tallies: Sequence[Tally], classes: Classes, seed: int) -> Judgement:
-    """Figures of a tally for each class; the interval of several is that of their combination, resample by resample."""
-    if classes.names == VEHICLES.names:
-        return judgement(tallies[0], seed)
-    draws = np.stack([tally.resamples(seed=seed) for tally in tallies], axis=1)
-    low, high = percentiles(classes.combined(draws), confidence=CONFIDENCE)
+def _combined(tallies: Sequence[Tally], classes: Classes) -> Judgement:
+    """Figures of a tally for each class, combined."""
     ap, recall = (
         float(classes.combined(np.array([[getattr(tally, name) for tally in tallies]]))[0]) for name in ("ap", "recall")
     )
     detections, hits = (sum(len(each.hit) for each in tallies), sum(int(each.hit.sum()) for each in tallies))
     return Judgement(
         ap=ap,
-        low=min(low, ap),
-        high=max(high, ap),
+        low=ap,
+        high=ap,
         recall=recall,
         precision=hits / detections if detections else None,
         vehicles=sum(int(each.truths.sum()) for each in tallies),
         frames=len(tallies[0].truths),
         kind=NOUNS[classes.names[0]] if len(classes.names) == 1 else "object",
-    )
-
-
-def judgement(tally: Tally, seed: int) -> Judgement:
-    """Figures of a tally in which there is something to find; the interval holds the AP itself."""
-    low, high = tally.interval(confidence=CONFIDENCE, seed=seed)
-    ap, precision = tally.ap, tally.precision
-    return Judgement(
-        ap=ap,
-        low=min(low, ap),
-        high=max(high, ap),
-        recall=tally.recall,
-        precision=None if math.isnan(precision) else precision,
-        vehicles=int(tally.truths.sum()),
-        frames=len(tally.truths),
     )

@@ -40,17 +40,23 @@ def mounted_sensors(
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """The link of each pole. limited: whether the scheme sends points, which alone count against the capacity."""
+    """The link of each pole; of sensors that share one, the sum of what each sends at most. limited: whether the scheme
+    sends points, which alone count against the capacity."""
     loads = []
-    for sensor in sensors:
-        mean, peak, capacity = (kbit * RATE / MBIT for kbit in (sensor.kbit, sensor.peak_kbit, sensor.capacity_kbit))
-        loads.append(LinkLoad(sensor.pole, mean, peak, capacity, peak / capacity, peak <= capacity or not limited))
+    for pole in dict.fromkeys(sensor.pole for sensor in sensors):
+        here = [sensor for sensor in sensors if sensor.pole == pole]
+        sums = sum(sensor.kbit for sensor in here), sum(sensor.peak_kbit for sensor in here), here[0].capacity_kbit
+        mean, peak, capacity = (kbit * RATE / MBIT for kbit in sums)
+        loads.append(LinkLoad(pole, mean, peak, capacity, peak / capacity, peak <= capacity or not limited))
     return tuple(loads)
 
 
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
     """Sensors by model, then poles by price."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
-    poles = Counter(sensor.pole_price for sensor in sensors)
+    paid = [{sensor.pole for sensor in sensors[:i]} for i in range(len(sensors))]  # with the first sensor on each
+    poles = Counter(
+        s.pole_price for s, before in zip(sensors, paid, strict=True) if s.pole_price or s.pole not in before
+    )
     bought = [MaterialItem(model, count, price, count * price) for (model, price), count in sorted(models.items())]
     return (*bought, *(MaterialItem("pole", count, price, count * price) for price, count in sorted(poles.items())))

@@ -21,7 +21,7 @@ from placement_env.report.content import Ground, Moment, Plan, Verdict
 from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site
 from placement_env.report.planning import refusals
-from placement_env.report.planning.answer import Terms, answer
+from placement_env.report.planning.answer import PlanInputs, answer
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
@@ -127,7 +127,7 @@ class _Planning:
             progress=self.progress,
         )  # fmt: skip
         traffic = [prepared.traffic for prepared in (searched, *judging)]
-        terms = Terms(question, found, picked, fidelity, searched.network, excluded)
+        terms = PlanInputs(question, found, picked, fidelity, searched.network, excluded)
         members = tuple(np.flatnonzero(picked.sets[picked.chosen]).tolist())
         ground = visible_ground(question.site, [candidates.sensors[c] for c in members])
         answered = answer(terms, objective, final, ground, traffic, self.progress)
@@ -190,7 +190,10 @@ class _Planning:
         """How many sensors the budget allows: by number, money and mounts."""
         each = np.full(len(candidates.mounts), np.inf)
         np.minimum.at(each, candidates.mount, candidates.prices)
-        each = np.sort(each[np.isfinite(each)])
+        second = np.full(len(candidates.mounts), np.inf)
+        np.minimum.at(second, candidates.mount, candidates.model_prices)
+        each = np.sort(np.concatenate([each[np.isfinite(each)], np.repeat(second, candidates.places - 1)]))
+        each = each[np.isfinite(each)]
         by_money = int((np.cumsum(each) <= self.question.most_price * (1 + 1e-9)).sum())
         asked = MOST_BOUGHT if self.question.sensors is None else self.question.sensors
         return max(1, min(asked, by_money))

@@ -27,7 +27,7 @@ from torch.nn import functional
 from models.training.checkpoint import read_checkpoint, save_atomically
 from placement_env.checks import check_whole
 from placement_env.rl.maps.lessons import Lesson
-from placement_env.rl.maps.map_network import LITTLE, MapNetwork
+from placement_env.rl.maps.map_network import LEAST_EVIDENCE, MapNetwork
 
 IMITATION = "imitation.pt"
 TEMPERATURE = 0.02  # of AP
@@ -119,7 +119,7 @@ def losses_of(network: MapNetwork, lesson: Lesson) -> dict[str, Tensor]:
     """The losses of one lesson by name."""
     known = _Tensors.of(lesson)
     seen = network.prospects(known.channels, known.view, known.features)
-    hit = network.hit(seen.evidence[:, known.cell]).clamp(LITTLE, 1 - LITTLE)
+    hit = network.hit(seen.evidence[:, known.cell]).clamp(LEAST_EVIDENCE, 1 - LEAST_EVIDENCE)
     surprise = (known.log_kbit - seen.log_kbit) / torch.exp(seen.log_spread)
     predicted = network.next_ap(seen, known.sets)
     free = torch.isfinite(known.ap)
@@ -130,7 +130,7 @@ def losses_of(network: MapNetwork, lesson: Lesson) -> dict[str, Tensor]:
     best = torch.where(free, known.ap, -1).max(1, keepdim=True).values
     return {
         "hit": functional.binary_cross_entropy(hit, known.alone),
-        "crowd": -0.1 * torch.log(seen.weight[known.cell] + LITTLE).mean(),
+        "crowd": -0.1 * torch.log(seen.weight[known.cell] + LEAST_EVIDENCE).mean(),
         "kbit": 0.1 * (surprise.square() / 2 + seen.log_spread).mean(),
         "ap": (predicted - ap).square()[free].mean(),
         "regret": (chance * torch.where(free, best - ap, 0)).sum(1).mean(),

@@ -19,7 +19,7 @@ from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.runtime.array_files import read_arrays, write_arrays
 
 RANDOM_SETS = 12
-LARGEST = 6  # sensors of a set
+LARGEST_SET = 6  # sensors of a set
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,19 +95,19 @@ def _greedy_sets(objective: Objective) -> Bool[np.ndarray, "n C"]:
     """What greedy search has chosen before each of its sensors, whatever links carry."""
     mount, chosen = objective.candidates.mount, np.zeros(len(objective.candidates), np.bool_)
     sets = []
-    for _ in range(min(LARGEST, len(np.unique(mount)))):
+    for _ in range(min(LARGEST_SET, len(np.unique(mount)))):
         sets.append(chosen.copy())
         chosen[int(np.nanargmax(next_scores(objective, chosen[None])[0]))] = True
     return np.array(sets)
 
 
 def _random_sets(mount: Int64[np.ndarray, " C"], rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
-    """Of 1 to `LARGEST` - 1 candidates, one to a mount, with a mount to spare where there are two."""
+    """Of 1 to `LARGEST_SET` - 1 candidates, one to a mount, with a mount to spare where there are two."""
     sets = np.zeros((RANDOM_SETS, len(mount)), np.bool_)
     for row in sets:
         members = rng.permutation(len(mount))
         _, first = np.unique(mount[members], return_index=True)
-        row[members[np.sort(first)][: rng.integers(1, max(2, min(LARGEST, len(first))))]] = True
+        row[members[np.sort(first)][: rng.integers(1, max(2, min(LARGEST_SET, len(first))))]] = True
     return sets
 
 

@@ -20,14 +20,14 @@ import torch
 from torch import Tensor, nn
 
 from placement_env.candidates.outlook.ground_plan import CHANNELS
-from placement_env.candidates.outlook.outlook import FEATURES, VIEW
+from placement_env.candidates.outlook.outlook import CANDIDATE_FEATURES, VIEW
 
-WIDTH = 24
-KINDS = 3  # of vehicles in a cell: those that little evidence is enough for, and others
-TRAFFIC = CHANNELS.index("traffic")
+NETWORK_WIDTH = 24
+VEHICLE_KINDS = 3  # of vehicles in a cell: those that little evidence is enough for, and others
+TRAFFIC_CHANNEL = CHANNELS.index("traffic")
 SENDERS = ("height", "tilt", "field of view", "rays", "ground rays", "solid rays")
-SENDING = [FEATURES.index(name) for name in SENDERS]
-LITTLE = 1e-6
+SENDING = [CANDIDATE_FEATURES.index(name) for name in SENDERS]
+LEAST_EVIDENCE = 1e-6
 
 
 class Prospects(NamedTuple):
@@ -44,7 +44,7 @@ class MapNetwork(nn.Module):
     """The network above. Its inputs are those of an `Outlook`: channels (Q, 8) of the used cells, view (C, Q, 5),
     features (C, 10)."""
 
-    def __init__(self, width: int = WIDTH) -> None:
+    def __init__(self, width: int = NETWORK_WIDTH) -> None:
         super().__init__()
         self.width = width
         self.of_view = nn.Linear(len(VIEW), width)
@@ -53,8 +53,11 @@ class MapNetwork(nn.Module):
         of_crowd = nn.Linear(width, 1)
         self.crowd = nn.Sequential(nn.Linear(len(CHANNELS), width), nn.SiLU(), of_crowd)
         self.sending = nn.Sequential(nn.Linear(len(SENDING), width), nn.SiLU(), nn.Linear(width, 2))
-        self.share, self.false_alarms = nn.Parameter(torch.zeros(KINDS)), nn.Parameter(torch.tensor(-2.0))
-        self.slope, self.offset = nn.Parameter(torch.zeros(KINDS)), nn.Parameter(torch.linspace(-3.0, 3.0, KINDS))
+        self.share, self.false_alarms = nn.Parameter(torch.zeros(VEHICLE_KINDS)), nn.Parameter(torch.tensor(-2.0))
+        self.slope, self.offset = (
+            nn.Parameter(torch.zeros(VEHICLE_KINDS)),
+            nn.Parameter(torch.linspace(-3.0, 3.0, VEHICLE_KINDS)),
+        )
         nn.init.zeros_(of_crowd.weight)  # at first as many vehicles as the map says
         nn.init.zeros_(of_crowd.bias)
 
@@ -62,16 +65,20 @@ class MapNetwork(nn.Module):
         """What there is to be known of the candidates before any is chosen."""
         first = torch.relu(self.of_view(view) + self.of_cell(channels))
         logit = self.out(torch.relu(self.inner(first)))[..., 0]
-        crowd = torch.log(channels[:, TRAFFIC] / (1 - channels[:, TRAFFIC] + LITTLE) + LITTLE)
+        crowd = torch.log(
+            channels[:, TRAFFIC_CHANNEL] / (1 - channels[:, TRAFFIC_CHANNEL] + LEAST_EVIDENCE) + LEAST_EVIDENCE
+        )
         weight = torch.softmax(crowd + self.crowd(channels)[:, 0], 0)
         log_kbit, log_spread = self.sending(features[:, SENDING]).unbind(1)
         return Prospects(torch.exp(logit.clamp(-20, 20)), weight, 6 + log_kbit, log_spread.clamp(-3, 2))
 
     def hit(self, evidence: Tensor) -> Tensor:
         """Probability that a vehicle is hit, by the evidence of it (any shape)."""
-        level = torch.log(evidence + LITTLE)
+        level = torch.log(evidence + LEAST_EVIDENCE)
         shares = torch.softmax(self.share, 0)
-        each = [shares[k] * torch.sigmoid(torch.exp(self.slope[k]) * level + self.offset[k]) for k in range(KINDS)]
+        each = [
+            shares[k] * torch.sigmoid(torch.exp(self.slope[k]) * level + self.offset[k]) for k in range(VEHICLE_KINDS)
+        ]
         return torch.stack(each).sum(0)
 
     def ap(self, evidence: Tensor, weight: Tensor) -> Tensor:

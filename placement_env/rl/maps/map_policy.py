@@ -22,7 +22,7 @@ from placement_env.candidates.outlook.outlook import Outlook, outlook
 from placement_env.checks import check_whole
 from placement_env.envs.maps.terms import Terms
 from placement_env.rl.maps.link_check import links_carry
-from placement_env.rl.maps.map_network import LITTLE, MapNetwork
+from placement_env.rl.maps.map_network import LEAST_EVIDENCE, MapNetwork
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.runtime.files import write_bytes
 from toolkit.runtime.json_files import parse_json
@@ -30,7 +30,7 @@ from toolkit.sites.site import Site
 
 SHIPPED_POLICY = Path(__file__).parent / "map_policy.safetensors"
 FORMAT_OF_POLICY = "coview MapNetwork 1"
-LEVELS = np.linspace(np.log(LITTLE), 25.0, 8192)  # of log evidence, at which hits are tabled
+LEVELS = np.linspace(np.log(LEAST_EVIDENCE), 25.0, 8192)  # of log evidence, at which hits are tabled
 SWAPS = 2  # times that every sensor is reconsidered
 
 
@@ -54,7 +54,13 @@ class MapPolicy:
         self._false_alarms = float(torch.sigmoid(network.false_alarms.detach()))
 
     def answer(
-        self, site: Site, candidates: Candidates, budget: int, *, terms: Terms | None = None, swaps: int = SWAPS
+        self,
+        site: Site,
+        candidates: Candidates,
+        budget: int,
+        *,
+        terms: Terms | None = None,
+        swaps: int = SWAPS,
     ) -> MapAnswer:
         """At most `budget` of the candidates; terms: prices, money, failures and weights, None for the candidates'
         own, any money, AP alone. Raises ValueError for a budget below 1 or terms of other candidates."""
@@ -74,7 +80,12 @@ class MapPolicy:
         return replace(answer, seconds=time.perf_counter() - begun)
 
     def answer_checked(
-        self, known: Outlook, terms: Terms, carries: Callable[[tuple[int, ...]], Sequence[bool]], *, swaps: int = SWAPS
+        self,
+        known: Outlook,
+        terms: Terms,
+        carries: Callable[[tuple[int, ...]], Sequence[bool] | Bool[np.ndarray, " k"]],
+        *,
+        swaps: int = SWAPS,
     ) -> MapAnswer:
         """An answer whose links carry what its sensors send. carries: asked of the members of an answer, and of no
         other candidate, which of their links do; the others have failed, and it answers again."""
@@ -172,7 +183,7 @@ class Predicted:
 
     def ap(self, evidence: Float32[np.ndarray, "*n Q"]) -> Float32[np.ndarray, "*n"]:
         """AP by the evidence of each cell."""
-        level = (np.log(evidence + np.float32(LITTLE)) - LEVELS[0]) / (LEVELS[1] - LEVELS[0])
+        level = (np.log(evidence + np.float32(LEAST_EVIDENCE)) - LEVELS[0]) / (LEVELS[1] - LEVELS[0])
         value = self.hits[np.clip(level, 0, len(LEVELS) - 1).astype(np.int32)] @ self.weight
         return np.asarray(value * (1 - self.false_alarms * (1 - value)))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from placement_env.envs.maps.junctions import FRAMES, PLACES, POSES, prepare
+from placement_env.envs.maps.junctions import JUNCTION_FRAMES, JUNCTION_PLACES, POSES, prepare
 from placement_env.rl.maps.imitation import Teaching, imitate
 from placement_env.rl.maps.lessons import Lesson, lesson_of
 from placement_env.rl.maps.map_policy import MapPolicy
@@ -21,8 +21,8 @@ def train_map_policy(
     seeds: Sequence[int],
     out: str | Path,
     *,
-    frames: int = FRAMES,
-    places: int = PLACES,
+    frames: int = JUNCTION_FRAMES,
+    places: int = JUNCTION_PLACES,
     poses: int = POSES,
     teaching: Teaching | None = None,
     seed: int = 0,

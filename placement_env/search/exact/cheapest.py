@@ -20,7 +20,8 @@ from placement_env.fidelity.coverage import LEAST, Coverage
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import swap
-from placement_env.search.exact.cpsat import SECONDS, Prices
+from placement_env.search.exact.cpsat import SECONDS
+from placement_env.search.exact.poles import Poles, Prices
 from placement_env.search.exact.programme import GAINS, Levels, Solved, levels_of_coverage, levels_of_hits, solve
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
@@ -35,7 +36,7 @@ MET = 1e-9  # by which rounding may lower an AP
 class UnitPrices(NamedTuple):
     """Prices in whole units, rounded down: what a unit is worth."""
 
-    each: Int64[np.ndarray, " C"]
+    each: Prices
     unit: float
 
 
@@ -140,7 +141,7 @@ def _by_surrogate(
         answer = list(most.best.subset) if most.best.ap >= demand.at_least - MET else None
     if answer is not None:
         answer = _pruned(objective, answer, demand.at_least)
-    price = 0 if answer is None else int(unit.each[answer].sum())
+    price = 0 if answer is None else unit.each.total(answer)
     solved = Solved(answer, price, min(relaxed.bound, price) if answer else relaxed.bound, False)
     solved = solved._replace(optimal=answer is not None and solved.bound >= price)
     return _result(objective, progress, solved, unit.unit, f"reaches AP {demand.at_least:g}")
@@ -168,11 +169,12 @@ def _solved(
     """The cheapest set that is worth the need, in what is left of the time."""
     prices = objective.candidates.prices
     unit = max(float(prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
-    each = np.floor(prices / unit).astype(np.int64)
+    each = Prices.in_units(objective, unit)
     left = max(0.1, progress.limits.seconds - progress.limits.elapsed)
     found = solve(
         levels, objective.candidates.mount, progress.budget, may_stand=objective.allowed([]), at_least=need,
-        prices=each, money=Prices.of(objective), seconds=left, workers=workers, seed=seed, failing=failing,
+        prices=each.alone, shared=each.shared, poles=Poles.of(objective), money=Prices.of(objective), seconds=left,
+        workers=workers, seed=seed, failing=failing,
     )  # fmt: skip
     return found, UnitPrices(each, unit)
 

@@ -10,9 +10,8 @@ their weights, or the worst of them: max z where z <= Σ_o w_ko y_o for every cl
 
 from __future__ import annotations
 
-import math
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,16 +20,17 @@ from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.protocol import ByFrames
 from placement_env.fidelity.visibility import Visibility
-from placement_env.objective import ROUNDING, Objective
+from placement_env.objective import Objective
+from placement_env.search.exact.poles import Poles, Prices
+from placement_env.search.exact.solver import cp_model, solver_of
 from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Bool, Int64
 
 if TYPE_CHECKING:
-    from ortools.sat.python.cp_model import CpModel, CpSolver, IntVar
+    from ortools.sat.python.cp_model import CpModel, IntVar
 
-FINEST = 1 << 40  # units of the highest price
 PARTS = 10**9  # into which the whole of several classes is divided
 SECONDS = 60.0  # of solving, where no limit is given
 
@@ -46,23 +46,6 @@ class Cover(NamedTuple):
     merged: int
     built: float
     solved: float
-
-
-class Prices(NamedTuple):
-    """What each candidate costs, its mount with it, and what all may cost together, in whole units small enough that
-    nothing is lost; a candidate's price is rounded down, the sum up, so that no set within the money is excluded."""
-
-    each: Int64[np.ndarray, " C"]
-    most: int
-
-    @staticmethod
-    def of(objective: Objective) -> Prices | None:
-        """Of an objective whose sets may not cost any price."""
-        if math.isinf(objective.most_price):
-            return None
-        each = objective.candidates.prices
-        unit = max(float(each.max(initial=0.0)), objective.most_price, 1e-300) / FINEST
-        return Prices(np.floor(each / unit).astype(np.int64), math.floor(objective.most_price * (1 + ROUNDING) / unit))
 
 
 def search(
@@ -107,6 +90,7 @@ def search(
         effort=effort,
         prices=Prices.of(objective),
         worth=worth,
+        poles=Poles.of(objective),
     )
     parts = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
 
@@ -148,8 +132,10 @@ def cover_most(
     effort: float | None = None,
     prices: Prices | None = None,
     worth: Int64[np.ndarray, "k O"] | None = None,
+    poles: Poles | None = None,
 ) -> Cover:
-    """At most `budget` candidates, one per mount, so that as many objects as can be have at least `views` of them.
+    """At most `budget` candidates, one per mount unless `poles` say more, so that as many objects as can be have at
+    least `views` of them.
 
     seen: which candidate sees which object; may_stand: candidates that may be built, all if None; seconds: in all;
     effort: see `search`; prices: what they cost together, None for no matter what; worth: of each object to each of k
@@ -163,15 +149,16 @@ def cover_most(
     check_whole("views", views, least=1)
     began = time.monotonic()
     rows = np.ones(len(seen), bool) if may_stand is None else may_stand
-    kept = useful(np.where(rows[:, None], seen, False), mount, None if prices is None else prices.each)
-    cost = None if prices is None else Prices(prices.each[kept], prices.most)
+    there = Poles.single(mount) if poles is None else poles
+    kept = useful(np.where(rows[:, None], seen, False), there.apart, None if prices is None else prices.alone)
+    cost, there = None if prices is None else prices.select(kept), there.select(kept)
     each = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
-    objects, weights = _merged_worth(seen[kept], mount[kept], views, each)
-    start = greedy_cover(objects, weights.sum(axis=0), mount[kept], budget, views, prices=cost)
-    bound = min(bound_at(objects, row, mount[kept], budget, views=views, chosen=start) for row in weights)
-    model, built = _model(objects, weights, mount[kept], budget, views=views, start=start, bound=bound)
+    objects, weights = _merged_worth(seen[kept], there.apart, views, each)
+    start = greedy_cover(objects, weights.sum(axis=0), there.mount, budget, views, poles=there, prices=cost)
+    bound = min(bound_at(objects, row, there.apart, budget, views=views, chosen=start) for row in weights)
+    model, built = _model(objects, weights, there, budget, views=views, start=start, bound=bound)
     if cost is not None:
-        model.add(cp_model().LinearExpr.weighted_sum(built, cost.each.tolist()) <= cost.most)
+        model.add(cost.expression(model, built) <= cost.most)
     solver = solver_of(max(0.01, seconds - (time.monotonic() - began)), workers, seed, effort)
     ready = time.monotonic()
     status = solver.status_name(solver.solve(model))
@@ -265,26 +252,27 @@ def greedy_cover(
     budget: int,
     views: int,
     *,
+    poles: Poles | None = None,
     prices: Prices | None = None,
 ) -> list[int]:
-    """One candidate after another, each on a free mount and for the money that is left, that gives most views to
+    """One candidate after another, each where there is a place and for the money that is left, that gives most views to
     objects that have fewer than `views`.
 
     >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
     [1]
     """
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
-    if prices is not None:
-        free &= prices.each <= prices.most
     chosen: list[int] = []
-    while len(chosen) < budget and free.any():
+    while len(chosen) < budget:
+        if prices is not None:
+            free &= prices.each <= prices.most - prices.each[chosen].sum()
+        if not free.any():
+            break
         needed = (missing > 0).astype(np.float64) * weight
         best = int(np.where(free, seen @ needed, -1.0).argmax())
         chosen.append(best)
         missing = missing - seen[best]
         free &= mount != mount[best]
-        if prices is not None:
-            free &= prices.each <= prices.most - prices.each[chosen].sum()
     return chosen
 
 
@@ -313,7 +301,7 @@ def bound_at(
 
 
 def _model(
-    seen: np.ndarray, weights: np.ndarray, mount: np.ndarray, budget: int, *, views: int, start: list[int], bound: int
+    seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
 ) -> tuple[CpModel, list[IntVar]]:
     """The programme, with the set `start` as a complete hint, and its variables x."""
     cp = cp_model()
@@ -323,8 +311,7 @@ def _model(
     for o, y in enumerate(covered):
         by = [built[c] for c in np.flatnonzero(seen[:, o]).tolist()]
         model.add(cp.LinearExpr.sum(by) >= views * y)
-    for here in np.unique(mount):
-        model.add_at_most_one([built[c] for c in np.flatnonzero(mount == here).tolist()])
+    poles.constrain(model, built)
     model.add(cp.LinearExpr.sum(built) <= budget)
     total = cp.LinearExpr.weighted_sum(covered, weights[0].tolist())
     if len(weights) > 1:
@@ -341,24 +328,3 @@ def _model(
     for x, value in zip(built + covered, hint, strict=True):
         model.add_hint(x, bool(value))
     return model, built
-
-
-def solver_of(seconds: float, workers: int, seed: int, effort: float | None) -> CpSolver:
-    """A solver with these limits; see `search`."""
-    solver = cp_model().CpSolver()
-    solver.parameters.max_time_in_seconds = seconds
-    if effort is not None:
-        solver.parameters.max_deterministic_time = effort
-    solver.parameters.num_workers = workers
-    solver.parameters.random_seed = seed
-    solver.parameters.linearization_level = 2
-    return solver
-
-
-def cp_model() -> Any:
-    """OR-Tools' module of the same name. Raises ImportError where it is missing."""
-    try:
-        from ortools.sat.python import cp_model
-    except ImportError as error:
-        raise ImportError("CP-SAT needs OR-Tools: pip install coview[search]") from error
-    return cp_model

@@ -15,7 +15,8 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import greedy
 from placement_env.search.exact.cheapest import levels_of
-from placement_env.search.exact.cpsat import SECONDS, Prices
+from placement_env.search.exact.cpsat import SECONDS
+from placement_env.search.exact.poles import Poles, Prices
 from placement_env.search.exact.programme import GAINS, solve
 from placement_env.search.exact.ties import best_of_equals
 from placement_env.search.progress import Progress
@@ -45,7 +46,8 @@ def search(
     start, _ = greedy.grow(progress)
     left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))
     found = solve(
-        levels, objective.candidates.mount, budget, may_stand=objective.allowed([]), money=Prices.of(objective),
+        levels, objective.candidates.mount, budget, may_stand=objective.allowed([]), poles=Poles.of(objective),
+        money=Prices.of(objective),
         start=start, seconds=left, workers=workers, seed=seed,
     )  # fmt: skip
     chosen = start if found.chosen is None or levels.worth(found.chosen) < levels.worth(start) else found.chosen

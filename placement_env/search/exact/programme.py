@@ -1,7 +1,7 @@
 """Integer programmes over sensor sets whose objects are worth more the more is known of them, solved by CP-SAT.
 
     Σ_c known[c, o] x_c >= threshold[j, o] l_jo      level j of object o is reached, which is worth gain[j, o]
-    Σ_{c on m} x_c <= 1 for each mount m,  Σ_c x_c <= budget,  Σ_c price_c x_c <= money
+    Σ_c x_c <= budget, and what `placement_env.search.exact.poles` says of places, links and money
 
 Either the levels reached are worth as much as can be, or the set costs as little as can be and is worth enough. With
 one level of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate
@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from placement_env.fidelity.hits.hit_model import HitModel
-from placement_env.search.exact.cpsat import SECONDS, Prices, cp_model, solver_of
+from placement_env.search.exact.cpsat import SECONDS
+from placement_env.search.exact.poles import Poles, Prices
+from placement_env.search.exact.solver import cp_model, solver_of
 from toolkit.arrays import Bool, Float, Int64
 
 if TYPE_CHECKING:
@@ -99,6 +101,8 @@ def solve(
     may_stand: Bool[np.ndarray, " C"],
     at_least: int | None = None,
     prices: Int64[np.ndarray, " C"] | None = None,
+    shared: Int64[np.ndarray, " C"] | None = None,
+    poles: Poles | None = None,
     money: Prices | None = None,
     start: list[int] | None = None,
     seconds: float = SECONDS,
@@ -110,19 +114,21 @@ def solve(
     """The set of most worth, or where `at_least` is given the cheapest by `prices` that is worth so much; of equally
     cheap ones that of fewest sensors.
 
-    money: what all may cost; start: a set to begin from; effort: see `cpsat.search`; failing: 1 for the worth that is
-    left whichever sensor of the set fails (levels of threshold 1 alone).
+    shared: what of each price is that of a mount that may carry several, None for nothing; poles: places and links,
+    None for one place on each mount; money: what all may cost; start: a set to begin from; effort: see `cpsat.search`;
+    failing: 1 for the worth that is left whichever sensor of the set fails (levels of threshold 1 alone).
     """
     cp = cp_model()
     model = cp.CpModel()
+    once = np.zeros(len(mount), np.int64) if shared is None else shared
+    cost = None if prices is None else Prices(prices - once, once, mount, -1)
     built = [model.new_bool_var("") for _ in range(len(mount))]
     for c in np.flatnonzero(~may_stand).tolist():
         model.add(built[c] == 0)
-    for here in np.unique(mount):
-        model.add_at_most_one([built[c] for c in np.flatnonzero(mount == here).tolist()])
+    (Poles.single(mount) if poles is None else poles).constrain(model, built)
     model.add(cp.LinearExpr.sum(built) <= budget)
     if money is not None:
-        model.add(cp.LinearExpr.weighted_sum(built, money.each.tolist()) <= money.most)
+        model.add(money.expression(model, built) <= money.most)
     worths = (_surviving if failing else _reached)(model, built, levels, may_stand)
     if at_least is None:
         least = model.new_int_var(0, max(0, levels.whole), "")
@@ -132,8 +138,8 @@ def solve(
     else:
         for worth in worths:
             model.add(worth >= at_least)
-        cost = np.ones(len(mount), np.int64) if prices is None else prices * (budget + 1) + 1
-        model.minimize(cp.LinearExpr.weighted_sum(built, cost.tolist()))
+        count = cp.LinearExpr.sum(built)
+        model.minimize(count if cost is None else cost.expression(model, built, times=budget + 1, plus=1))
     for c in start or ():
         model.add_hint(built[c], True)
     solver = solver_of(seconds, workers, seed, effort)
@@ -146,7 +152,7 @@ def solve(
         figure = levels.surviving(chosen) if failing else levels.worth(chosen)
         bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
         return Solved(chosen, figure, bound, bound == figure)
-    figure = len(chosen) if prices is None else int(prices[chosen].sum())
+    figure = len(chosen) if cost is None else cost.total(chosen)
     bound = min(figure, _price_of(math.ceil(solver.best_objective_bound - 1e-6), budget, prices))
     return Solved(chosen, figure, bound, bound == figure)
 

@@ -1,10 +1,11 @@
 """What greedy proves when the objective is monotone submodular, as coverage is and AP is not.
 
 With every candidate on its own mount greedy reaches 1 - 1/e of the optimum (Nemhauser, Wolsey, Fisher 1978). Where
-poses share mounts, "one per mount and at most k" is a matroid and greedy is only sure of 1/2 (Fisher, Nemhauser, Wolsey
-1978). A bound from the data is usually far tighter (Leskovec et al., KDD 2007, "online bound"): for the answer S and
-any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) - f(S)], so no T has more than f(S) and
-the k largest gains, of which each mount gives one.
+poses share mounts, "as many as a mount carries and at most k" is a matroid and greedy is only sure of 1/2 (Fisher,
+Nemhauser, Wolsey 1978). A bound from the data is usually far tighter (Leskovec et al., KDD 2007, "online bound"): for
+the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of [f(S + t) - f(S)], so no T has
+more than f(S) and the k largest gains, of which each mount gives as many as it carries. Links that sensors share are no
+matroid: greedy is sure of nothing then, and the bound holds.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def is_submodular(objective: Objective) -> bool:
 def guarantee(objective: Objective) -> float:
     """The share of the optimum that greedy reaches on a monotone submodular objective without cost weights."""
     mount = objective.candidates.mount[objective.allowed([])]
-    return 1 - 1 / np.e if len(np.unique(mount)) == len(mount) else 0.5
+    alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
+    return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5
 
 
 def online_bound(progress: Progress, chosen: list[int]) -> float:
@@ -42,9 +44,9 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
     ap = progress.figures(subsets).ap
     if np.isnan(ap).any():
         return np.inf
-    gain = np.zeros(len(candidates.mounts))
-    np.maximum.at(gain, candidates.mount[options], ap[1:] - ap[0])
-    return float(ap[0] + np.sort(gain)[::-1][: progress.budget].sum())
+    gains, mount = np.maximum(ap[1:] - ap[0], 0.0), candidates.mount[options]
+    each = [np.sort(gains[mount == m])[::-1][: candidates.places[m]] for m in np.unique(mount)]
+    return float(ap[0] + np.sort(np.concatenate([*each, np.zeros(1)]))[::-1][: progress.budget].sum())
 
 
 def certificate(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:

@@ -1,40 +1,51 @@
-"""Budget curve: the best AP for every number of sensors up to a most, and what it costs, on fresh traffic.
+"""Budget curve: the best AP for every number of sensors, or every amount of money, up to a most, on fresh traffic.
 
-The searches of a portfolio run for each number; the entrants of each number race among each other, and the winners are
-judged together on the third part of traffic, with the same resamples, so that their AP compare.
+The searches of a portfolio run for each number or amount; the entrants of each race among each other, those of an
+amount also with the winner of the amount before, and the winners are judged together on the third part of traffic, with
+the same resamples, so that their AP compare.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import interval_about
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
-from placement_env.search.portfolio.entrants import ENTRANTS, Effort
-from placement_env.search.portfolio.evaluators import Evaluator
+from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants
+from placement_env.search.portfolio.evaluators import Evaluator, race_order
 from placement_env.search.portfolio.portfolio import (
     INTERVAL_SHARE,
     JUDGED_FRAMES,
     RACE_FRAMES,
+    SEARCHES,
+    SET_FRAMES,
     contest,
     evaluators_of,
     found_entrants,
 )
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
+from toolkit.arrays import Bool, Float64
+
+AMOUNTS = 12  # of money, at most, for which sets are searched
+SUMS = 4096  # of prices that are told apart
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The best set of a number of sensors. searches: that answered with it, none where it is a neighbour; predicted: AP
-    by the objective that was searched; ap, low, high: on traffic that neither searches nor race saw; confidence: that
-    no other entrant of as many sensors is better by more than 0.01; pays: whether no set of the curve that costs as
-    little or less has as much AP."""
+    """The best set of a number of sensors, or for an amount of money (infinite where numbers were asked for). searches:
+    that answered with it, none where it is a neighbour; predicted: AP by the objective that was searched; ap, low,
+    high: on traffic that neither searches nor race saw; confidence: that no other entrant of as many sensors, or for
+    that money, is better by more than 0.01; pays: whether no set of the curve that costs as little or less has as much
+    AP."""
 
     sensors: int
     subset: tuple[int, ...]
@@ -47,12 +58,25 @@ class CurvePoint:
     high: float
     confidence: float
     pays: bool
+    money: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class _Winner:
+    """Of a race: its set, what found it, its AP as searched, how sure it is, and the money it was to cost at most."""
+
+    row: Bool[np.ndarray, " C"]
+    searches: tuple[str, ...]
+    predicted: float
+    confidence: float
+    money: float
 
 
 def budget_curve(
     objective: Objective,
     most: int,
     *,
+    amounts: tuple[float, ...] = (),
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
@@ -64,56 +88,115 @@ def budget_curve(
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
     progress: Stages | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
-    """A point for each number of sensors from 1 to `most` of which a set may be built, by number.
+    """A point for each number of sensors from 1 to `most` of which a set may be built, by number; where `amounts` of
+    money are given (`amounts_up_to`), for each at which another set of at most so many sensors is the best, by amount.
 
-    Arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of each search at each number, and of
-    the races together. Raises ValueError as that does.
+    Other arguments as of `placement_env.search.portfolio.portfolio.search`; seconds: of all searches, races and the
+    judgement together. Raises ValueError as that does.
     """
     check_whole("budget", most, least=1)
-    limits = Limits(seconds, evaluations)
-    racing, final = evaluators or evaluators_of(objective, preparation, judge, (race_frames, final_frames), seed=seed)
-    effort = Effort(tuple(range(1, most + 1)), seconds, evaluations, neighbours)
-    found = found_entrants(objective, effort, seed, progress)
-    limits = Limits(seconds, evaluations)
-    sizes = found.sets.sum(axis=1)
-    winners: list[tuple[int, float]] = []
-    for size in np.unique(sizes):
-        places = np.flatnonzero(sizes == size)
-        ran = contest(
-            objective, found.sets[places], racing, confidence=confidence, seed=seed, progress=progress,
-            stop=lambda: limits.elapsed >= limits.seconds,
-        )  # fmt: skip
-        winners.append((int(places[ran.ranking[0]]), ran.confidence))
+    Limits(seconds, evaluations)
+    schedule = Schedule.of(seconds, objective.preparation if preparation is None else preparation)
+    parts = schedule.frames(race_frames), schedule.frames(final_frames)
+    racing, final = evaluators or evaluators_of(objective, preparation, judge, parts, seed=seed)
+    each = schedule.searching(SEARCHES * (len(amounts) or most))
+    effort = Effort((most,) if amounts else tuple(range(1, most + 1)), each, evaluations, neighbours)
+    search = partial(found_entrants, effort=effort, seed=seed, progress=progress)
+    sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
+    groups = list(paid if amounts else sized)
+    winners: list[_Winner] = []
+    for n, (money, found) in enumerate(groups):
+        timed = schedule.racing(racing, len(groups) - n)
+        before = [winners[-1].row] if amounts and winners else []
+        sets = np.array([*found.sets, *before])
+        enough = SET_FRAMES if seconds is None else math.inf
+        ran = contest(objective, sets, timed, confidence=confidence, seed=seed, most=enough, progress=progress)
+        first = int(ran.ranking[0])
+        if not (before and np.array_equal(sets[first], before[0])):
+            predicted = float(found.predicted[first])
+            winners.append(_Winner(sets[first], found.searches[first], predicted, ran.confidence, money))
     if not winners:
         return ()
-    rows = np.array([row for row, _ in winners])
+    rows = np.array([each.row for each in winners])
     report: Callable[[int], None] | None = None
     if progress is not None:
         report = partial(_done, progress, final.frames)
-    judged = final.evaluate(found.sets[rows], np.arange(final.frames), report)
-    price = objective.price(found.sets[rows])
+    order = np.arange(final.frames) if seconds is None else race_order(final.frames)
+    judged = schedule.judging(final).evaluate(rows, order, report)
+    price = objective.price(rows)
     points = []
-    for place, (row, sure) in enumerate(winners):
+    for place, won in enumerate(winners):
         ap = float(judged.ap[place])
-        low, high = percentiles(judged.resamples[place], confidence=INTERVAL_SHARE)
+        low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         points.append(
             CurvePoint(
-                sensors=int(sizes[row]),
-                subset=tuple(np.flatnonzero(found.sets[row]).tolist()),
+                sensors=int(won.row.sum()),
+                subset=tuple(np.flatnonzero(won.row).tolist()),
                 price=float(price[place]),
                 kbit=float(judged.kbit[place]),
-                searches=found.searches[row],
-                predicted=float(found.predicted[row]),
+                searches=won.searches,
+                predicted=won.predicted,
                 ap=ap,
-                low=min(low, ap),
-                high=max(high, ap),
-                confidence=sure,
+                low=low,
+                high=high,
+                confidence=won.confidence,
                 pays=not bool((judged.ap[rivals] >= ap).any()),
+                money=won.money,
             )
         )
     return tuple(points)
+
+
+def amounts_up_to(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
+    """Amounts of money, ascending, at which a set of at most `most` sensors may cost as much: all up to `money` where
+    these are no more than `count`, else so many, spread evenly and as great as can be."""
+    check_whole("budget", most, least=1)
+    candidates, alone = objective.candidates, objective.allowed([])
+    prices = np.unique(candidates.prices[alone])
+    if candidates.several:
+        prices = np.union1d(prices, candidates.model_prices[alone])
+    sums = np.zeros(1)
+    for _ in range(most):
+        sums = _different(np.concatenate([sums, (sums[:, None] + prices).ravel()]), money)
+    sums = sums[sums > 0]
+    if len(sums) > count:
+        steps = np.linspace(0.0, money, count + 1)[1:]
+        place = np.searchsorted(sums, steps * (1 + 1e-9), side="right") - 1
+        sums = sums[np.unique(place[place >= 0])]
+    return tuple(sums.tolist())
+
+
+def _different(sums: Float64[np.ndarray, " n"], money: float) -> Float64[np.ndarray, " k"]:
+    """Sums within the money that differ, ascending; of too many those that differ by more than a `SUMS`th of it."""
+    within = np.unique(sums[sums <= money * (1 + 1e-9)])
+    cells = np.floor(within / max(money, 1e-300) * (1 << 30 if len(within) <= SUMS else SUMS))
+    return np.asarray(within[np.append(np.diff(cells) > 0, True)])
+
+
+def _of_sizes(
+    objective: Objective, search: Callable[..., Entrants], checkpoint: Checkpoint
+) -> Iterator[tuple[float, Entrants]]:
+    """The entrants of each number of sensors."""
+    found = search(objective, checkpoint=checkpoint)
+    sizes = found.sets.sum(axis=1)
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size)
+        searches = tuple(found.searches[row] for row in rows)
+        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered)
+
+
+def _of_amounts(
+    objective: Objective, amounts: tuple[float, ...], search: Callable[..., Entrants], checkpoint: Checkpoint
+) -> Iterator[tuple[float, Entrants]]:
+    """The entrants of each amount of money for which there is a set."""
+    for money in sorted(amounts):
+        limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
+        found = search(limited, checkpoint=checkpoint.part(f"{money:g}"))
+        if len(found.sets):
+            yield money, found
 
 
 def _done(progress: Stages, total: int, done: int) -> None:

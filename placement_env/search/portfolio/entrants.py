@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -22,6 +23,7 @@ from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.published_surrogates import PerceptionEntropy
 from placement_env.objective import Objective, Stages, Weights
 from placement_env.search import greedy, swap
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
@@ -81,6 +83,7 @@ def kept_entrants(
     depends_on: str,
     seed: int = 0,
     progress: Stages | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
     """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
     beside its candidates and settings, such as the traffic."""
@@ -89,22 +92,37 @@ def kept_entrants(
     kept = None if cache is None else cache.get([key])[0]
     if kept is not None:
         return Entrants.of(kept)
-    found = entrants(objective, effort, seed=seed, progress=progress)
+    found = entrants(objective, effort, seed=seed, progress=progress, checkpoint=checkpoint)
     if cache is not None:
         cache.put({key: found.arrays()})
     return found
 
 
-def entrants(objective: Objective, effort: Effort, *, seed: int = 0, progress: Stages | None = None) -> Entrants:
-    """The entrants of all sizes; none where nothing may be built."""
+def entrants(
+    objective: Objective,
+    effort: Effort,
+    *,
+    seed: int = 0,
+    progress: Stages | None = None,
+    checkpoint: Checkpoint = NOWHERE,
+) -> Entrants:
+    """The entrants of all sizes; none where nothing may be built. checkpoint: keeps the answer of each search that has
+    ended, and how far the one on its way is."""
+    ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, list[str]] = {}
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0
     for done, size in enumerate(effort.sizes, 1):
         own: list[bytes] = []
-        for name, result in _searches(objective, size, effort, seed):
-            considered += result.evaluations
-            row = objective.row(list(result.best.subset))
+        for name, run in _searches(objective, size, effort, seed, checkpoint):
+            part = f"{size} {name}"
+            if part not in ended:
+                result = run()
+                ended[part] = [list(result.best.subset), result.evaluations]
+                checkpoint.save(ended)
+            members, scored = ended[part]
+            considered += scored
+            row = objective.row(members)
             if row.any() and objective.feasible(row[None])[0]:
                 key = np.packbits(row).tobytes()
                 rows[key] = row
@@ -128,29 +146,37 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, progress: S
     return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
 
 
-def _searches(objective: Objective, size: int, effort: Effort, seed: int) -> Iterator[tuple[str, Result]]:
-    """The answers of the searches for at most `size` sensors."""
+def _searches(
+    objective: Objective, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
+) -> Iterator[tuple[str, Callable[[], Result]]]:
+    """The searches for at most `size` sensors, by name."""
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     count = len(objective.candidates)
     if count <= exhaustive.LARGEST and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS:
-        yield "exhaustive", exhaustive.search(objective, size, **limits)
-    yield "greedy", greedy.search(objective, size, **limits)
-    yield "swap", _swapped(objective, size, effort, seed)
+        yield "exhaustive", partial(exhaustive.search, objective, size, **limits)
+    swapped = partial(_swapped, size=size, effort=effort, seed=seed, checkpoint=checkpoint)
+    yield "greedy", partial(greedy.search, objective, size, **limits)
+    yield "swap", partial(swapped, objective, "swap")
     by_entropy = entropy_objective(objective)
     if by_entropy is not None:
-        yield "swap by perception entropy", _swapped(by_entropy, size, effort, seed)
+        yield "swap by perception entropy", partial(swapped, by_entropy, "entropy")
     if objective.visibility is not None and find_spec("ortools"):
         solving = 600.0 if effort.seconds is None else effort.seconds
-        yield "cpsat", cpsat.search(objective, size, seed=seed, seconds=solving, effort=SOLVING)
+        yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
     prices = objective.candidates.prices
     if np.ptp(prices) > 0:
         thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
-        yield "thrifty swap", _swapped(thrifty, size, effort, seed)
+        yield "thrifty swap", partial(swapped, thrifty, "thrifty")
 
 
-def _swapped(objective: Objective, size: int, effort: Effort, seed: int) -> Result:
+def _swapped(
+    objective: Objective, part: str, *, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
+) -> Result:
     most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
-    return swap.search(objective, size, seed=seed, starts=swap.STARTS, seconds=effort.seconds, evaluations=most)
+    return swap.search(
+        objective, size, seed=seed, starts=swap.STARTS, seconds=effort.seconds, evaluations=most,
+        checkpoint=checkpoint.part(f"{size}.{part}"),
+    )  # fmt: skip
 
 
 def entropy_objective(objective: Objective) -> Objective | None:

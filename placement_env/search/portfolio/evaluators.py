@@ -7,7 +7,7 @@ where there is no detector. Frames of one block of `BLOCK_FRAMES` show the same 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -16,21 +16,24 @@ from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks
 from placement_env.analysis.tally import Tally
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.protocol import Fidelity
-from placement_env.fidelity.visibility import Visibility, see
+from placement_env.fidelity.visibility import Visibility, of_frames, see
 from toolkit.arrays import Bool, Float64, Int64
 
 BATCHES = 12  # of frames, at most, that a fast fidelity scores apart
 
 
 class Evaluated(NamedTuple):
-    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets."""
+    """n sets on some frames: AP, kbit of the whole set, and the AP in each resample; the same draws for all sets.
+    frames: how many of those asked for, the first ones, where time was up; None for all."""
 
     ap: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
+    frames: int | None = None
 
 
 @runtime_checkable
@@ -47,9 +50,8 @@ class Evaluator(Protocol):
         """How many there are."""
         ...
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
         ...
 
     def evaluate(
@@ -69,12 +71,18 @@ def evaluator_of(
     which failures, None for the preparation's own; seed: of the resamples."""
     if counting is None:
         return _plain(preparation, fidelity, seed)
-    return counted_evaluator([_plain(at, fidelity, seed) for at in counting.preparations(preparation)], counting)
+    each = [_plain(at, fidelity, seed) for at in counting.preparations(preparation)]
+    return counted_evaluator(each, counting, counting.parts(preparation.traffic) if counting.levels.count > 1 else ())
 
 
-def counted_evaluator(each: Sequence[Evaluator], counting: Counting | None) -> Evaluator:
-    """The mean of evaluators of one IoU threshold each, and what is left where sensors fail."""
+def counted_evaluator(
+    each: Sequence[Evaluator], counting: Counting | None, parts: Sequence[Int64[np.ndarray, " _"]] = ()
+) -> Evaluator:
+    """The mean of evaluators of one IoU threshold each, over levels of traffic, and what is left where sensors fail.
+    parts: the frames of each level, none where all traffic is one."""
     mean = each[0] if len(each) == 1 else MeanEvaluator(tuple(each))
+    if counting is not None and parts:
+        mean = LevelEvaluator(mean, counting.levels, tuple(parts))
     return RobustEvaluator(mean, counting.failing) if counting is not None and counting.failing.sensors else mean
 
 
@@ -110,10 +118,9 @@ class DetectorEvaluator:
         """How many there are."""
         return self.detected.frames
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return int(sum(self.detected.scored(k).sum() for k in range(self.frames)))
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
     def evaluate(
         self,
@@ -142,26 +149,39 @@ class DetectorEvaluator:
         return Evaluated(ap, kbit, resamples)
 
 
+class Like:
+    """An evaluator that is made of others and has the name and the frames of the first of them."""
+
+    @property
+    def first(self) -> Evaluator:
+        """Whose they are."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """Of the fidelity."""
+        return self.first.name
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return self.first.frames
+
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return self.first.objects_in(frames)
+
+
 @dataclass(frozen=True, eq=False)
-class MeanEvaluator:
+class MeanEvaluator(Like):
     """The mean of several, of one IoU threshold each; kbit are those of the first."""
 
     evaluators: tuple[Evaluator, ...]
 
     @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self.evaluators[0].name
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return self.evaluators[0].frames
-
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return self.evaluators[0].objects
+    def first(self) -> Evaluator:
+        """That of the first threshold."""
+        return self.evaluators[0]
 
     def evaluate(
         self,
@@ -176,26 +196,16 @@ class MeanEvaluator:
 
 
 @dataclass(frozen=True, eq=False)
-class RobustEvaluator:
+class RobustEvaluator(Like):
     """What is left of sets when sensors fail, in every resample by itself; kbit are those of the intact set."""
 
     evaluator: Evaluator
     failing: Failing
 
     @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self.evaluator.name
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return self.evaluator.frames
-
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return self.evaluator.objects
+    def first(self) -> Evaluator:
+        """That of intact sets."""
+        return self.evaluator
 
     def evaluate(
         self,
@@ -210,6 +220,41 @@ class RobustEvaluator:
         return Evaluated(ap, found.kbit[: len(sets)], resamples)
 
 
+@dataclass(frozen=True, eq=False)
+class LevelEvaluator(Like):
+    """Each level of traffic by itself, then their mean or the worst. evaluator: of all traffic; parts: frames of each
+    level. kbit are those of all frames."""
+
+    evaluator: Evaluator
+    levels: TrafficLevels
+    parts: tuple[Int64[np.ndarray, " _"], ...]
+
+    @property
+    def first(self) -> Evaluator:
+        """That of all traffic."""
+        return self.evaluator
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames. In a resample each level is drawn from its own blocks."""
+        there = [own for own in (frames[np.isin(frames, part)] for part in self.parts) if len(own)]
+        found, done = [], 0
+        for own in there:
+            found.append(self.evaluator.evaluate(sets, own))
+            done += len(own)
+            if progress is not None:
+                progress(done)
+        ap, resamples = (
+            self.levels.combined(np.stack(each)) for each in ([f.ap for f in found], [f.resamples for f in found])
+        )
+        share = np.array([len(own) for own in there]) / len(frames)
+        return Evaluated(ap, share @ np.stack([each.kbit for each in found]), resamples)
+
+
 class FastEvaluator:
     """By a fidelity that scores what candidates see: nothing but the sets asked for is rendered.
 
@@ -222,10 +267,9 @@ class FastEvaluator:
         self.frames = len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
 
-    @property
-    def objects(self) -> int:
-        """How many are to be found in all frames."""
-        return sum(self._look(np.array([0])).labels.shape)
+    def objects_in(self, frames: Int64[np.ndarray, " k"]) -> int:
+        """How many are to be found in these frames."""
+        return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
     def evaluate(
         self,
@@ -263,18 +307,3 @@ class FastEvaluator:
                 ray=made.ray, cache=made.disk_cache,
             )  # fmt: skip
         return self._seen[key]
-
-
-def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
-    """What is seen in some of the frames, ascending."""
-    own = np.isin(visibility.frame, frames)
-    return replace(
-        visibility,
-        points=visibility.points[:, own],
-        distance=visibility.distance[:, own],
-        frame=np.searchsorted(frames, visibility.frame[own]),
-        boxes=visibility.boxes[own],
-        sent=visibility.sent[:, frames],
-        far=visibility.far[:, frames],
-        labels=visibility.labels[own],
-    )

@@ -8,19 +8,23 @@ scores overrates it (the winner's curse), by as much as `Contender.curse` says o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import BLOCK_FRAMES, interval_about
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
 from placement_env.racing import Contest, Resampled, race_until
+from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
 from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, evaluator_of, race_order
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, Result
 from toolkit.arrays import Bool, Float64, Int64
@@ -28,10 +32,9 @@ from toolkit.arrays import Bool, Float64, Int64
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
 AP_TOLERANCE = 0.01  # AP by which another entrant may be better without being asked for
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
-SET_FRAMES = 1600.0  # that a race may score
+SET_FRAMES = 1600.0  # that a race may score where no time is set
 INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
-SEARCHING = 0.5  # share of the seconds that searches may take together
-SEARCHES = 5  # that share it
+SEARCHES = 5  # that share the time of the searches
 
 
 def search(
@@ -49,38 +52,42 @@ def search(
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
     progress: Stages | None = None,
+    checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """The winner of the race. `Result.best` is its score by the objective, `Result.assessment` what the third part of
     traffic says of it and of each search's own answer.
 
-    seconds: of searches and race, which then ends after the rung it is in; the assessment comes after; evaluations: of
+    seconds: of searches, race and assessment together, shared out by `placement_env.search.portfolio.schedule`: then
+    there are fewer frames, and the answers of searches for which there was no time are not assessed; evaluations: of
     each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
     fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
     neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
-    must be of a site; evaluators: of race and assessment, in place of all these. Raises ValueError where these do not
+    must be of a site; evaluators: of race and assessment, in place of all these; checkpoint: keeps
+    how far the searches are (what race and assessment detect is in the cache). Raises ValueError where these do not
     fit.
     """
     check_whole("budget", budget, least=1)
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     limits = Limits(seconds, evaluations)
-    racing, final = evaluators or evaluators_of(objective, preparation, judge, (race_frames, final_frames), seed=seed)
-    each = None if seconds is None else seconds * SEARCHING / SEARCHES
-    found = found_entrants(objective, Effort((budget,), each, evaluations, neighbours), seed, progress)
+    schedule = Schedule.of(seconds, objective.preparation if preparation is None else preparation)
+    frames = schedule.frames(race_frames), schedule.frames(final_frames)
+    racing, final = evaluators or evaluators_of(objective, preparation, judge, frames, seed=seed)
+    effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, neighbours)
+    found = found_entrants(objective, effort, seed, progress, checkpoint)
     limits.count = found.considered
     if not len(found.sets):
         return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
-    ran = contest(
-        objective, found.sets, racing, confidence=confidence, seed=seed, progress=progress,
-        stop=lambda: limits.elapsed >= limits.seconds,
-    )  # fmt: skip
+    timed = schedule.racing(racing)
+    most = SET_FRAMES if seconds is None else math.inf
+    ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most, progress=progress)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
         note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
         return _without(objective, found.considered, limits, note)
     winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
     limits.record(winner.reward)
     searched = limits.elapsed
-    assessment = _assessed(objective, found, ran, racing, final, asked=confidence, progress=progress)
+    assessment = _assessed(objective, found, ran, (final, schedule), asked=confidence, progress=progress)
     note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
     certificate = Certificate("none", winner.reward, note=note)
     history = limits.history(winner.reward)
@@ -105,19 +112,22 @@ def contest(
     stop: Callable[[], bool] = lambda: False,
     progress: Stages | None = None,
 ) -> Contest:
-    """The race of some sets by their reward with the AP that an evaluator says. most: set-frames to be scored."""
+    """The race of some sets by their reward with the AP that an evaluator says, and the objective beforehand. most:
+    set-frames to be scored."""
 
     def rewards(rows: Bool[np.ndarray, "m C"], frames: Int64[np.ndarray, " k"]) -> Resampled:
         report = None if progress is None else partial(_done, progress, "racing", len(frames))
         found = evaluator.evaluate(rows, frames, report)
         cost = costs_of(objective, rows, found.kbit)
-        return Resampled(found.ap - cost, found.resamples - cost[:, None])
+        blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
+        return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
     order = race_order(evaluator.frames, seed=seed)
     first = min(FIRST, evaluator.frames)
     return race_until(
-        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, most=most, stop=stop
-    )
+        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, most=most, stop=stop,
+        predicted=objective.scores(sets).reward,
+    )  # fmt: skip
 
 
 def costs_of(
@@ -143,29 +153,30 @@ def evaluators_of(
     return race, final
 
 
-def found_entrants(objective: Objective, effort: Effort, seed: int, progress: Stages | None) -> Entrants:
+def found_entrants(
+    objective: Objective, effort: Effort, seed: int, progress: Stages | None, checkpoint: Checkpoint = NOWHERE
+) -> Entrants:
     """The entrants, from the cache of the objective's preparation where it keeps them."""
     made = objective.preparation
     cache = None if made is None else made.disk_cache
     depends_on = "" if made is None else made.traffic.digest()
-    return kept_entrants(objective, effort, cache, depends_on=depends_on, seed=seed, progress=progress)
+    settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
+    return kept_entrants(objective, effort, cache, depends_on=depends_on, **settings)
 
 
 def _assessed(
     objective: Objective,
     found: Entrants,
     ran: Contest,
-    racing: Evaluator,
-    final: Evaluator,
+    judging: tuple[Evaluator, Schedule],
     *,
     asked: float,
     progress: Stages | None,
 ) -> Assessment:
-    """The winner and the answer of each search on the third part of the traffic."""
-    winner = int(ran.ranking[0])
+    """The winner and, as far as there is time, the answer of each search on the third part of the traffic."""
+    winner, (final, schedule) = int(ran.ranking[0]), judging
     rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
-    report = None if progress is None else partial(_done, progress, "judging", final.frames)
-    judged = final.evaluate(found.sets[rows], np.arange(final.frames), report)
+    rows, judged, frames = judged_in_time(found.sets, rows, final, schedule, progress=progress)
     contenders = tuple(
         _contender(found, int(row), judged, place) for place, row in enumerate(rows) if found.searches[row]
     )
@@ -176,8 +187,8 @@ def _assessed(
         low=own.low,
         high=own.high,
         kbit=float(judged.kbit[0]),
-        objects=final.objects,
-        frames=final.frames,
+        objects=final.objects_in(frames),
+        frames=len(frames),
         predicted=own.predicted,
         confidence=ran.confidence,
         asked=asked,
@@ -185,14 +196,40 @@ def _assessed(
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
         contenders=contenders,
+        expected=float(ran.expected[0] + costs_of(objective, found.sets[[winner]], judged.kbit[:1])[0]),
     )
+
+
+def judged_in_time(
+    sets: Bool[np.ndarray, "n C"],
+    rows: Int64[np.ndarray, " k"],
+    final: Evaluator,
+    schedule: Schedule,
+    *,
+    progress: Stages | None = None,
+) -> tuple[Int64[np.ndarray, " m"], Evaluated, Int64[np.ndarray, " f"]]:
+    """Some of the sets on the third part of the traffic: those of the rows for which there was time, what is said of
+    them, and on which frames, the same for all. The first row is judged whatever time there is."""
+    every = np.arange(final.frames)
+    report = None if progress is None else partial(_done, progress, "judging", len(every))
+    if schedule.seconds is None:
+        return rows, final.evaluate(sets[rows], every, report), every
+    order = race_order(final.frames)
+    first = schedule.judging(final).evaluate(sets[rows[:1]], order, report)
+    frames = order[: first.frames]
+    done = 1
+    while done < len(rows) and schedule.left > 0:
+        if schedule.judging(final).evaluate(sets[rows[done : done + 1]], frames).frames is not None:
+            break
+        done += 1
+    return rows[:done], final.evaluate(sets[rows[:done]], frames), frames
 
 
 def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Contender:
     ap = float(judged.ap[place])
-    low, high = percentiles(judged.resamples[place], confidence=INTERVAL_SHARE)
+    low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
     members = tuple(np.flatnonzero(found.sets[row]).tolist())
-    return Contender(found.searches[row], members, float(found.predicted[row]), ap, min(low, ap), max(high, ap))
+    return Contender(found.searches[row], members, float(found.predicted[row]), ap, low, high)
 
 
 def _done(progress: Stages, stage: str, total: int, done: int) -> None:

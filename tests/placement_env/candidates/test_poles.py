@@ -60,7 +60,7 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
     lon_lat = degrees(places)
     path = write(
         tmp_path,
-        point(lon_lat[0], name="L/1", height=9.0, price=0.5, capacity_kbit=800),
+        point(lon_lat[0], name="L/1", height=9.0, price=0.5, capacity_kbit=800, max_sensors=2),
         point([*lon_lat[1], 34.0], min_height=None, owner="tram"),
         {**point(lon_lat[2], min_height=4, max_height=5), "id": 17},
         {"type": "Feature", "properties": None, "geometry": {"type": "LineString", "coordinates": lon_lat}},
@@ -76,6 +76,7 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
         (3.0, 8.0, 1.0, 2000.0),
         (4.0, 5.0, 1.0, 2000.0),
     ]
+    assert [m.max_sensors for m in mounts] == [2, 1, 1]
     assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L-1", "pole01", "17"}
 
 
@@ -143,6 +144,8 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([point([0.0, 10.0], height="8 m")], r"features\[0\].properties.height must be a finite number, got '8 m'"),
         ([point([0.0, 10.0], min_height=9, max_height=5)], r"features\[0\] \(pole 'pole00'\): mount.min_height"),
         ([point([0.0, 10.0], capacity_kbit=0)], "capacity > 0"),
+        ([point([0.0, 10.0], max_sensors=1.5)], "max_sensors must be a whole number from 1 up, got 1.5"),
+        ([point([0.0, 10.0], max_sensors=0)], "max_sensors must be a whole number from 1 up, got 0"),
         ([{"type": "Feature", "properties": {}, "geometry": None}], r"features\[0\].geometry must be an object"),
         ([point([0.0, 10.0]) | {"properties": []}, 3], r"features\[1\].geometry must be an object"),
         ([point([0.0, 10.0]) | {"properties": [1]}], r"features\[0\].properties must be an object"),

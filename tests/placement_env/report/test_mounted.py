@@ -10,6 +10,7 @@ from placement_env.candidates.aim import aimed
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.report.mounted import mounted_site, planned_sensors, unused_mounts
+from placement_env.report.planning.mounting import bill_of_materials, link_loads
 from toolkit.geometry import pose
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -134,3 +135,16 @@ def test_an_empty_set():
     none = Axes(np.zeros(0), np.zeros(0), np.zeros(0), ())
     empty = Candidates((), np.zeros(0, np.int64), (NORTH,), np.zeros((0, 5), np.int64), none)
     assert planned_sensors(SITE, empty, [], kbit=[], peak_kbit=[]) == ()
+
+
+def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
+    names = [sensor.name for sensor in candidates.sensors]
+    both = [chosen[0], names.index("north_4.0m_h180_t15_camera")]
+    sensors = planned_sensors(SITE, candidates, both, **KBIT)
+    assert [(each.pole, each.pole_price) for each in sensors] == [("north", 0.5), ("north", 0.0)]
+    poles = [item for item in bill_of_materials(sensors) if item.item == "pole"]
+    assert [(item.count, item.price) for item in poles] == [(1, 0.5)]
+    (load,) = link_loads(sensors, limited=True)
+    assert (load.pole, load.mbit_s, load.peak_mbit_s, load.capacity_mbit_s) == pytest.approx(
+        ("north", 3.205, 4.305, 8.0)
+    )

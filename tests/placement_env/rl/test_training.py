@@ -8,6 +8,7 @@ import torch
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.objective import Weights
 from placement_env.rl import training as learning
+from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.exact import exhaustive
 
 pytest.importorskip("sb3_contrib")
@@ -145,3 +146,42 @@ def test_a_checkpoint_that_was_cut_is_told_in_one_line(trained, tmp_path):
         ValueError, match=r"policy.pt is damaged or no checkpoint of tensors alone: .*: remove it to begin anew"
     ):
         learning.load_policy(cut, PickEnv, learning=SMALL)
+
+
+def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
+    class Killed(BaseException):
+        """Stands for SIGKILL."""
+
+    class Mortal(Checkpoint):
+        """Is killed after three rounds."""
+
+        rounds = 0
+
+        def save(self, state):
+            super().save(state)
+            self.rounds += 1
+            if self.rounds == 3:
+                raise Killed
+
+    def policy(checkpoint):
+        return learning.search(make(5, 2), 2, evaluations=1024, learning=SMALL, checkpoint=checkpoint)
+
+    whole, kills = policy(NOWHERE), 0
+    while True:
+        try:
+            found = policy(Mortal(tmp_path, every=0.0))
+            break
+        except Killed:
+            kills += 1
+    assert kills == 1
+    assert (found.best, found.certificate, found.evaluations) == (whole.best, whole.certificate, whole.evaluations)
+    assert found.history.reward.tolist() == whole.history.reward.tolist()
+
+
+def test_a_policy_of_which_nothing_else_is_known_begins_anew(trained, tmp_path):
+    (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
+    rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
+    assert learning.met_until(tmp_path, rounds) == {"best": 0.7}
+    assert [steps for steps, _ in rounds] == [512, 768]
+    assert learning.met_until(tmp_path, rounds[:1]) is None
+    assert not (tmp_path / learning.CHECKPOINT).exists()

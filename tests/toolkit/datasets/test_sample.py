@@ -1,7 +1,9 @@
+import json
+
 import numpy as np
 import pytest
 
-from toolkit.datasets.sample import Everywhere, ImageWedge, Rectangle, Region, Sample, SensorCloud
+from toolkit.datasets.sample import Everywhere, ImageWedge, Rectangle, Region, Sample, SensorCloud, region_of
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 
@@ -69,3 +71,33 @@ def test_the_rectangle_of_a_box_in_an_image():
     assert half.covers(boxes[:1]).tolist() == [True]
     most = ImageWedge(wedge.projection, 1000, 800, ((300.0, 200.0, 501.0, 600.0),))
     assert most.covers(boxes[:1]).tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        Everywhere(),
+        Rectangle((-1.5, 0.0, 2.0, 3.25)),
+        ImageWedge(np.arange(12.0).reshape(3, 4) / 3, 1242, 375, ((0.0, 1.5, 2.0, 3.0),)),
+    ],
+)
+def test_a_region_comes_back_from_what_files_say_of_it(region):
+    again = region_of(json.loads(json.dumps(region.record())))
+    assert type(again) is type(region)
+    assert again.record() == region.record()
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        ({"kind": "circle"}, "everywhere, rectangle, image, got {'kind': 'circle'}"),
+        ([], "complete in one of"),
+        ({"kind": ["image"]}, "complete in one of"),
+        ({"kind": "rectangle", "area": [1, 2, 3]}, "numbers of a region rectangle are damaged"),
+        ({"kind": "image", "projection": "x", "width": 1, "height": 1, "ignored": []}, "region image are damaged"),
+        ({"kind": "image", "projection": [[0.0] * 4] * 2, "width": 1, "height": 1, "ignored": []}, "must be 3 by 4"),
+    ],
+)
+def test_damaged_regions_are_refused_in_one_line(record, says):
+    with pytest.raises(ValueError, match=says):
+        region_of(record)

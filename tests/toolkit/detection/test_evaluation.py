@@ -20,6 +20,8 @@ from toolkit.detection.evaluation import (
 from toolkit.detection.fusion import late
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
@@ -345,6 +347,23 @@ def test_foreground_sends_bytes_and_learns_its_scenes_here():
     assert [(load.scheme, load.load.one_packet) for load in rows.loads] == [("early", 0.0), ("foreground", 1.0)]
     assert rows.loads[1].load.mbit_per_s == pytest.approx(foreground.kbit_per_sensor * 3 * 10 / 1000)
     assert len(rows.as_dict()["loads"]) == 2
+
+
+def test_differences_remember_from_frame_to_frame(monkeypatch):
+    memories = []
+
+    def remembering(*arguments, **options):
+        memories.append(options["memory"])
+        return frame_view(*arguments, **options)
+
+    monkeypatch.setattr("toolkit.detection.evaluation.frame_view", remembering)
+    for _ in range(2):
+        rows = evaluate_dataset(Still(), Oracle(), schemes=["foreground", "differences"], iou_thresholds=[0.7])
+        assert rows[1].kbit_per_sensor <= rows[0].kbit_per_sensor
+    per_run = len(memories) // 2
+    assert len({id(memory) for memory in memories[:per_run]}) == 1
+    assert memories[0] is not memories[-1]
+    assert set(memories[0]) == {(k, ForegroundDifferences().digest) for k in range(3)}
 
 
 def test_scenes_may_be_given_and_are_not_asked_for_in_vain():

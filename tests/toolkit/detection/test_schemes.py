@@ -15,6 +15,7 @@ from toolkit.detection.schemes import (
     sharing_curve,
 )
 from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -41,6 +42,13 @@ def test_a_budget_in_kbit():
     for wrong in (-1.0, float("nan"), 5e6):
         with pytest.raises(ValueError, match="a budget must be 0 to 4294967 kbit"):
             adaptive_of(wrong)
+
+
+def test_differences_in_steps():
+    assert schemes_in_steps(0.04)["differences"] == ForegroundDifferences(0.04)
+    named = schemes_in_steps(0.08, refers_to="key", key_every=5)
+    assert named["differences"] == ForegroundDifferences(0.08, "key", 5)
+    assert named["foreground"] == Foreground(0.08)
 
 
 def test_the_papers_are_there_in_its_order():

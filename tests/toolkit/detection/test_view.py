@@ -167,6 +167,17 @@ def test_where_there_are_points_alone_it_gets_them(watched):
         view.scene(0)
 
 
+def test_what_links_remember_goes_from_view_to_view(watched):
+    memory = {}
+    for expected in ([1], [1, 1]):
+        view = watched(memory=memory)[0]
+        kept = view.remembered(0, "link", list)
+        kept.append(1)
+        assert kept == expected
+        assert view.remembered(1, "link", list) == []
+    assert watched()[0].remembered(0, "link", list) == []
+
+
 def test_what_is_transmitted_by_a_name_is_so_once(watched):
     view, calls = watched()
     made = []

@@ -8,6 +8,7 @@ from toolkit.boxes import count_points
 from toolkit.geometry import levelled, look, pose
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
+from toolkit.rendering import silhouettes
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.sensors.depth_camera import DepthCamera
@@ -92,3 +93,25 @@ def test_on_a_slope_too():
     local = levelled(found.points.astype(np.float64), (0.06, -0.04))
     assert count_points(local, [[*row[:3], 4.02, 2.02, 1.52, 0.3]]).tolist() == [len(local)]
     assert len(local) > 100
+
+
+def test_windows_of_many_boxes_are_those_of_each(rays):
+    boxes = np.array([upright(*place) for place in PLACES] + [upright(500.0, 0.0, 0.0)])
+    together = rays.windows(np.zeros(4, np.int64), boxes)
+    assert sum(len(each.rows) for each in together) > 5
+    for each, box_there in zip(together, boxes, strict=True):
+        (alone,) = rays.windows(np.zeros(1, np.int64), box_there[None])
+        np.testing.assert_array_equal(each.rows, alone.rows)
+        np.testing.assert_allclose(each.least, alone.least)
+        given, found = rays.silhouette(0, box_there, each), rays.silhouette(0, box_there)
+        for one, other in zip(given, found, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert rays.windows(np.zeros(0, np.int64), np.zeros((0, 7))) == []
+
+
+def test_more_boxes_than_are_looked_at_at_once(rays, monkeypatch):
+    boxes = np.array([upright(*place) for place in PLACES])
+    whole = rays.windows(np.zeros(3, np.int64), boxes)
+    monkeypatch.setattr(silhouettes, "BOXES_TOGETHER", 2)
+    for one, other in zip(whole, rays.windows(np.zeros(3, np.int64), boxes), strict=True):
+        np.testing.assert_array_equal(one.rows, other.rows)

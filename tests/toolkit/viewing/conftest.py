@@ -31,3 +31,11 @@ def samples():
 @pytest.fixture(scope="session")
 def finds_the_car():
     return lambda points: Detections(np.array([CAR]) - [0, 0, 0, 0, 0, 0, 0.1], np.array([0.9]))
+
+
+@pytest.fixture(scope="session")
+def touched(samples):
+    """The first sample with points on the car and on the pedestrian, of a third lidar."""
+    first = samples[0]
+    on_boxes = np.concatenate([first.objects.boxes[:, :3]] * 4).astype(np.float32)
+    return replace(first, clouds=(*first.clouds, SensorCloud("near", on_boxes, np.eye(4))))

@@ -29,8 +29,36 @@ def test_points_boxes_and_places_are_where_they_were(samples, finds_the_car):
     assert list(first.truth) == ["vehicle", "pedestrian", "others"]
     np.testing.assert_allclose(first.detections["vehicle"][0, :6], samples[0].objects.boxes[0, :6])
     assert first.detections["vehicle"][0, 6] == pytest.approx(0.2)
-    assert first.described() == "first: 400 points, 3 labelled, 1 detected"
-    assert second.described() == "second: 500 points, 2 labelled, 1 detected"
+    assert first.described() == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
+    assert second.described() == "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
+    assert Drawing().all_of(samples)[0].described() == "first: 400 points, 3 labelled, 0 detected"
+
+
+def test_what_became_of_labels_and_detections(touched, finds_the_car):
+    (drawn,) = Drawing(finds_the_car).all_of([touched])
+    np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
+    np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
+    assert drawn.outcomes["false alarms"] == {}
+    assert drawn.described() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
+    (far,) = Drawing(finds_the_car, half=(5.0, 5.0), middle=(100.0, 0.0)).all_of([touched])
+    assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
+
+
+def test_some_classes_scores_and_sensors_are_drawn(samples, finds_the_car):
+    (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).all_of(samples[1:] * 2)
+    assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
+    (first,) = Drawing(finds_the_car, classes=["pedestrian"]).all_of(samples[:1])
+    assert (list(first.truth), first.detections) == (["pedestrian"], {})
+    assert Drawing(finds_the_car, least_score=0.95).all_of(samples)[0].detections == {}
+    assert len(Drawing(finds_the_car, least_score=0.9).all_of(samples)[0].detections) == 1
+    with pytest.raises(ValueError, match="has no sensor 'west'"):
+        Drawing(sensors=["west"]).all_of(samples)
+
+
+def test_outcomes_are_put_on_level_ground_with_all_else(touched, finds_the_car):
+    drawing = Drawing(finds_the_car, levelling="plane")
+    (drawn,) = drawing.all_of([moved(touched, [3.0, 0.0, -7.3])])
+    assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 
 
 def test_map_coordinates_are_counted_from_an_origin_near_by(samples):

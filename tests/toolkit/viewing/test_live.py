@@ -40,7 +40,7 @@ FIRST = {
 
 
 def test_it_opens_with_the_first_sample(view):
-    assert view.said == "first: 400 points, 3 labelled, 1 detected"
+    assert view.said == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
 
@@ -89,11 +89,21 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
     wait_until(lambda: not view.groups["/truth/vehicle"].visible and not view.groups["/detections/vehicle"].visible)
     assert view.groups["/truth/pedestrian"].visible
     assert view.groups["/truth"].visible
+    assert not view.groups["/missed/vehicle"].visible
+    view.switches["missed, red with a cross"].value = False
+    wait_until(lambda: not view.groups["/missed"].visible)
+    assert view.groups["/hits"].visible
     view.switches["north"].value = True
     wait_until(lambda: view.groups["/sensors/0"].visible)
     view.switches["frame"].value = 1
     wait_until(lambda: view.said.startswith("second") and "/sensors/1/sensor/0" in shown(view))
     assert "south" in view.switches
+
+
+def test_without_a_detector_there_are_no_outcomes_to_hide(recording):
+    with viser_server() as server:
+        switches = LiveView(server, recording, Drawing()).switches
+    assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
 
 
 @pytest.mark.parametrize("port", [0, -1, 65536])

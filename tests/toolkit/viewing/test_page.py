@@ -7,6 +7,9 @@ import pytest
 
 from toolkit.viewing.drawn_sample import Drawing
 from toolkit.viewing.page import PageContent, Switch, page_content, page_html, write_page
+from toolkit.viewing.recording_scene import nodes_of_kind
+
+SECOND = "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +30,8 @@ def test_it_has_a_switch_for_everything(written):
         ("south", "/sensors/1"),
         ("truth", "/truth"),
         ("detections", "/detections"),
-        ("vehicle", "/truth/vehicle /detections/vehicle"),
-        ("pedestrian", "/truth/pedestrian /detections/pedestrian"),
-        ("others", "/truth/others /detections/others"),
+        *(("hits", "/hits"), ("missed", "/missed"), ("false alarms", "/false_alarms")),
+        *((kind, " ".join(nodes_of_kind(kind, outcomes=True))) for kind in ("vehicle", "pedestrian", "others")),
         ("grid of 10 m", "/grid"),
     ]
     assert [(each.name.split(",")[0], each.checked) for each in content.colourings] == [
@@ -40,11 +42,17 @@ def test_it_has_a_switch_for_everything(written):
 
 def test_every_frame_has_its_own_nodes(written):
     _, content = written
-    assert content.names == ("first: 400 points, 3 labelled, 1 detected", "second: 500 points, 2 labelled, 1 detected")
+    assert content.names == ("first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms", SECOND)
     assert "/truth/pedestrian/0" in content.frames[0]
     assert "/sensors/1/age/1" in content.frames[1]
     assert not set(content.frames[0]) & set(content.frames[1])
     assert (content.points, content.drawn) == (900, 900)
+
+
+def test_without_a_detector_there_are_no_outcomes_to_hide(samples):
+    names = [(each.name, each.nodes) for each in page_content(Drawing().all_of(samples[1:]), "labels").switches]
+    assert ("vehicle", "/truth/vehicle /detections/vehicle") in names
+    assert not {"hits", "missed", "false alarms"} & {name for name, _ in names}
 
 
 def test_points_are_thinned_to_what_is_allowed(drawn):
@@ -97,7 +105,7 @@ def test_frames_colours_and_switches_work_in_a_browser(written, browser):
     page.locator("#scene-time").fill("1")
     wait_until("/sensors/1/height/1", True)
     wait_until("/sensors/0/height/0", False)
-    assert page.locator("#scene-now").inner_text() == "2 of 2 · second: 500 points, 2 labelled, 1 detected"
+    assert page.locator("#scene-now").inner_text() == f"2 of 2 · {SECOND}"
     page.get_by_label("vehicle").uncheck()
     wait_until("/truth/vehicle/1", False)
     wait_until("/detections/vehicle/1", False)

@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from toolkit.plots.palette import OUTCOME
 from toolkit.viewing.drawn_sample import COLOURINGS, Drawing, DrawnSample
 from toolkit.viewing.point_shades import Scales
 from toolkit.viewing.recording_scene import (
@@ -8,10 +11,11 @@ from toolkit.viewing.recording_scene import (
     add_grid,
     add_groups,
     add_sample,
+    nodes_of_kind,
     sensors_of,
     viewed_area,
 )
-from toolkit.viewing.viser_scene import viser_server
+from toolkit.viewing.viser_scene import rgb, viser_server
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +41,9 @@ def test_sensors_keep_their_numbers(drawn):
 
 def test_groups_come_before_what_is_in_them(api, drawn):
     made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
-    assert [name for name in made if name.count("/") == 1] == ["/sensors", "/truth", "/detections"]
+    assert [name for name in made if name.count("/") == 1] == [
+        *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms"),
+    ]
     assert {name for name in made if name.startswith("/truth/")} == {
         f"/truth/{kind}" for kind in ("vehicle", "cyclist", "pedestrian", "heavy", "others")
     }
@@ -49,13 +55,34 @@ def test_groups_come_before_what_is_in_them(api, drawn):
 def test_a_sample_has_a_node_for_all_that_is_in_it(api, drawn):
     made = {handle.name: handle for handle in add_sample(api, drawn[1], style(drawn), frame=7, visible=False)}
     sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}
-    assert set(made) == sensors | {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7"}
+    boxes = {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7", "/false_alarms/vehicle/7"}
+    assert set(made) == sensors | boxes
     assert not any(handle.visible for handle in made.values())
     assert made["/sensors/0/age/7"].points.shape == (400, 3)
     assert made["/sensors/1/height/7"].points.shape == (100, 3)
     np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
     assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
     assert len(made["/detections/vehicle/7"].points) > 40  # dashes
+
+
+def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car):
+    (sample,) = Drawing(finds_the_car).all_of([touched])
+    sample = replace(sample, outcomes=sample.outcomes | {"false alarms": {"heavy": sample.truth["others"]}})
+    made = {handle.name: handle for handle in add_sample(api, sample, style([sample]), frame=3)}
+    assert {"/hits/vehicle/3", "/missed/pedestrian/3", "/false_alarms/heavy/3"} < set(made)
+    assert not any("others" in name for name in made if not name.startswith("/truth"))
+    lines = {
+        name: made[name].points.shape[0]
+        for name in ("/hits/vehicle/3", "/missed/pedestrian/3", "/false_alarms/heavy/3")
+    }
+    assert list(lines.values()) == [12, 12 + 2, 12 + 3]  # edges; a cross on the roof; a spike with two bars
+    colours = {tuple(made[name].colors.reshape(-1, 3)[0].tolist()) for name in lines}
+    assert colours == {rgb(OUTCOME[name].colour) for name in ("hit", "missed", "false alarm")}
+
+
+def test_all_of_a_kind_can_be_hidden():
+    assert nodes_of_kind("heavy", outcomes=False) == ["/truth/heavy", "/detections/heavy"]
+    assert nodes_of_kind("heavy", outcomes=True)[2:] == ["/hits/heavy", "/missed/heavy", "/false_alarms/heavy"]
 
 
 def test_one_colouring_and_few_points(api, drawn):

@@ -11,14 +11,17 @@ import numpy as np
 
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import StoredChannel
+from toolkit.datasets.doctor.failing import failing_sensors
 from toolkit.datasets.doctor.hypotheses import (
     ENOUGH,
     SensorImages,
     Suspicion,
+    clouds_of,
     suspect_objects,
     suspect_sensor,
     witnesses,
 )
+from toolkit.datasets.doctor.other_frames import suspect_frames
 from toolkit.geometry import levelled, transform
 from toolkit.objects import Objects
 from toolkit.points import points_on
@@ -68,13 +71,12 @@ def check_measurements(
     """Findings in some of the frames. tables: the published rows of all frames; units: what depth may have to be
     multiplied by to be metres, of which the one is taken under which points and boxes agree best."""
     frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
-    rows = [tables[k] for k in frames]
     raw, findings = _views(dataset, frames)
     shared = [place is not None for _, _, place in dataset.channels]  # in dslices, which alone is in doubt
     in_metres = [
         [_in_metres(view, unit if doubt else 1.0) for view, doubt in zip(raw, shared, strict=True)] for unit in units
     ]
-    examined = [_Examination(dataset.site, views, rows) for views in in_metres]
+    examined = [_Examination(dataset.site, views, tables, frames) for views in in_metres]
     best = max(range(len(units)), key=lambda i: examined[i].explained)
     if units[best] != 1:
         largest = max(float(view.depth.max(initial=0)) for view, doubt in zip(raw, shared, strict=True) if doubt)
@@ -91,17 +93,23 @@ def check_measurements(
         *_posture(exam),
         *_ground(exam),
         *_unseen(exam),
+        *(Finding("warning", *said) for said in failing_sensors(exam.views, exam.rows, dataset.site, frames)),
     ]
 
 
 class _Examination:
     """Whether points and boxes agree, and by how much once the suspected mistakes are undone."""
 
-    def __init__(self, site: Site, views: Sequence[SensorImages], rows: Sequence[np.ndarray]) -> None:
+    def __init__(
+        self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
+    ) -> None:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
         pixels = witnesses(views)
+        clouds = clouds_of(pixels, sensors, len(frames))
+        other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
         self.mistakes, self.rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes = [*([other_frames] if other_frames else []), *self.mistakes]
         self.explained = fits * sum(len(w.depth) for w in pixels)
         self.misplaced, self.rows = _misplaced(self.rows, site)
         self.doubts: dict[str, Suspicion | None] = {}

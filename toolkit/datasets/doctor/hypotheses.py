@@ -195,14 +195,19 @@ def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
     return np.any(inside, axis=1) & ~np.any(core, axis=1)
 
 
+def clouds_of(chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
+    """The witnesses' points of each of so many frames, in the site's frame."""
+    parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
+    for w in chosen:
+        parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
+    return [np.concatenate(part) for part in parts]
+
+
 def suspect_objects(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[list[Suspicion], list[Rows], float]:
     """The mistake in the objects, or the two made together, the rows without them, and the fit that is left."""
-    parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in rows]
-    for w in chosen:
-        parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
-    clouds = [np.concatenate(part) for part in parts]
+    clouds = clouds_of(chosen, sensors, len(rows))
     if sum(map(len, clouds)) < ENOUGH:
         return [], list(rows), 1.0
     current = fit(clouds, rows, map_SE3_site)

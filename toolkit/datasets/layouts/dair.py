@@ -35,7 +35,7 @@ from toolkit.datasets.records.fields import (
     rigid,
     xyz,
 )
-from toolkit.datasets.records.labels import Labelled, labelled
+from toolkit.datasets.records.labels import Labelled, count_full_turns, labelled
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
@@ -137,6 +137,7 @@ def read_annotations(
                 names.append(str(entry(each, "type")))
                 ids.append(each.get("track_id", each.get("id", k)))
     rows = np.array(boxes, np.float64).reshape(-1, 7)
+    count_full_turns(rows[:, 6], problems)
     with np.errstate(all="ignore"):
         rows = np.column_stack(
             [transform(world_SE3_labels, rows[:, :3]), rows[:, 3:6], heading(world_SE3_labels, rows[:, 6])]

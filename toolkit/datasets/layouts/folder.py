@@ -120,8 +120,8 @@ def write_folder(samples: Iterable[Sample], path: Path) -> int:
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
-            placed = cloud.world_SE3_sensor if cloud.frame == "sensor" else np.eye(4)
-            write_cloud(path / cloud.name / f"{name}.pcd", cloud)
+            placed = cloud.world_SE3_sensor
+            write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
             lines.append(f"{cloud.name}/{name} " + " ".join(f"{value:.17g}" for value in placed[:3].ravel()))
         entries.append(boxes_record(name, sample.time, sample.objects, counts=sample.counts))
     if entries:

@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.records.clouds import intensity_of, read_cloud
 from toolkit.datasets.records.fields import Listing, as_number, named_damage, numbers, rigid, rigid_matrix, text_of
-from toolkit.datasets.records.labels import labelled, no_labels
+from toolkit.datasets.records.labels import count_full_turns, labelled, no_labels
 from toolkit.datasets.sample import ImageWedge, Region, Sample
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
@@ -63,6 +63,7 @@ def _sample(folder: Path, name: str) -> Sample:
         values = np.array([_values(row) for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
+        count_full_turns(values[real, 13], problems)
     found = labelled(boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems)
     wedge = ImageWedge(
         calibration.projection @ calibration.camera_SE3_lidar,

@@ -144,7 +144,7 @@ def write_nuscenes(samples: Iterable[Sample], folder: Path) -> int:
         name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")
     }
     tables["category"] = [{"token": label, "name": _NAMES[label], "description": ""} for label in LABELS]
-    seen: set[int] = set()
+    instances: dict[str, str] = {}  # category by token
     written = 0
     for written, sample in enumerate(samples, 1):
         token = f"{written - 1:06d}"
@@ -165,24 +165,32 @@ def write_nuscenes(samples: Iterable[Sample], folder: Path) -> int:
             tables["sample_data"].append({"token": key, "sample_token": token, "ego_pose_token": token,
                                           "calibrated_sensor_token": key, "timestamp": stamp, "is_key_frame": True,
                                           "fileformat": "pcd", "filename": file, "prev": "", "next": ""})  # fmt: skip
-        tables["sample_annotation"] += _annotations(sample, token, written)
-        for track, label in zip(sample.objects.ids.tolist(), sample.objects.labels, strict=True):
-            if track not in seen:
-                seen.add(track)
-                tables["instance"].append({"token": str(track), "category_token": LABELS[label]})
+        tracks = zip(sample.objects.ids.tolist(), sample.objects.labels.tolist(), strict=True)
+        names = [_instance(instances, track, label) for track, label in tracks]
+        tables["sample_annotation"] += _annotations(sample, names, token, written)
+    tables["instance"] = [{"token": name, "category_token": category} for name, category in instances.items()]
     for name, table in tables.items():
         write_text(folder / "v1.0-coview" / f"{name}.json", json.dumps(table, indent=0))
     return written
 
 
-def _annotations(sample: Sample, token: str, written: int) -> list[dict[str, Any]]:
+def _instance(instances: dict[str, str], track: int, label: int) -> str:
+    """The token of a track's instance: its number, and its class where another class has that number already, as in
+    recordings without tracks, whose objects are counted anew in each sample."""
+    plain, category = str(track), LABELS[label]
+    token = plain if instances.setdefault(plain, category) == category else f"{plain}_{category}"
+    instances.setdefault(token, category)
+    return token
+
+
+def _annotations(sample: Sample, instances: list[str], token: str, written: int) -> list[dict[str, Any]]:
     rows = []
-    for k, (box, track) in enumerate(zip(sample.objects.boxes, sample.objects.ids.tolist(), strict=True)):
+    for k, (box, instance) in enumerate(zip(sample.objects.boxes, instances, strict=True)):
         placed = sample.map_SE3_world
         yaw = float(heading(placed, box[6]))
         counted = {} if sample.counts is None else {"num_lidar_pts": int(sample.counts[k]), "num_radar_pts": 0}
         rows.append({
-            "token": f"{written}_{k}", "sample_token": token, "instance_token": str(track),
+            "token": f"{written}_{k}", "sample_token": token, "instance_token": instance,
             "translation": transform(placed, box[None, :3])[0].tolist(), "size": box[[4, 3, 5]].tolist(),
             "rotation": [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))], "attribute_tokens": [],
             "visibility_token": "", "prev": "", "next": "", **counted,

@@ -122,8 +122,8 @@ def write_openlabel(samples: Iterable[Sample], folder: Path) -> int:
         frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
         for cloud in sample.clouds:
             place = f"{name}_{cloud.name}.pcd"
-            write_cloud(folder / "point_clouds" / cloud.name / place, cloud)
-            placed = cloud.world_SE3_sensor if cloud.frame == "sensor" else np.eye(4)
+            write_cloud(folder / "point_clouds" / cloud.name / place, cloud.in_own_frame())
+            placed = cloud.world_SE3_sensor
             systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [],
                                    "pose_wrt_parent": {"matrix4x4": placed.ravel().tolist()}}  # fmt: skip
             systems["world"]["children"].append(cloud.name)

@@ -15,6 +15,7 @@ World frame: level, its origin at the first agent's lidar, x where that lidar fa
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -131,7 +132,7 @@ def _box(vehicle: Any, mirror: np.ndarray) -> np.ndarray:
 
 def _mirrored(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
     points = cloud.points * np.diag(mirror)[:3].astype(np.float32)
-    return SensorCloud(cloud.name, points, cloud.world_SE3_sensor, cloud.frame, cloud.time, cloud.intensity)
+    return replace(cloud, points=points)
 
 
 def write_opv2v(samples: Iterable[Sample], folder: Path, *, left_handed: bool = True) -> int:
@@ -142,20 +143,14 @@ def write_opv2v(samples: Iterable[Sample], folder: Path, *, left_handed: bool = 
     for written, sample in enumerate(samples, 1):
         name = f"{written - 1:05d}"
         for agent, cloud in enumerate(sample.clouds):
-            local = cloud if cloud.frame == "sensor" else _in_sensor(cloud)
             placed = mirror @ sample.map_SE3_world @ cloud.world_SE3_sensor @ mirror
             content = {"lidar_pose": [*placed[:3, 3].tolist(), *_angles(placed)], "vehicles": _vehicles(sample, mirror)}
-            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirrored(local, mirror))
+            write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirrored(cloud.in_own_frame(), mirror))
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
     return written
 
 
 write_v2xreal = partial(write_opv2v, left_handed=False)
-
-
-def _in_sensor(cloud: SensorCloud) -> SensorCloud:
-    points = transform(invert(cloud.world_SE3_sensor), cloud.in_world()).astype(np.float32)
-    return SensorCloud(cloud.name, points, cloud.world_SE3_sensor, "sensor", cloud.time, cloud.intensity)
 
 
 def _angles(placed: np.ndarray) -> list[float]:

@@ -10,6 +10,7 @@ from toolkit.datasets.layouts.argoverse_log import argoverse, write_argoverse
 from toolkit.datasets.layouts.dair import dair, write_dair
 from toolkit.datasets.layouts.folder import folder, write_folder
 from toolkit.datasets.layouts.hdf5 import hdf5
+from toolkit.datasets.layouts.hdf5_clouds import write_hdf5_clouds
 from toolkit.datasets.layouts.kitti import kitti, write_kitti
 from toolkit.datasets.layouts.nuscenes import nuscenes, write_nuscenes
 from toolkit.datasets.layouts.openlabel import openlabel, write_openlabel
@@ -24,11 +25,13 @@ from toolkit.datasets.sample import Sample
 
 @dataclass(frozen=True)
 class Layout:
-    """opened: the samples of a path, read one by one; write: samples into a folder, and how many there were."""
+    """opened: the samples of a path, read one by one; write: samples into a folder, and how many there were; file:
+    whether it writes one file instead."""
 
     name: str
     opened: Callable[[Path], Samples]
     write: Callable[[Iterable[Sample], Path], int] | None = None
+    file: bool = False
 
 
 LAYOUTS = {
@@ -46,7 +49,7 @@ LAYOUTS = {
         Layout("argoverse", argoverse, write_argoverse),
         Layout("sustech", sustech, write_sustech),
         Layout("rosbag", rosbag, write_rosbag),
-        Layout("hdf5", hdf5),
+        Layout("hdf5", hdf5, write_hdf5_clouds, file=True),
     )
 }
 

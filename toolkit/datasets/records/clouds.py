@@ -1,4 +1,4 @@
-"""Clouds of recordings: any cloud file as a `SensorCloud`, with time and intensity where there are some.
+"""Clouds of recordings: any cloud file as a `SensorCloud`, with time, intensity and ring where there are some.
 
 Points that are not finite, and those of no return, which drivers store at the sensor itself, are left out and counted;
 a cloud without points is counted and stays. Times are seconds from the earliest point of the cloud: whole numbers are
@@ -26,6 +26,8 @@ NO_RETURN_POINTS = "points of no return"
 EMPTY = "clouds without points"
 FARTHEST_POINT = 1e5  # m from the sensor, beyond which float32 keeps no centimetres
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
+_RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
+_MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
@@ -67,14 +69,16 @@ def cloud_of(
         frame,
         _seconds(columns, keep),
         _intensity(columns, keep),
+        _ring(columns, keep),
     )
 
 
 def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False) -> None:
-    """A cloud as a binary PCD file: x y z intensity, in the frame it is in or in the world's."""
+    """A cloud as a binary PCD file: x y z intensity, and ring where it is known, in its frame or in the world's."""
     points = cloud.in_world() if in_world else cloud.points
     columns = dict(zip("xyz", points.astype(np.float32).T, strict=True))
-    write_bytes(path, pcd_bytes(columns | {"intensity": intensity_of(cloud)}))
+    ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
+    write_bytes(path, pcd_bytes(columns | {"intensity": intensity_of(cloud)} | ring))
 
 
 def one_cloud(sample: Sample, name: str = "lidar") -> SensorCloud:
@@ -96,6 +100,15 @@ def _intensity(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarra
         if name in columns and len(columns[name]) == len(keep):
             first = columns[name] if columns[name].ndim == 1 else columns[name][:, 0]  # OPV2V keeps it in the red
             return first[keep].astype(np.float32)
+    return None
+
+
+def _ring(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
+    for name in _RINGS:
+        if name in columns and columns[name].size == len(keep):
+            numbers = columns[name].reshape(-1)[keep]
+            if numbers.dtype.kind in "iu" or bool((np.abs(numbers) < _MOST_RINGS).all() and (numbers % 1 == 0).all()):
+                return numbers.astype(np.int64)
     return None
 
 

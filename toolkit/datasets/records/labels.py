@@ -76,7 +76,7 @@ def labelled(
     yaws = np.where(finite, boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     own = None if counts is None else np.asarray(counts, np.int64)
-    add_problem(problems, FULL_TURNS, int((np.abs(yaws[rows]) > FULL_TURN).sum()))
+    count_full_turns(yaws[rows], problems)
     others = rows[classes[rows] < 0]
     add_problem(problems, OTHER_KINDS, len(others))
     rows = rows[classes[rows] >= 0]
@@ -102,6 +102,17 @@ def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
     """Add to the problems of a kind, none where there are none."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
+
+
+def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -> None:
+    """Add to the problems what no file in radians has; for layouts whose yaws are turned into another frame.
+
+    >>> problems = {}
+    >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
+    >>> problems
+    {'yaws beyond a full turn': 2}
+    """
+    add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
 def track_number(name: Any) -> int:

@@ -1,24 +1,24 @@
 """`Foreground`: every sensor sends what stands out from its empty scene; the centre draws the empty scene, which it
 knows, into all other pixels, and the points together go through the detector, as in early fusion.
 
-What stands out: the pixels in the crop that return something which lies farther than `sigmas` spreads from both medians
-of the scene. A pixel that returns nothing is not sent: the scene is drawn into it. What is sent arrives within half a
-step, for every pixel of every image.
+What stands out, and what is missing of the empty scene, says `toolkit.detection.link.standing_out`. What is sent
+arrives within half a step, for every pixel of every image. On the wire the missing pixels, where there are any, follow
+the measurements, as a mask (`toolkit.detection.link.image_coding`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32
+from toolkit.arrays import Bool, Float32, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link.image_coding import decode_pixels, encode_pixels
+from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.message import (
     MessageHeader,
     MessageKind,
@@ -29,11 +29,10 @@ from toolkit.detection.link.message import (
     write_message,
 )
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
+from toolkit.detection.link.standing_out import drawn_scene, standing_out
 from toolkit.detection.scheme import Counts, Fused, fused
 from toolkit.detection.view import Captured, View
-from toolkit.points import Crop, cropped
 from toolkit.sensors.model import returned
-from toolkit.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -81,62 +80,123 @@ class Foreground:
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
         """The restored cloud of a sensor, and the bits of its message."""
         captured, scene = view.captured(sensor), view.scene(sensor)
-        stands_out = ~scene.shows(captured.measurement, self.sigmas).ravel()[captured.pixels]
-        message = encode_foreground(captured.sending(captured.pixels[stands_out]), scene, step=self.step)
-        restored = decode_foreground(message, scene)
-        return restored_points(captured, scene, restored.image, restored.sent)[0], 8 * len(message)
+        out = standing_out(captured, scene, self.sigmas)
+        message = encode_foreground(captured.sending(out.pixels), scene, out.missing, step=self.step)
+        return restored_points(captured, scene, decode_foreground(message, scene))[0], 8 * len(message)
 
 
 class Restored(NamedTuple):
     """What the centre has of an image: header of the message; the whole image, the empty scene where nothing was sent;
-    which pixels were sent."""
+    which pixels were sent; which are missing, 0 in the image."""
 
     header: MessageHeader
     image: Float32[np.ndarray, "rows columns"]
     sent: Bool[np.ndarray, "rows columns"]
+    missing: Bool[np.ndarray, "rows columns"]
 
 
-def encode_foreground(image: RangeImage, scene: EmptyScene, *, step: float = 0.02) -> bytes:
-    """The message with all pixels of an image that return something. Raises ValueError where the empty scene is another
-    sensor's."""
-    if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
-        raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
-    sent = returned(image.measurement, scene.model.max_range)
+def encode_foreground(
+    image: RangeImage,
+    scene: EmptyScene,
+    missing: Bool[np.ndarray, "rows columns"] | None = None,
+    *,
+    step: float = 0.02,
+) -> bytes:
+    """The message with all pixels of an image that return something, and with those where nothing of the scene is to be
+    drawn. Raises ValueError where the empty scene is another sensor's, and a pixel is missing and returns something."""
+    sent, missing = checked_pixels(image, scene, missing)
     header = image_header(MessageKind.FOREGROUND, image, step, scene_number(scene))
-    return write_message(header, encode_pixels(to_steps(image.measurement, sent, step), sent))
+    content = encode_pixels(to_steps(image.measurement, sent, step), sent)
+    return write_message(header, content + encode_missing(missing))
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     """The image that a message and the empty scene make together. Raises ValueError for a message that is damaged, of
     another version or sensor, or was made with another empty scene."""
+    header, steps, sent, missing = read_foreground(message, scene)
+    return drawn_about(header, scene, steps, sent, missing)
+
+
+def read_foreground(
+    message: bytes, scene: EmptyScene
+) -> tuple[
+    MessageHeader,
+    Int64[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+]:
+    """Header, measurements in steps, which pixels were sent, and which are missing. Raises ValueError as
+    `decode_foreground`."""
     header, content = read_message(message)
+    check_header(header, MessageKind.FOREGROUND, **expected_header(scene))
+    steps, sent, end = read_pixels(content, 0, scene.model.shape)
+    return header, steps, sent, decode_missing(content, end, sent)
+
+
+def checked_pixels(
+    image: RangeImage, scene: EmptyScene, missing: Bool[np.ndarray, "rows columns"] | None
+) -> tuple[Bool[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
+    """Which pixels of an image are sent, and which are missing. Raises ValueError as `encode_foreground`."""
+    if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
+        raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
+    sent = returned(image.measurement, scene.model.max_range)
+    missing = np.zeros(sent.shape, bool) if missing is None else missing
+    if missing.shape != sent.shape or (missing & sent).any():
+        raise ValueError(
+            f"missing pixels must be some of {sent.shape} that return nothing, got {missing.shape}: send 0 there"
+        )
+    return sent, missing
+
+
+def expected_header(scene: EmptyScene) -> dict[str, int]:
+    """What the header of every message says that was made with an empty scene."""
     rows, columns = scene.model.shape
-    expected = {"sensor": sensor_number(scene.name), "rows": rows, "columns": columns, "scene": scene_number(scene)}
-    check_header(header, MessageKind.FOREGROUND, **expected)
-    steps, sent = decode_pixels(content, (rows, columns))
-    return Restored(header, np.where(sent, from_steps(steps, sent, header.step, scene.model), scene.first), sent)
+    return {"sensor": sensor_number(scene.name), "rows": rows, "columns": columns, "scene": scene_number(scene)}
+
+
+def encode_missing(missing: Bool[np.ndarray, "rows columns"]) -> bytes:
+    """The end of a content: a mask, or nothing where no pixel is missing."""
+    return encode_mask(missing) if missing.any() else b""
+
+
+def decode_missing(content: bytes, start: int, sent: Bool[np.ndarray, "rows columns"]) -> np.ndarray:
+    """The missing pixels that begin at `start`. Raises ValueError for bytes that `encode_missing` does not write."""
+    if start == len(content):
+        return np.zeros(sent.shape, bool)
+    missing, end = decode_mask(content, start, sent.shape)
+    if end != len(content) or not missing.any() or (missing & sent).any():
+        raise ValueError(
+            f"missing pixels are some that are not sent, and end the message: got {missing.sum()} of them, "
+            f"{(missing & sent).sum()} sent, and {len(content) - end} bytes more"
+        )
+    return missing
+
+
+def drawn_about(
+    header: MessageHeader,
+    scene: EmptyScene,
+    steps: Int64[np.ndarray, "rows columns"],
+    sent: Bool[np.ndarray, "rows columns"],
+    missing: Bool[np.ndarray, "rows columns"],
+) -> Restored:
+    """The image of what was sent, and of the empty scene where nothing was and nothing is missing."""
+    measured = from_steps(steps, sent, header.step, scene.model)
+    return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing)
 
 
 def restored_points(
-    captured: Captured,
-    scene: EmptyScene,
-    image: Float32[np.ndarray, "rows columns"],
-    sent: Bool[np.ndarray, "rows columns"],
+    captured: Captured, scene: EmptyScene, restored: Restored | None
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
-    """The points of a sensor in its crop: of an image where it was sent, of the empty scene elsewhere; and the first of
-    them, which were sent, alone. captured: for sensor and crop."""
-    drawn, pixels = _drawn(scene, captured.sensor, Crop.of(captured.area, captured.height))
-    measured = captured.points(np.where(sent, image, np.float32(0)))
-    return np.concatenate([measured, drawn[~sent.ravel()[pixels]]]), measured
+    """The points of a sensor in its crop, of the empty scene where nothing was sent and nothing is missing, or where
+    nothing arrived at all (None); and the first of them, which were sent, alone. captured: for sensor and crop."""
+    drawn = drawn_scene(captured, scene)
+    if restored is None:
+        return drawn.points, drawn.points[:0]
+    measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
+    empty = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
+    return np.concatenate([measured, drawn.points[empty]]), measured
 
 
 def scene_number(scene: EmptyScene) -> int:
     """By which messages say what they were made with."""
     return int(scene.digest[:8], 16)
-
-
-@lru_cache(maxsize=64)
-def _drawn(scene: EmptyScene, sensor: Sensor, crop: Crop) -> tuple[Float32[np.ndarray, "n 3"], np.ndarray]:
-    """The points of the empty scene in the crop, and their pixels."""
-    xyz, pixels = cropped(sensor, scene.first, crop)
-    return np.ascontiguousarray(xyz[:, pixels].T), pixels

@@ -8,7 +8,7 @@ simulate` do after each block); so do the messages there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,11 +25,12 @@ from toolkit.sensors.errors.profiles import PAPER_ERRORS
 
 class Lagged(NamedTuple):
     """frame: what the centre has; ages: of each sensor's measurement (s), NaN where there is none; since: seconds since
-    traffic began anew."""
+    traffic began anew; sent: what the sensors measure now."""
 
     frame: Frame
     ages: Float64[np.ndarray, " sensors"]
     since: float
+    sent: Frame
 
 
 def lagged_frames(
@@ -41,12 +42,14 @@ def lagged_frames(
     errors: ErrorProfile | str = PAPER_ERRORS,
     noise_seed: int | None = 0,
     frozen: Sequence[int] = (),
+    needed: Callable[[int], Sequence[int]] | None = None,
 ) -> Iterator[Lagged]:
     """What the centre has at the time of each frame.
 
     channels: one for each sensor, or one that they all have, drawn apart; frames: only the first so many; seed: of the
     channels; errors, noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that send, with
-    the time of now, what they measured when traffic began.
+    the time of now, what they measured when traffic began; needed: which of a sensor's messages, counted from 0 since
+    traffic began, must have arrived for one to be read, None for itself alone.
 
     Raises ValueError for channels that do anything where frames are more than `MOST_APART` from each other.
     """
@@ -70,16 +73,22 @@ def lagged_frames(
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):
             times.append(line.arrival(now.time))
-        newest = [_newest(times, history, now.time) for times in arrived]
-        yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time)
+        newest = [_newest(times, history, now.time, needed) for times in arrived]
+        sent, _ = _put_together(history, [len(history) - 1] * len(arrived), frozen)
+        yield Lagged(*_put_together(history, newest, frozen), now.time - history[0].time, sent)
 
 
-def _newest(arrivals: Sequence[float], history: Sequence[Frame], now: float) -> int | None:
-    """The newest frame that has arrived and is not too old."""
+def _newest(
+    arrivals: Sequence[float],
+    history: Sequence[Frame],
+    now: float,
+    needed: Callable[[int], Sequence[int]] | None,
+) -> int | None:
+    """The newest frame that has arrived, with all that it takes to read it, and is not too old."""
     for k in range(len(arrivals) - 1, -1, -1):
         if now - history[k].time > STALE + 1e-9:
             return None
-        if arrivals[k] <= now + 1e-9:
+        if all(arrivals[each] <= now + 1e-9 for each in ([k] if needed is None else needed(k))):
             return k
     return None
 

@@ -110,7 +110,9 @@ def to_steps(
     measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
 ) -> Int64[np.ndarray, "rows columns"]:
     """Measurements in whole steps, 0 where none is sent."""
-    return np.rint(np.where(sent, measurement, 0).astype(np.float64) / step).astype(np.int64)
+    steps = np.zeros(measurement.shape, np.int64)
+    steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
+    return steps
 
 
 def from_steps(
@@ -118,5 +120,6 @@ def from_steps(
 ) -> Float32[np.ndarray, "rows columns"]:
     """What the steps of the pixels that were sent measure (m), never nothing and never from the model's range on."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
-    measured = np.clip(steps * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
-    return np.where(sent, measured, 0).astype(np.float32)
+    measured = np.zeros(steps.shape, np.float32)
+    measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
+    return measured

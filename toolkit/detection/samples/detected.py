@@ -17,10 +17,12 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.calibration.ground import Ground, level, level_warning
+from toolkit.calibration.samples.sample_scenes import SampleScenes
 from toolkit.datasets.sample import Sample
-from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.codec import PAPER, Codec, ImageCodec
 from toolkit.detection.samples.views import sample_view
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Scheme, codec_for
+from toolkit.detection.view import LinkMemory
 from toolkit.objects import Detections, Detector
 
 Level = Literal["map", "plane", "none"]
@@ -33,8 +35,8 @@ class Detected:
     """What was found in one sample, world frame.
 
     ground: below its points, counted from the middle; None where it was not levelled. level_ms, detect_ms: what finding
-    the ground and detecting took. warning: of ground that is not at z = 0. kbit_per_sensor: what a fusion scheme sent,
-    NaN without one.
+    the ground and detecting took. warning: of ground that is not at z = 0. bits: what each sensor sent of a fusion
+    scheme, none without one.
     """
 
     sample: Sample
@@ -44,7 +46,12 @@ class Detected:
     level_ms: float
     detect_ms: float
     warning: str | None = None
-    kbit_per_sensor: float = float("nan")
+    bits: tuple[int, ...] = ()
+
+    @property
+    def kbit_per_sensor(self) -> float:
+        """The mean of what the sensors sent, NaN where none did."""
+        return float(np.mean(self.bits)) / 1000 if self.bits else float("nan")
 
 
 def detect_samples(
@@ -58,20 +65,24 @@ def detect_samples(
     scheme: Scheme | None = None,
     half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH),
     codec: Codec = PAPER,
+    scenes: SampleScenes | None = None,
 ) -> Iterator[Detected]:
     """What the detector finds in each sample, one after the other.
 
     detector: sees points counted from the middle; middle: x and y, world frame, of where it detects, the sensors' own
     when None; still: the sensors do not move, the ground is found once; sensors: only the clouds of these (names).
     scheme: how the sensors share what they see, all clouds at once when None; half: of the sides of the area (m) that
-    schemes crop to, about the middle; codec: of what they send.
+    schemes crop to, about the middle; codec: of what they send; scenes: of the sensors, for schemes and codecs that
+    send pixels of range images.
     A sample without points has no detections, one without ground is detected in as it is, with a warning.
     Raises ValueError for a levelling that there is not.
     """
     if levelling not in LEVELS:
         raise ValueError(f"levelling must be one of {', '.join(LEVELS)}, got {levelling!r}")
     kept: Ground | None = None
-    for every in samples:
+    images = scenes if sends_images(scheme, codec) else None
+    memory, remembered = LinkMemory(), list[str]()
+    for number, every in enumerate(samples):
         centre = middle_of(every) if middle is None else np.array(middle, np.float64)
         sample = every if sensors is None else every.seen_by(sensors)
         points = sample.points() - [*centre, 0.0]
@@ -82,16 +93,26 @@ def detect_samples(
         middle_time = perf_counter()
         if scheme is None:
             upright = points if ground is None or not len(points) else ground.points(points)
-            found, kbit = detector(upright.astype(np.float32)) if len(points) else Detections.empty(), float("nan")
+            found, bits = detector(upright.astype(np.float32)) if len(points) else Detections.empty(), ()
         else:
-            view = sample_view(sample, detector, ground, centre, np.array([-half[0], -half[1], *half]), codec=codec)
+            names = [cloud.name for cloud in sample.clouds]
+            memory, remembered = (memory if names == remembered else LinkMemory()), names
+            view = sample_view(
+                sample, detector, ground, centre, np.array([-half[0], -half[1], *half]),
+                codec=codec, scenes=images, number=number, memory=memory,
+            )  # fmt: skip
             fused = scheme.fuse(view, range(len(sample.clouds)))
-            found, kbit = fused.detections, fused.kbit_per_sensor
+            found, bits = fused.detections, tuple(fused.bits.tolist())
         end = perf_counter()
         boxes = found.boxes if ground is None or not len(found) else ground.boxes_back(found.boxes)
         placed = Detections(boxes + np.array([*centre, 0, 0, 0, 0, 0]), found.scores, found.labels)
         times = 1e3 * (middle_time - start), 1e3 * (end - middle_time)
-        yield Detected(sample, placed, ground, centre, *times, warning, kbit)
+        yield Detected(sample, placed, ground, centre, *times, warning, bits)
+
+
+def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
+    """Whether sensors send pixels of their images."""
+    return scheme is not None and scheme.sends_points and isinstance(codec_for(scheme, codec), ImageCodec)
 
 
 def middle_of(sample: Sample) -> Float64[np.ndarray, "2"]:

@@ -5,9 +5,10 @@
 - `KITTI R40` and `nuScenes`: `toolkit.detection.samples.protocols`.
 
 An object counts if its centre lies in the area, its set's labels are complete there (`Sample.complete`) and it has at
-least one point; other labelled objects are neither misses nor, where a detection lies on one, false alarms. Detections
-where the labels are not complete do not count. By range, a detection goes with the object it overlaps, else with its
-own place; by points, false alarms count in every row, as they have no object.
+least one point; other labelled objects are neither misses nor, where a detection lies on one, false alarms. An object
+that is labelled twice, by boxes of one class that all but coincide (`TWICE`), counts once. Detections where the labels
+are not complete do not count. By range, a detection goes with the object it overlaps, else with its own place; by
+points, false alarms count in every row, as they have no object.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boxes import Overlap, count_points, iou_bev
+from toolkit.arrays import Bool
+from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
+from toolkit.datasets.records.labels import add_problem
 from toolkit.detection.metrics import evaluate
 from toolkit.detection.samples.detected import Detected
 from toolkit.detection.samples.protocols import (
@@ -33,6 +36,8 @@ from toolkit.detection.samples.protocols import (
 from toolkit.objects import LABELS, Detections, Objects, label_index
 
 LEAST_POINTS = 1
+TWICE = 0.9  # 3D IoU of two labels of a class from which they are of one object: no two bodies share that much room
+LABELLED_TWICE = "objects labelled twice, by boxes that differ a little (one counts)"
 RANGES = (0.0, 20.0, 35.0, 50.0, float("inf"))  # m
 POINTS = (1.0, 5.0, 20.0, 100.0, float("inf"))
 _LARGE, _SMALL = (0.3, 0.5, 0.7), (0.1, 0.25, 0.5)
@@ -85,7 +90,8 @@ class Scoring:
         """One sample more."""
         self.judged.append(judged(each, self.half))
         for kind, number in each.sample.problems.items():
-            self.problems[kind] = self.problems.get(kind, 0) + number
+            add_problem(self.problems, kind, number)
+        add_problem(self.problems, LABELLED_TWICE, int(repeated(each.sample.objects).sum()))
         self.level_ms.append(each.level_ms)
         self.detect_ms.append(each.detect_ms)
 
@@ -103,10 +109,21 @@ def judged(each: Detected, half: tuple[float, float] = (50.0, 50.0)) -> Judged:
 
     boxes = sample.objects.boxes
     points = count_points(sample.points(), boxes)
-    counted = in_area(boxes) & sample.complete.covers(boxes) & (points >= LEAST_POINTS)
+    counted = in_area(boxes) & sample.complete.covers(boxes) & (points >= LEAST_POINTS) & ~repeated(sample.objects)
     found = each.detections[in_area(each.detections.boxes) & sample.complete.covers(each.detections.boxes)]
     ranges = np.linalg.norm(boxes[:, :2] - middle, axis=1)
     return Judged(found, sample.objects, counted, points, ranges, _ranges(found, boxes, ranges, middle))
+
+
+def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
+    """Which labels are of an object that an earlier one is of.
+
+    >>> car = [5, 0, 0.75, 4, 2, 1.5, 0]
+    >>> repeated(Objects(np.array([car, [5.01, *car[1:]], [5, 3, *car[2:]]]))).tolist()
+    [False, True, False]
+    """
+    same = (iou_3d(objects.boxes, objects.boxes) >= TWICE) & (objects.labels[:, None] == objects.labels)
+    return np.asarray(np.tril(same, -1).any(axis=1))
 
 
 def _ranges(found: Detections, boxes: np.ndarray, ranges: np.ndarray, middle: np.ndarray) -> np.ndarray:

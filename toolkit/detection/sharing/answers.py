@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float32
 from toolkit.boxes import count_points
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, restored_points
 from toolkit.detection.link.range_images import STEPS
+from toolkit.detection.link.standing_out import standing_out
 from toolkit.detection.sharing.foreground_groups import fitting, foreground_groups, ranked
 from toolkit.detection.sharing.requests import Request, decode_request, encode_request
 from toolkit.detection.sharing.wants import Wants
@@ -27,9 +28,10 @@ MOST_ASKING = 0.25  # of what is left, that a request may take
 
 def whole_foreground(captured: Captured, scene: EmptyScene, most_bits: int, sigmas: float = SIGMAS) -> bytes | None:
     """All that stands out, in the finest step in which it fits so many bits; None where it does not."""
-    image = captured.sending(_standing_out(captured, scene, sigmas))
+    out = standing_out(captured, scene, sigmas)
+    image = captured.sending(out.pixels)
     for step in STEPS:
-        message = encode_foreground(image, scene, step=step)
+        message = encode_foreground(image, scene, out.missing, step=step)
         if 8 * len(message) <= most_bits:
             return message
     return None
@@ -59,7 +61,7 @@ def answered(
 ) -> bytes | None:
     """What a sensor answers to a request, given the boxes it sent; None where not one piece fits."""
     asked = decode_request(request, captured.sensor.name)
-    pixels = _standing_out(captured, scene, sigmas)
+    pixels, missing = standing_out(captured, scene, sigmas)
     points = captured.points(captured.sending(pixels).measurement)
     groups = foreground_groups(pixels, points, captured.measurement.shape, own.boxes)
     ranks = ranked(groups, asked, own)
@@ -67,7 +69,7 @@ def answered(
     for step, worth in STEP_WORTH.items():
 
         def encode(taken: Bool[np.ndarray, " n"], step: float = step) -> bytes:
-            return encode_foreground(captured.sending(pixels[taken[groups.of]]), scene, step=step)
+            return encode_foreground(captured.sending(pixels[taken[groups.of]]), scene, missing, step=step)
 
         found = fitting(ranks.order, groups.sizes, encode, asked.grant)
         if found is None:
@@ -85,18 +87,9 @@ def restored(
     captured: Captured, scene: EmptyScene, answer: bytes | None
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
     """The cloud of a sensor at the centre, the empty scene where nothing arrived, and of it the points that did."""
-    if answer is None:
-        nothing = np.zeros(captured.measurement.shape, bool)
-        return restored_points(captured, scene, scene.first, nothing)
-    got = decode_foreground(answer, scene)
-    return restored_points(captured, scene, got.image, got.sent)
+    return restored_points(captured, scene, None if answer is None else decode_foreground(answer, scene))
 
 
 def unanswered(own: Detections, measured: Float32[np.ndarray, "m 3"]) -> Detections:
     """The boxes of a sensor in which none of the points lies that it sent: of the others points speak."""
     return own[count_points(measured, own.boxes) == 0]
-
-
-def _standing_out(captured: Captured, scene: EmptyScene, sigmas: float) -> Int64[np.ndarray, " pixels"]:
-    """The pixels in the crop that do not show the scene, ascending."""
-    return np.sort(captured.pixels[~scene.shows(captured.measurement, sigmas).ravel()[captured.pixels]])

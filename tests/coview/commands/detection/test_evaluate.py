@@ -155,6 +155,15 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     assert "loads" not in json.loads(run(*arguments[:6], "--schemes", "late", "--out", tmp_path / "b", "--json")[1])
 
 
+def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
+    arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--schemes", "differences", "--out", tmp_path)
+    assert run(*arguments, "--refers-to", "key", "--key-every", 5, "--step", 0.04)[0] == 0
+    digest = json.loads((tmp_path / "table.json").read_text())["provenance"]["schemes"]["differences"]
+    assert digest.startswith("ForegroundDifferences(step=0.04, refers_to='key', key_every=5,")
+    assert "--key-every" in refused(*arguments, "--key-every", 0, "--overwrite")
+    assert "1 to 255" in refused(*arguments, "--key-every", 300, "--overwrite")
+
+
 def test_the_curve_from_boxes_only_to_everything(recording, tmp_path, run):
     arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--out", tmp_path / "c", "--json")
     code, out, _ = run(*arguments, "--curve", "--codec", "range-images", "--sensors", "0,1")

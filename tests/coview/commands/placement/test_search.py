@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+import placement_env.report.searching as searching
 import placement_env.search.methods as methods
+from placement_env.search.checkpoint import Checkpoint
 from toolkit.sites.files import load_site, save_site
 
 FEW = ("--candidates", "paper", "--budget", 2, "--frames", 2)
@@ -334,3 +336,59 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
     assert curve[0]["price"] < curve[1]["price"]
     code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage")
     assert out.splitlines()[1].startswith("  1 for the price of 1 ordinary pole: AP ")
+    code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage", "--money", 2.5)
+    first, *rows = out.splitlines()
+    assert (code, first[:34]) == (0, "best set for each amount of money,")
+    assert [row[:26] for row in rows] == ["  1 for the price of 1 ord", "  2 for the price of 2 ord"]
+
+
+def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
+    annealed = ("search", "tjunction", *FEW, "--method", "annealing", "--evaluations", 320, "--fidelity", "coverage")
+    asked = (*annealed, "--cache", tmp_path / "c")
+    states = []
+
+    def killed(checkpoint, state):
+        states.append(state)
+        if len(states) == 4:
+            checkpoint.save(state())
+            raise OSError("killed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Checkpoint, "offer", killed)
+        refused(*asked, "--out", tmp_path / "o")
+    assert not (tmp_path / "o").exists()
+    assert (tmp_path / "o.parts" / "search.state").exists()
+    assert "unfinished run made from seed 0 instead of 1" in refused(*asked, "--out", tmp_path / "o", "--seed", 1)
+    monkeypatch.setattr(Checkpoint, "offer", lambda _, state: states.append(state))
+    assert run(*asked, "--out", tmp_path / "o")[0] == 0
+    assert not (tmp_path / "o.parts").exists()
+    assert len(states) == 9  # steps of 32 chains after the first sets
+    assert run(*asked, "--out", tmp_path / "whole")[0] == 0
+    here, there = (json.loads((tmp_path / name / "search.json").read_text()) for name in ("o", "whole"))
+    assert here.pop("seconds") != there.pop("seconds")
+    assert here == there
+
+
+def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp_path, monkeypatch):
+    places = []
+
+    def noted(order, out, checkpoint, progress):
+        places.append(order.settings["cache"])
+        raise OSError("killed")
+
+    monkeypatch.setattr(searching, "_answered", noted)
+    assert run("search", "tjunction", *FEW, "--cache", "None", "--out", tmp_path / "o")[0] == 2
+    assert places == [tmp_path / "o.parts" / "search.cache.state"]
+
+
+def test_levels_of_traffic_are_searched_and_judged(run, refused, tmp_path):
+    few = ("search", "tjunction", "--candidates", "paper", "--budget", 2, "--frames", 8, "--fidelity", "coverage")
+    asked = (*few, "--judge", "coverage", "--cache", tmp_path, "--json")
+    worst, mean, one = (
+        json.loads(run(*asked, *more)[1]) for more in (("--levels", 3), ("--levels", 3, "--levels-by", "mean"), ())
+    )
+    assert worst["ap"] < mean["ap"]
+    assert worst["provenance"]["levels"] == {"count": 3, "combine": "worst"}
+    assert "levels" not in one["provenance"]
+    assert worst["assessment"]["ap"] <= one["assessment"]["ap"]
+    assert "known to fidelity coverage and surrogate" in refused(*few, "--fidelity", "detector", "--levels", 2)

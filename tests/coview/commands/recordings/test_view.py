@@ -36,6 +36,33 @@ def test_clouds_with_what_is_detected(clouds, tmp_path, run):
     assert not json.loads(said)["said"][0].endswith(" 0 detected")
 
 
+def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
+    """Without viser, of some sensors and classes; the frame is one of those that are chosen."""
+    monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
+    (tmp_path / "finds.py").write_text("import toolkit.objects as o\ndef none(points): return o.Detections.empty()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    sensor = next(read(clouds, "folder")).clouds[0].name
+    options = ("--layout", "folder", "--level", "none", "--colour", "height", "--sensors", sensor)
+    chosen = ("--classes", "vehicle", "--detector", "finds:none", "--area", -40, -20, 40, 20)
+    code, said, problems = run("view", clouds, *options, *chosen, "--still", tmp_path / "a.png", "--json")
+    assert code == 0, problems
+    figures = json.loads(said)
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert figures["still"] == str(tmp_path / "a.png")
+    assert ", 0 detected, 0 hits, " in figures["said"]
+    assert figures["said"].endswith(" missed, 0 false alarms")
+    arguments = ("view", clouds, "--layout", "folder", "--still")
+    assert "there is no sample 1: 1 are chosen" in refused(*arguments, tmp_path / "b.png", "--frame", 1)
+    assert "must end in .png or .svg" in refused(*arguments, tmp_path / "b.jpg")
+    assert "--overwrite" in refused(*arguments, tmp_path / "a.png")
+    assert "give one of them" in refused(*arguments, tmp_path / "b.png", "--out", tmp_path / "b.html")
+    assert "has no sensor 'west'" in refused(*arguments, tmp_path / "b.png", "--sensors", "west")
+    assert sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".py") in (
+        ["a.png"],
+        ["__pycache__", "a.png"],
+    )
+
+
 def test_it_is_served_to_this_machine(clouds, run, monkeypatch):
     monkeypatch.setattr("viser.ViserServer.sleep_forever", lambda self: None)
     code, said, _ = run("view", clouds, "--layout", "folder", "--level", "none", "--port", 18700)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.outlook.ground_plan import (
-    CELLS,
     CHANNELS,
+    RASTER_CELLS,
     TRAFFIC,
     WAITING,
     covers,
@@ -41,7 +41,7 @@ def test_cells_hold_the_metres_of_their_lanes():
     assert last[1] == pytest.approx(np.exp(-0.5 / WAITING) + np.exp(-1.5 / WAITING))
     assert first[1] == pytest.approx(np.exp(-18.5 / WAITING) + np.exp(-19.5 / WAITING))
     assert plan.metres[:, 2].sum() == pytest.approx(4 * 2**0.5)
-    bay = 20 * CELLS + 5
+    bay = 20 * RASTER_CELLS + 5
     assert np.flatnonzero(plan.metres[:, 3]).tolist() == [bay]
     assert plan.traffic[bay] == TRAFFIC[3]
     assert plan.traffic[0] == pytest.approx(first @ np.array(TRAFFIC))
@@ -52,8 +52,8 @@ def test_cells_hold_the_metres_of_their_lanes():
 def test_courses_are_those_of_lanes_and_bays():
     plan = ground_plan(site(parking=np.array([[10.5, 20.5, np.pi / 2]])))
     assert plan.course[0] == pytest.approx([1, 0, 0])
-    assert plan.course[20 * CELLS + 5] == pytest.approx([-1, 0, 0], abs=1e-9)
-    diagonal = CELLS * 2 + 11  # on the way from (20, 0.5) to (24, 4.5)
+    assert plan.course[20 * RASTER_CELLS + 5] == pytest.approx([-1, 0, 0], abs=1e-9)
+    diagonal = RASTER_CELLS * 2 + 11  # on the way from (20, 0.5) to (24, 4.5)
     assert plan.course[diagonal] == pytest.approx([0, 1, 1], abs=1e-9)
     assert not plan.course[-1].any()
 
@@ -62,8 +62,8 @@ def test_shares_of_what_covers_the_ground():
     house = Solid(np.array([[0.0, 22.0], [48.0, 22.0], [48.0, 24.0], [0.0, 24.0]]), 0, 5)
     crown = Solid(np.array([[0.0, 10.0], [48.0, 10.0], [48.0, 12.0], [0.0, 12.0]]), 3, 5, "tree")
     plan = ground_plan(site(lanes=(np.array([[0.0, 0.0], [48.0, 0], [48, 1], [0, 1]]),), solids=(house, crown)))
-    lanes, footways, solids = plan.shares.T.reshape(3, CELLS, CELLS)
-    assert lanes[0].tolist() == [1.0] * CELLS
+    lanes, footways, solids = plan.shares.T.reshape(3, RASTER_CELLS, RASTER_CELLS)
+    assert lanes[0].tolist() == [1.0] * RASTER_CELLS
     assert not lanes[1:].any()
     assert not footways.any()
     assert solids[22:].all()
@@ -72,14 +72,14 @@ def test_shares_of_what_covers_the_ground():
 
 def test_without_a_network_the_polygons_are_the_lanes():
     plan = ground_plan(site(network="", lanes=(np.array([[0.0, 0.0], [48.0, 0], [48, 1], [0, 1]]),)))
-    assert plan.metres[:CELLS, 0].tolist() == pytest.approx([2 / 3.5] * CELLS)
-    assert len(plan.used) == CELLS
+    assert plan.metres[:RASTER_CELLS, 0].tolist() == pytest.approx([2 / 3.5] * RASTER_CELLS)
+    assert len(plan.used) == RASTER_CELLS
 
 
 def test_places_outside_are_in_no_cell():
     plan = ground_plan(site())
     places = np.array([[0.0, 0.0], [47.9, 23.9], [48.0, 5.0], [-0.1, 5.0], [5.0, 24.0]])
-    assert plan.cells_at(places).tolist() == [0, CELLS**2 - 1, -1, -1, -1]
+    assert plan.cells_at(places).tolist() == [0, RASTER_CELLS**2 - 1, -1, -1, -1]
 
 
 def test_channels_of_a_real_site_are_shares():

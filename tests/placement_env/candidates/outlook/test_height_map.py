@@ -1,6 +1,6 @@
 import numpy as np
 
-from placement_env.candidates.outlook.height_map import MARGIN, NOTHING, height_map
+from placement_env.candidates.outlook.height_map import HEIGHT_MARGIN, NOTHING, height_map
 from toolkit.sites.site import Relief, Site, Solid
 
 AREA = np.array([0.0, 0.0, 10.0, 6.0])
@@ -23,7 +23,7 @@ def test_what_stands_and_what_hangs():
         Solid(square(6, 3, 1), 3.0, 6.0, "tree"),
     )
     heights = height_map(Site("heights", AREA, solids=solids))
-    assert heights.top.shape == (6 + 2 * MARGIN, 10 + 2 * MARGIN)
+    assert heights.top.shape == (6 + 2 * HEIGHT_MARGIN, 10 + 2 * HEIGHT_MARGIN)
     assert at(heights, "top", 2.5, 3.5) == 3
     assert at(heights, "top", 3.5, 2.5) == 4  # the higher of two
     assert at(heights, "top", 5.5, 0.5) == -NOTHING

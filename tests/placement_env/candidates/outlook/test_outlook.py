@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.outlook.outlook import ASIDE, FACE, FEATURES, MOST_RAYS, VIEW, lifted, outlook, rays_at
+from placement_env.candidates.outlook.outlook import (
+    CANDIDATE_FEATURES,
+    FACE,
+    MOST_RAYS,
+    REACH_ASIDE,
+    VIEW,
+    lifted,
+    outlook,
+    rays_at,
+)
 from placement_env.candidates.outlook.ray_density import ray_density
 from placement_env.candidates.pool import pool
 from toolkit.sensors.depth_camera import DepthCamera
@@ -41,7 +50,7 @@ def test_how_many_rays():
     camera, away = DepthCamera(), np.float32([[[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.5, 0.0, 0.0]]])
     rays, distance = rays_at(camera, away, np.eye(3)[None])
     table = ray_density(camera)
-    beside = np.rad2deg(ASIDE / 10) / 2
+    beside = np.rad2deg(REACH_ASIDE / 10) / 2
     mean = np.mean([table[int(np.floor(90 + k * beside)), 45] for k in (-1, 0, 1)])
     assert rays[0, 0] == pytest.approx(mean / 100, rel=1e-4)
     assert rays[0, 1] == 0
@@ -70,7 +79,7 @@ def test_turning_everything_changes_nothing():
     matching = np.lexsort(other.T[::-1])
     assert east.view[0, order] == pytest.approx(north.view[1, matching], abs=0.02)
     names = ("height", "tilt", "field of view", "rays", "ground rays")
-    columns = [FEATURES.index(name) for name in names]
+    columns = [CANDIDATE_FEATURES.index(name) for name in names]
     assert east.features[0, columns] == pytest.approx(north.features[1, columns], abs=0.01)
 
 

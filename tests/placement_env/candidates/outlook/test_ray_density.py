@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement_env.candidates.outlook.ray_density import AZIMUTH_BINS, BIN, angles, bins, ray_density
+from placement_env.candidates.outlook.ray_density import AZIMUTH_BINS, BIN, bins, ray_angles, ray_density
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.solid_state_lidar import SolidStateLidar
 from toolkit.sensors.spinning_lidar import SpinningLidar
@@ -31,7 +31,7 @@ def test_a_camera_looks_ahead_and_a_lidar_round():
 
 
 def test_angles_and_bins():
-    azimuth, elevation = angles(np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [1, 0, -1]]))
+    azimuth, elevation = ray_angles(np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [1, 0, -1]]))
     assert azimuth.tolist() == pytest.approx([0, np.pi / 2, np.pi, 0])
     assert elevation.tolist() == pytest.approx([0, 0, 0, -np.pi / 4])
     column, row = bins(azimuth, elevation)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement_env.candidates.outlook.ground_plan import CELLS, ground_plan
+from placement_env.candidates.outlook.ground_plan import RASTER_CELLS, ground_plan
 from placement_env.candidates.outlook.height_map import height_map
 from placement_env.candidates.outlook.sight_lines import VEHICLE_TOP, sight_lines
 from toolkit.sites.site import Site, Solid
@@ -25,9 +25,9 @@ def at(plan, figures, x: float) -> float:
 
 def test_an_empty_road_is_clear():
     plan, seen = lines()
-    assert len(plan.used) == 2 * CELLS
+    assert len(plan.used) == 2 * RASTER_CELLS
     assert (seen.clear == 1).all()
-    assert seen.clear.shape == (3, 2 * CELLS)
+    assert seen.clear.shape == (3, 2 * RASTER_CELLS)
 
 
 def test_a_wall_hides_what_its_shadow_covers():

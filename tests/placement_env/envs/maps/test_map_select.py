@@ -46,7 +46,10 @@ def test_rewards_add_up_to_that_of_the_set(env):
 def test_what_a_link_does_not_carry_is_refused_and_not_known_before(env, plain):
     _, info = env.reset(
         seed=0,
-        options={"seed": 0, "terms": Terms.plain(with_mounts(plain.candidates, [1.0] * 3, [1e-3] * 3, [0.0]), 2)},
+        options={
+            "seed": 0,
+            "terms": Terms.plain(with_mounts(plain.candidates, [1.0] * 3, [1e-3] * 3, [0.0]), 2),
+        },
     )
     assert info["action_mask"][0]
     observation, reward, terminated, _, info = env.step(0)

@@ -48,7 +48,7 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
     told: list[int] = []
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), progress=told.append), seen)
     assert told == [1, 3, 4]
-    job = panoramas._Job(small_traffic, tuple(SENSORS), (VEHICLE,), None)
+    job = panoramas._Look(small_traffic, tuple(SENSORS), (VEHICLE,))
     job((0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)

@@ -5,7 +5,7 @@ import pytest
 
 from placement_env.fidelity.traffic import Traffic
 from placement_env.report.ground import visible_ground
-from placement_env.report.planning.answer import Terms, answer, best_first, detector_in_words
+from placement_env.report.planning.answer import PlanInputs, answer, best_first, detector_in_words
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
 from placement_env.search.portfolio.entrants import Entrants
@@ -20,7 +20,7 @@ def answered(street):
         sets = np.array([[1, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 0]], bool)
         found = Entrants(sets, street.objective.scores(sets).ap, ((), (), ("greedy",)), 30)
         picked = select(street.objective, found, street.judge, min_ap=question.min_ap)
-        terms = Terms(question, found, picked, "surrogate", "general", ("The links exclude 1 of 5 candidates.",))
+        terms = PlanInputs(question, found, picked, "surrogate", "general", ("The links exclude 1 of 5 candidates.",))
         members = np.flatnonzero(sets[picked.chosen])
         ground = visible_ground(street.site, [street.candidates.sensors[c] for c in members], cell=4.0)
         empty = Traffic(street.site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))

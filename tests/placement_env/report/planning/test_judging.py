@@ -8,7 +8,7 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.judging import Judge, combined_judgement, judgement, mean_judgement
+from placement_env.report.planning.judging import Judge, mean_judgement
 from toolkit.objects import Detections
 
 
@@ -43,7 +43,7 @@ def test_the_interval_holds_the_ap_and_depends_on_the_seed_alone():
     rng = np.random.default_rng(3)
     frame = np.repeat(np.arange(20), 3)
     tally = Tally(rng.random(60), rng.random(60) < frame / 20, frame, np.full(20, 4))
-    first, again, other = judgement(tally, 1), judgement(tally, 1), judgement(tally, 2)
+    first, again, other = (mean_judgement([[tally]], VEHICLES, seed) for seed in (1, 1, 2))
     assert first == again
     assert (first.low, first.high) != (other.low, other.high)
     assert 0 <= first.low <= first.ap <= first.high <= 1
@@ -103,7 +103,7 @@ def test_classes_of_which_there_is_nothing(walked):
     assert judge.absent == ("cyclist", "heavy")
     none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(4, np.int64))
     some = Tally(np.array([0.9]), np.array([True]), np.array([1]), np.ones(4, np.int64))
-    found = combined_judgement([some, none], Classes(("vehicle", "heavy")), 0)
+    found = mean_judgement([[some, none]], Classes(("vehicle", "heavy")), 0)
     assert (found.ap, found.recall) == (0.25, 0.25)
 
 
@@ -126,7 +126,7 @@ def test_a_mean_over_thresholds_is_of_ap_and_of_every_resample():
         Tally(scores, hit & (scores > 0.5), frame, np.full(20, 4)),
     )
     found = mean_judgement([[loose], [strict]], VEHICLES, 1)
-    one, other = judgement(loose, 1), judgement(strict, 1)
+    one, other = (mean_judgement([[each]], VEHICLES, 1) for each in (loose, strict))
     assert found.ap == pytest.approx((one.ap + other.ap) / 2)
     assert found.recall == pytest.approx((one.recall + other.recall) / 2)
     assert found.precision == pytest.approx(np.mean([loose.precision, strict.precision]))

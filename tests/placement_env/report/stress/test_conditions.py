@@ -17,11 +17,32 @@ def test_every_kind_has_conditions_of_its_own_name_and_no_level_twice():
     assert set(IN_SEQUENCE) < set(KINDS)
 
 
-def test_pose_errors_are_those_of_the_benchmarks():
-    levels = [(each.level, each.errors.terms[-1]) for each in conditions_of("pose", [])]
-    assert [level for level, _ in levels] == ["0.2 m, 0.2°", "0.4 m, 0.4°", "0.6 m, 0.6°"]
-    assert [term for _, term in levels] == [Calibration(np.deg2rad(x), x) for x in (0.2, 0.4, 0.6)]
-    assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms for each in conditions_of("pose", []))
+def test_pose_errors_are_those_of_the_benchmarks_and_beside_them():
+    made = conditions_of("pose", [])
+    assert [(each.amount, each.level) for each in made] == [
+        (0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°"),
+        (1, "1 m, 1°"),
+    ]  # fmt: skip
+    assert [each.errors.terms[-1] for each in made] == [
+        Calibration(np.deg2rad(each.amount), each.amount) for each in made
+    ]
+    assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
+
+
+def test_what_is_mounted_crooked_moves_a_centimetre_for_a_tenth_of_a_degree():
+    made = conditions_of("mounting", [])
+    assert [each.level for each in made[:4]] == ["0°, 0 cm", "0.1°, 1 cm", "0.2°, 2 cm", "0.4°, 4 cm"]
+    assert made[-1].errors.terms[-1] == Calibration(np.deg2rad(1.0), 0.1)
+    assert all(each.redrawn for each in made)
+
+
+def test_each_pair_fails_in_turn():
+    made = conditions_of("pairs", ["a", "b", "c"])
+    assert [(each.level, each.silent) for each in made] == [
+        ("a and b", (0, 1)),
+        ("a and c", (0, 2)),
+        ("b and c", (1, 2)),
+    ]
 
 
 def test_each_sensor_fails_in_turn():
@@ -48,5 +69,5 @@ def test_channels_come_without_tracks_and_with_them():
 
 
 def test_a_kind_that_there_is_not():
-    with pytest.raises(ValueError, match="choose among bytes, pose, silent"):
+    with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
         conditions_of("earthquake", [])

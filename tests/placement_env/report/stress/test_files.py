@@ -5,29 +5,81 @@ import json
 import numpy as np
 
 from placement_env.report.content import Judgement
-from placement_env.report.stress.files import STRESS_FILES, format_stress, write_stress
-from placement_env.report.stress.stressing import StressRow
+from placement_env.report.stress.crossings import Crossing
+from placement_env.report.stress.exact_failures import ExactFailure
+from placement_env.report.stress.files import (
+    STRESS_FILES,
+    format_crossings,
+    format_exact,
+    format_noticed,
+    format_stress,
+    stress_content,
+    write_rows,
+    write_stress,
+)
+from placement_env.report.stress.noticing import FalseAlarms, Noticed
+from placement_env.report.stress.outcomes import StressRow
 
 JUDGED = Judgement(0.875, 0.8, 0.9123, 0.9, None, 40, 10)
 ROWS = [
     StressRow("delay", "0.3 s", "early", "2 cm", JUDGED, 6.125, 0.3, "vehicle", 0.7),
     StressRow("loss", "10%", "late", "paper", JUDGED, 0.25, np.nan, "vehicle", 0.7),
 ]
+NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 
 def test_as_text():
     assert format_stress(ROWS).splitlines() == [
-        "stress  level  scheme  sent as     AP   95 % interval  kbit/sensor     age",
-        "delay   0.3 s  early   2 cm     0.875  0.800 to 0.912         6.12  0.30 s",
-        "loss    10%    late    paper    0.875  0.800 to 0.912         0.25   nan s",
+        "stress  level  scheme  sent as  IoU     AP   95 % interval  kbit/sensor     age",
+        "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
+        "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
     ]
 
 
 def test_as_files(tmp_path):
-    write_stress(ROWS, {"site": "plain"}, tmp_path / "out")
+    content = stress_content(ROWS, {"site": "plain"}, noticed=[NOTICED])
+    write_stress(ROWS, content, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(STRESS_FILES)
     content = json.loads((tmp_path / "out" / "stress.json").read_text())
     assert content["provenance"] == {"site": "plain"}
     assert content["rows"][1]["age"] is None
     assert content["rows"][0]["judged"]["ap"] == 0.875
+    assert content["noticed"][0]["worst"] is None
     assert "<svg" in (tmp_path / "out" / "stress.svg").read_text()
+
+
+def test_rows_so_far(tmp_path):
+    write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
+    write_rows(ROWS, {"site": "plain"}, tmp_path / "new")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["stress.json"]
+    assert len(json.loads((tmp_path / "new" / "stress.json").read_text())["rows"]) == 2
+
+
+def test_crossings_as_text():
+    crossed = [Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)]
+    rows = [
+        StressRow("pose", "", name, "2 cm", Judgement(ap, ap, ap, 1.0, 1.0, 1, 1), 1.0, 0.0, "vehicle", 0.7, level)
+        for name, aps in (("early", (0.9, 0.1)), ("late", (0.5, 0.5)))
+        for level, ap in zip((0.0, 0.4), aps, strict=True)
+    ]
+    assert format_crossings(rows, crossed).splitlines() == [
+        "highest AP  IoU  scheme  from    to",
+        "pose        0.7  early   0.00  0.20",
+        "pose        0.7  late    0.20  0.40",
+        "",
+        "overtaken  IoU  scheme  by    from level  95 % interval  of draws",
+        "pose       0.7  early   late        0.25    0.20 to inf       97%",
+    ]
+    assert format_crossings(ROWS, []) == ""
+
+
+def test_what_is_noticed_and_what_is_exact_as_text():
+    assert format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
+        "fault   sent as     cases  noticed  median  worst",
+        "frozen  foreground      6        5   0.2 s  inf s",
+        "",
+        "false alarms: link  sent as     alarms  sensor-minutes",
+        "loss 10%            foreground       3            12.5",
+    ]
+    left = [ExactFailure("early", 0.7, 2, 0.98, 0.9, 0.8125, ("d0", "d3"))]
+    assert format_exact(left).splitlines()[1].split() == ["N-2", "early", "0.7", "0.980", "0.900", "0.812", "d0,", "d3"]

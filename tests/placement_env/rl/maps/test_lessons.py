@@ -3,7 +3,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from placement_env.rl.maps.lessons import LARGEST, RANDOM_SETS, Lesson, lesson_of, next_scores, objective_of
+from placement_env.rl.maps.lessons import LARGEST_SET, RANDOM_SETS, Lesson, lesson_of, next_scores, objective_of
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_a_lesson_has_greedy_prefixes_and_random_sets(junction):
     assert any(row.sum() == 1 and row[first] for row in lesson.sets)
     for row, ap in zip(lesson.sets, lesson.ap, strict=True):
         mounts = junction.candidates.mount[row]
-        assert len(set(mounts.tolist())) == row.sum() < min(LARGEST, 4)
+        assert len(set(mounts.tolist())) == row.sum() < min(LARGEST_SET, 4)
         assert np.isfinite(ap).tolist() == (~np.isin(junction.candidates.mount, mounts)).tolist()
     assert lesson.kbit == pytest.approx(objective_of(junction).sent)
     assert lesson.view.shape == (12, len(lesson.channels), 5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search.portfolio.curve import budget_curve
+from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.evaluators import DetectorEvaluator
 
 
@@ -48,3 +48,43 @@ def test_nothing_to_build_has_no_curve(street):
         budget_curve(poor, 0, evaluators=(evaluator, evaluator))
     with pytest.raises(ValueError, match="needs fresh traffic"):
         budget_curve(street.objective, 1)
+
+
+def test_every_amount_of_money_has_the_winner_of_its_race(street):
+    """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and 0."""
+    evaluator = DetectorEvaluator(street.detected)
+    prices = street.objective.price(np.eye(4, dtype=bool)).tolist()
+    assert prices == [11.0, 11.0, 10.5, 23.0]
+    amounts = amounts_up_to(street.objective, 3, 33.0)
+    assert amounts == (10.5, 11.0, 21.0, 21.5, 22.0, 23.0, 31.5, 32.0, 32.5, 33.0)
+    points = budget_curve(street.objective, 3, amounts=amounts, evaluators=(evaluator, evaluator))
+    assert [(point.money, point.price, point.subset) for point in points[-2:]] == [
+        (22.0, 22.0, (0, 1)),
+        (32.5, 32.5, (0, 1, 2)),
+    ]
+    assert [point.ap for point in points[-2:]] == pytest.approx([0.75, 0.8])
+    assert [point.money for point in points] == sorted({point.money for point in points})
+    assert all(point.price <= point.money and point.low <= point.ap <= point.high for point in points)
+    assert len({point.subset for point in points}) == len(points)
+    assert street.objective.most_price == np.inf
+
+
+def test_amounts_within_what_was_allowed_before(street):
+    poor = street.objective.weighed(street.objective.weights, most_price=22.0)
+    evaluator = DetectorEvaluator(street.detected)
+    points = budget_curve(poor, 4, amounts=(10.0, 50.0), evaluators=(evaluator, evaluator))
+    assert [(point.money, point.subset) for point in points] == [(50.0, (0, 1))]
+    assert amounts_up_to(poor, 1, 100.0) == (10.5, 11.0)
+
+
+def test_too_many_amounts_are_spread_evenly(street, make):
+    amounts = amounts_up_to(street.objective, 4, 50.0, 3)
+    assert amounts == (11.0, 33.0, 46.0)  # up to 16.7, 33.3 and 50
+    many = make(40, 1, seed=3)
+    spread = amounts_up_to(many, 8, 10.0)
+    assert len(spread) == 12
+    assert np.allclose(spread, np.linspace(0, 10, 13)[1:], atol=0.01)
+    assert max(spread) <= 10.0
+    with pytest.raises(ValueError, match="budget must be a whole number"):
+        amounts_up_to(many, 0, 10.0)
+    assert amounts_up_to(many, 2, 0.1) == ()

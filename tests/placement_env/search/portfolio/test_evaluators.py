@@ -9,17 +9,18 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.visibility import see
+from placement_env.fidelity.visibility import of_frames, see
 from placement_env.search.portfolio.evaluators import (
     DetectorEvaluator,
     FastEvaluator,
+    LevelEvaluator,
     MeanEvaluator,
     RobustEvaluator,
     evaluator_of,
-    of_frames,
     race_order,
 )
 from toolkit.detection.schemes import scheme_of
@@ -48,7 +49,9 @@ def test_detection_of_some_frames(street):
     assert found.kbit == pytest.approx(expected.kbit)
     assert found.resamples.shape == (3, 1000)
     assert found.resamples == pytest.approx(np.repeat(found.ap[:, None], 1000, axis=1))  # all frames are alike
-    assert (evaluator.frames, evaluator.objects, evaluator.name) == (8, 32, "detector")
+    assert (evaluator.frames, evaluator.name) == (8, "detector")
+    assert evaluator.objects_in(np.arange(8)) == 32
+    assert evaluator.objects_in(np.array([6, 1])) == 8
 
 
 def test_resamples_are_of_blocks_and_the_same_for_every_set(street):
@@ -83,7 +86,8 @@ def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, sma
     assert found.resamples[0].std() > 0
     some = evaluator.evaluate(sets, np.array([4, 0]))
     assert some.ap == pytest.approx(Coverage(of_frames(seen, np.array([0, 4])))(sets).ap)
-    assert evaluator.objects == seen.points.shape[1]
+    assert evaluator.objects_in(np.arange(evaluator.frames)) == seen.points.shape[1]
+    assert evaluator.objects_in(np.array([1])) == (seen.frame == 1).sum()
 
 
 def test_what_is_seen_of_some_frames(prepared, small_traffic):
@@ -136,7 +140,7 @@ def test_the_mean_over_thresholds_and_what_is_left_in_every_resample(street):
     found, parts = mean.evaluate(SETS, np.arange(8)), [one.evaluate(SETS, np.arange(8)) for one in each]
     assert found.ap == pytest.approx((parts[0].ap + parts[1].ap) / 2)
     assert found.resamples == pytest.approx((parts[0].resamples + parts[1].resamples) / 2)
-    assert (mean.frames, mean.objects, mean.name) == (8, 32, "detector")
+    assert (mean.frames, mean.objects_in(np.arange(8)), mean.name) == (8, 32, "detector")
     hardy = RobustEvaluator(each[0], Failing(1))
     left = hardy.evaluate(SETS, np.arange(8))
     assert left.ap == pytest.approx([0.0, 0.5, 0.55], abs=0.06)
@@ -151,3 +155,29 @@ def test_an_evaluator_counts_as_the_objective_does(prepared):
     assert isinstance(counted, RobustEvaluator)
     assert isinstance(counted.evaluator, MeanEvaluator)
     assert isinstance(evaluator_of(prepared, "coverage", counting=Counting.of(0.7)), FastEvaluator)
+
+
+@pytest.mark.parametrize("combine", ["worst", "mean"])
+def test_each_level_of_traffic_by_itself(street, combine):
+    """Sets on the frames of each level alone, in whatever order they are asked for."""
+    whole, levels = DetectorEvaluator(street.detected), TrafficLevels(2, combine)
+    parts = (np.array([0, 1, 5]), np.array([2, 3, 4, 6, 7]))
+    order = np.array([7, 0, 3, 1, 2, 5])
+    found = LevelEvaluator(whole, levels, parts).evaluate(SETS, order)
+    each = [whole.evaluate(SETS, np.array([0, 1, 5])), whole.evaluate(SETS, np.array([7, 3, 2]))]
+    reduce = np.min if combine == "worst" else np.mean
+    assert found.ap.tolist() == reduce([part.ap for part in each], axis=0).tolist()
+    assert found.resamples.tolist() == reduce([part.resamples for part in each], axis=0).tolist()
+    assert found.kbit == pytest.approx(whole.evaluate(SETS, order).kbit)
+    done = []
+    alone = LevelEvaluator(whole, levels, parts).evaluate(SETS, np.array([4, 6]), done.append)
+    assert (alone.ap.tolist(), done) == (whole.evaluate(SETS, np.array([4, 6])).ap.tolist(), [2])
+
+
+def test_levels_are_those_of_the_traffic_that_is_judged(prepared):
+    evaluator = evaluator_of(prepared, "coverage", counting=Counting.of(0.7, 0, 2))
+    assert isinstance(evaluator, LevelEvaluator)
+    assert [part.tolist() for part in evaluator.parts] == [[1, 2, 3], [0, 4]] or len(evaluator.parts) == 2
+    both = evaluator_of(prepared, "coverage", counting=Counting.of(0.7, 1, 2))
+    assert isinstance(both, RobustEvaluator)
+    assert isinstance(both.evaluator, LevelEvaluator)

@@ -20,11 +20,16 @@ class Truth:
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
-        self.objects, self.seconds = 7 * frames, seconds
+        self.seconds, self.known = seconds, set()
+
+    def objects_in(self, frames):
+        return 7 * len(frames)
 
     def evaluate(self, sets, frames, progress=None):
         self.asked.append((sets.copy(), len(frames)))
-        time.sleep(self.seconds)
+        new = {(row.tobytes(), k) for row in sets for k in frames.tolist()} - self.known
+        time.sleep(self.seconds * len(new))  # what was detected once is kept
+        self.known |= new
         ap = sets @ VALUE + self.shift
         draws = np.random.default_rng(4).standard_normal(500) * self.noise / np.sqrt(len(frames))
         if progress is not None:
@@ -61,6 +66,7 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(de
     assert said.kbit == pytest.approx(200.0)
     assert said.predicted == pytest.approx(0.35)
     assert said.curse == pytest.approx(0.35 - 0.5)
+    assert said.expected == pytest.approx(0.55, abs=0.001)
     assert said.confidence >= said.asked == 0.9
     assert said.entrants == len(race.asked[0][0])
     assert said.raced == race.asked[-1][1] == 12
@@ -97,12 +103,40 @@ def test_nothing_pays_or_nothing_may_be_built(street):
     assert "none of the" in lost.certificate.note
 
 
-def test_seconds_end_the_race_and_its_confidence_says_so(deceived):
-    race = Truth(noise=50.0, seconds=0.6)
-    found = portfolio.search(deceived, 2, evaluators=(race, Truth()), seconds=0.6)
-    assert len(race.asked) == 1
-    assert found.assessment.confidence < 0.95
-    assert found.assessment.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
+def test_seconds_bound_race_and_judgement_and_what_was_done_is_said(deceived):
+    race, final = Truth(noise=50.0, seconds=0.03), Truth(frames=60, seconds=0.03)  # 11 s in all
+    began = time.monotonic()
+    found = portfolio.search(deceived, 2, evaluators=(race, final), seconds=1.0)
+    assert time.monotonic() - began < 3.0
+    said = found.assessment
+    assert said.confidence < 0.95
+    assert 1 <= said.raced < 48
+    assert 8 <= said.frames < 60  # of the winner, whose judgement ended with the time
+    assert said.objects == 7 * said.frames
+    assert found.best.subset == (0, 1)  # after so noisy a race it is the objective that ranks
+    assert [each.subset for each in said.contenders] == [(0, 1)]
+    assert said.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
+
+
+def test_with_time_enough_the_answers_of_searches_are_judged_on_the_same_frames(deceived):
+    race, final = Truth(noise=0.0), Truth(frames=60)
+    found = portfolio.search(deceived, 2, evaluators=(race, final), seconds=20.0)
+    assert (found.assessment.frames, found.assessment.confidence) == (60, 1.0)
+    (own,) = found.assessment.contenders
+    assert (own.subset, own.ap) == ((0, 1), pytest.approx(0.4))
+
+
+def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
+    most, contest = [], portfolio.contest
+
+    def asked(*given, **settings):
+        most.append(settings["most"])
+        return contest(*given, **settings)
+
+    monkeypatch.setattr(portfolio, "contest", asked)
+    for seconds in (None, 60.0):
+        portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), seconds=seconds)
+    assert most == [1600.0, np.inf]
 
 
 def test_it_detects_on_a_real_evaluator(street):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.layouts.nuscenes import nuscenes, quaternion_of
+from toolkit.datasets.layouts.nuscenes import nuscenes, quaternion_of, write_nuscenes
+from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import pose
+from toolkit.objects import Objects
 
 QUARTER = [0.70710678, 0.0, 0.0, 0.70710678]  # w first
 
@@ -85,3 +87,17 @@ def test_quaternions_of_poses(angles):
     unit = quaternion_of(placed)
     assert unit[0] >= 0
     np.testing.assert_allclose(quaternion_pose(unit, np.zeros(3)), placed, atol=1e-12)
+
+
+def test_numbers_that_stand_for_other_classes_in_other_samples_keep_their_classes(tmp_path):
+    """Recordings without tracks count their objects anew in each sample."""
+    boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5], [9.0, 2, 3, 2, 1, 1.5, 0.5]])
+    cloud = SensorCloud("s", np.ones((1, 3), np.float32), np.eye(4))
+    labels = [[0, 2], [2, 0], [3, 2], [0, 2]]
+    samples = [Sample(str(k), (cloud,), Objects(boxes, np.array(row), np.arange(2))) for k, row in enumerate(labels)]
+    write_nuscenes(samples, tmp_path)
+    back = list(nuscenes(tmp_path))
+    assert [sample.objects.labels.tolist() for sample in back] == labels
+    assert [sample.objects.ids.tolist() for sample in (back[0], back[3])] == [[0, 1], [0, 1]]
+    instances = json.loads((tmp_path / "v1.0-coview" / "instance.json").read_text())
+    assert sorted(each["token"] for each in instances) == ["0", "0_heavy", "0_pedestrian", "1", "1_vehicle"]

@@ -61,3 +61,15 @@ def test_clouds_as_one():
     assert together.points[:, 0].tolist() == [11, 1, 1]
     assert together.intensity is None
     assert one_cloud(Sample("0", (some,), Objects.empty())).intensity.tolist() == [1]
+
+
+def test_rings_are_read_and_written(tmp_path):
+    assert cloud([[1, 0, 0]])[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([1e6]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([31.0], np.float32))[0].ring.tolist() == [31]
+    made, _ = cloud([[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8))
+    assert made.ring.tolist() == [31, 7]
+    write_cloud(tmp_path / "a.pcd", made)
+    assert read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]

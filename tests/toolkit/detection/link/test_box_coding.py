@@ -46,6 +46,13 @@ def test_scores_beyond_0_and_1_are_cut_and_yaw_is_wrapped():
     np.testing.assert_allclose(np.rad2deg(got.boxes[:, 6]), [-1, -180])
 
 
+def test_sure_scores_stay_apart():
+    sure = Detections(some(4).boxes, np.array([0.9985, 0.9988, 0.9992, 0.9998]))
+    scores = decode_boxes(encode_boxes(sure)).scores
+    assert np.abs(scores - sure.scores).max() < 1e-4
+    assert (np.diff(scores) > 0).all()
+
+
 def test_boxes_that_cannot_be_sent_are_refused():
     for value, said in ((np.nan, "finite"), (np.inf, "finite"), (1e9, "within 21475 km")):
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
@@ -66,7 +73,7 @@ def test_what_no_encoder_writes_is_refused():
     wide[2] = 32
     with pytest.raises(ValueError, match="up to 31 bits, got 32"):
         decode_boxes(bytes(wide))
-    score = bytearray(encode_boxes(Detections(some(1).boxes, np.array([1.0]))))
-    score[2 + 7 * 5 + 1 : 2 + 7 * 5 + 3] = b"\x00\x01"
-    with pytest.raises(ValueError, match="0 to 255, got 256"):
+    score = bytearray(encode_boxes(Detections(some(1).boxes, np.array([0.0]))))
+    score[2 + 7 * 5 + 1 : 2 + 7 * 5 + 3] = b"\x00\x02"
+    with pytest.raises(ValueError, match="0 to 511, got 512"):
         decode_boxes(bytes(score))

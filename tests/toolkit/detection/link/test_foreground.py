@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,14 @@ import pytest
 from toolkit.calibration.empty_scene import SceneLearner
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.early import Early
-from toolkit.detection.link.foreground import Foreground, decode_foreground, encode_foreground, scene_number
+from toolkit.detection.link.foreground import (
+    Foreground,
+    decode_foreground,
+    decode_missing,
+    encode_foreground,
+    scene_number,
+)
+from toolkit.detection.link.image_coding import encode_mask
 from toolkit.detection.link.message import read_message
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.view import frame_view
@@ -90,7 +98,9 @@ def test_two_thousand_damaged_messages():
     """Bits, bytes and ends; no reader takes one for sound, and none that has a sound checksum again makes one crash."""
     sensor = stand(MODELS[0])
     scene = learnt(sensor, frames=5)
-    message = encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene)
+    missing = np.zeros(scene.first.shape, bool)
+    missing[:5] = with_a_car(sensor)[:5] == 0
+    message = encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene, missing)
     sound, rng, read = decode_foreground(message, scene), np.random.default_rng(0), 0
     for _ in range(2000):
         mutant = bytearray(message)
@@ -166,6 +176,57 @@ def test_nothing_but_the_scene_costs_forty_bytes():
     got = Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
     assert got.bits.tolist() == [8 * 43]
     assert len(calls[0]) > 100
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
+def test_missing_pixels_arrive_as_nothing(model):
+    sensor = stand(model)
+    scene, image = learnt(sensor), with_a_car(sensor)
+    missing = np.zeros(image.shape, bool)
+    missing[-6:, 3:17] = True
+    kept = np.where(scene.shows(image) | missing, 0, image).astype(np.float32)
+    message = encode_foreground(RangeImage(sensor, kept), scene, missing)
+    restored = decode_foreground(message, scene)
+    np.testing.assert_array_equal(restored.missing, missing)
+    np.testing.assert_array_equal(restored.sent, kept > 0)
+    assert (restored.image[missing] == 0).all()
+    np.testing.assert_array_equal(restored.image[~restored.sent & ~missing], scene.first[~restored.sent & ~missing])
+    without = encode_foreground(RangeImage(sensor, kept), scene)
+    assert encode_foreground(RangeImage(sensor, kept), scene, np.zeros_like(missing)) == without
+    assert 0 < len(message) - len(without) < 15
+    assert not decode_foreground(without, scene).missing.any()
+
+
+def test_missing_pixels_that_cannot_be_are_refused():
+    sensor = stand(MODELS[0])
+    scene, image = learnt(sensor), with_a_car(sensor)
+    with pytest.raises(ValueError, match="that return nothing"):
+        encode_foreground(RangeImage(sensor, image), scene, image > 0)
+    with pytest.raises(ValueError, match="that return nothing"):
+        encode_foreground(RangeImage(sensor, image), scene, np.zeros((2, 2), bool))
+    sent = image > 0
+    for masks in ([~sent, ~sent], [sent], [np.zeros_like(sent)]):
+        content = b"".join(encode_mask(mask) for mask in masks)
+        with pytest.raises(ValueError, match="missing pixels are some that are not sent"):
+            decode_missing(content, 0, sent)
+    assert not decode_missing(b"", 0, sent).any()
+
+
+def test_a_blinded_sensor_empties_its_view_and_a_partly_blinded_one_that_part():
+    seen = frame()
+    scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
+    half = seen.measurements[0].copy()
+    half[:, :8] = 0
+    for blinded in (np.zeros_like(half), half):
+        detector, calls = watched()
+        view = frame_view(
+            replace(seen, measurements=(blinded, seen.measurements[1])), detector, AREA, scene=lambda k: scenes[k]
+        )
+        got = [scheme.fuse(view, sensors) for sensors in ([0, 1], [0]) for scheme in (Early(), Foreground())][1]
+        assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
+        assert got.bits[0] < 100 * 8
+        assert len(calls[3]) == pytest.approx(len(calls[2]), abs=2)
+        assert len(calls[2]) == 0 if blinded is not half else len(calls[2]) > 100
 
 
 def test_without_a_scene_or_images_it_says_so():

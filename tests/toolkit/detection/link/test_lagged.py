@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.detection.link.channel import LinkChannel
 from toolkit.detection.link.lagged import lagged_frames
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.sensors.depth_camera import DepthCamera
@@ -75,3 +76,37 @@ def test_frames_far_apart_cannot_be_late_but_can_be_as_they_are():
         shown(LinkChannel(delay=0.1), far)
     assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
     assert len(list(lagged_frames(recording(), LinkChannel(), frames=3))) == 3
+
+
+class Lossy:
+    """A line that loses some messages, by their numbers."""
+
+    def __init__(self, lost):
+        self.lost, self.sent, self.channel = lost, -1, LinkChannel(delay=1e-9)
+
+    def arrival(self, time):
+        self.sent += 1
+        return np.inf if self.sent in self.lost else time
+
+
+@pytest.mark.parametrize(
+    ("needed", "expected"),
+    [
+        (None, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 11]),
+        (ForegroundDifferences(key_every=5).needed, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]),
+        (ForegroundDifferences(key_every=5, refers_to="key").needed, [0, 1, 1, 3, 4, 4, 4, 4, 4, 4, 4, 4]),
+        (ForegroundDifferences(key_every=3).needed, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 9]),
+    ],
+)
+def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expected, monkeypatch):
+    monkeypatch.setattr("toolkit.detection.link.lagged.Line", lambda channel, seed: Lossy({2, 5, 10}))
+    which, lagged = shown(LinkChannel(), needed=needed)
+    assert [row[0] for row in which] == expected
+    assert [int(each.sent.measurements[0][0, 0]) - 1 for each in lagged] == list(range(12))
+
+
+def test_a_frozen_sensor_sends_what_it_repeats():
+    lagged = list(lagged_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
+    assert [[int(image[0, 0]) - 1 for image in each.sent.measurements] for each in lagged] == [
+        [k, 0] for k in range(12)
+    ]

@@ -3,7 +3,7 @@ import pytest
 
 from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
 from toolkit.detection.samples.detected import Detected
-from toolkit.detection.samples.scoring import Scoring, format_rows, judged
+from toolkit.detection.samples.scoring import LABELLED_TWICE, Scoring, format_rows, judged, repeated
 from toolkit.objects import Detections, Objects
 
 # x of cars, and how many points lie in each: the last is out of the area, the fourth has none
@@ -40,6 +40,24 @@ def test_what_counts_and_what_does_not():
     assert each.counted.tolist() == [True, True, True, False, False]
     assert each.points.tolist() == list(POINTS)
     assert len(each.found) == 4  # that out of the area is left out
+
+
+def test_an_object_labelled_twice_counts_once():
+    """As in a real log: the same car, the second box some millimetres shorter; a cyclist in it is somebody else."""
+    first = detected((5.0,), [0.9])
+    again = boxes((5.002, 25.0))
+    again[0, 3] -= 0.003
+    objects = Objects(np.concatenate([boxes((5.0, 25.0)), again]), np.array([0, 0, 0, 2]))
+    assert repeated(objects).tolist() == [False, False, True, False]
+    sample = Sample("0", first.sample.clouds, objects)
+    each = Detected(sample, first.detections, None, np.zeros(2), 5.0, 7.0)
+    assert judged(each).counted.tolist() == [True, True, False, True]
+    scoring = scored(each)
+    assert scoring.problems == {LABELLED_TWICE: 1}
+    assert row(scoring.rows(["vehicle"]), "ours", "BEV 0.5").truths == 2
+    near = boxes((5.0, 5.25))  # IoU 0.88: two labels that differ by more than an annotator's hand
+    assert not repeated(Objects(near)).any()
+    assert repeated(Objects(np.zeros((0, 7)))).shape == (0,)
 
 
 def test_rows_by_range_and_points():

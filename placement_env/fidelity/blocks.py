@@ -1,0 +1,69 @@
+"""What sensors see of traffic block by block, each kept when it is done, so that what was broken off goes on there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from placement_env.fidelity.occlusion import Seen
+from toolkit.runtime.cache import Cache
+from toolkit.runtime.parallel import spread
+
+Block = tuple[int, int]  # the first of it, and the first after it
+
+
+@runtime_checkable
+class BlockView(Protocol):
+    """Looks at a block; can be pickled."""
+
+    def __call__(self, block: Block, /) -> Seen:
+        """What is seen of it."""
+        ...
+
+    def key(self, block: Block) -> bytes:
+        """What is seen of it depends on this."""
+        ...
+
+
+def seen_in_blocks(
+    look: BlockView,
+    blocks: Sequence[Block],
+    *,
+    workers: int,
+    ray: str | None,
+    progress: Callable[[int], None] | None,
+    cache: Cache | None,
+) -> list[Seen]:
+    """What is seen of each block, kept in the cache by an earlier call or looked at now; workers, ray: see
+    `toolkit.runtime.parallel.spread`; progress: called with where a block ends when it is done."""
+    job = _Job(look, cache)
+    kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
+    made = spread(job, [block for block in blocks if block not in kept], workers=workers, ray=ray)
+    seen = []
+    for block in blocks:
+        seen.append(kept[block] if block in kept else next(made))
+        if progress:
+            progress(block[1])
+    return seen
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Looks at a block, unless it was looked at meanwhile; sent to every worker."""
+
+    look: BlockView
+    cache: Cache | None
+
+    def __call__(self, block: Block) -> Seen:
+        found = self.cached(block)
+        if found is None:
+            found = self.look(block)
+            if self.cache is not None:
+                self.cache.put({self.look.key(block): found})
+        return found
+
+    def cached(self, block: Block) -> Seen | None:
+        """What an earlier call found; None where there is nothing, or it is damaged."""
+        arrays = None if self.cache is None else self.cache.get([self.look.key(block)])[0]
+        return None if arrays is None else Seen(*arrays)

@@ -1,0 +1,117 @@
+"""States of a search that is not finished, in a folder, so that it goes on where it was killed.
+
+A state is one file for each part of a search: JSON values and arrays with a checksum over them, the question and the
+code, replaced whole. One that is damaged, of another question or of other code is not believed: that part of the search
+begins anew. What took long besides (what was seen, rendered, detected) is in the cache.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.runtime.cache import decoded, encoded, key_of
+from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.files import write_bytes
+from toolkit.runtime.json_files import finite
+from toolkit.runtime.resumable import ShardFolder
+
+EVERY_S = 10.0  # seconds between two states of a part, at least
+STATE = ".state"  # ending of their files
+
+KeptState = dict[str, Any]  # values of JSON, and arrays
+
+
+class Checkpoint:
+    """Keeps the state of one part of a search. folder: None to keep nothing; depends_on: question and code; every: s
+    between two states."""
+
+    def __init__(
+        self, folder: Path | None, *, depends_on: bytes = b"", part: str = "search", every: float = EVERY_S
+    ) -> None:
+        self.folder, self._depends_on, self._part, self.every = folder, depends_on, part, every
+        self._saved = time.monotonic()
+
+    def part(self, name: str) -> Checkpoint:
+        """That of a search within this one."""
+        return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
+
+    def place(self, name: str) -> Path | None:
+        """A folder for what this part keeps in a way of its own; None where nothing is kept."""
+        return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE}"
+
+    def load(self) -> KeptState | None:
+        """The state that was saved last, None where there is none, or none that can be believed."""
+        if self.folder is None:
+            return None
+        try:
+            arrays = decoded(self._key, self._path.read_bytes())
+        except FileNotFoundError:
+            return None
+        if not arrays:
+            return None
+        names, values = json.loads(arrays[0].tobytes())
+        return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
+
+    def save(self, state: Mapping[str, Any]) -> None:
+        """Keep a state in place of the last one. Raises OSError where it cannot be written."""
+        if self.folder is None:
+            return
+        arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
+        values = {name: value for name, value in state.items() if name not in arrays}
+        head = np.frombuffer(json.dumps([list(arrays), values]).encode(), np.uint8)
+        write_bytes(self._path, encoded(self._key, (head, *arrays.values())))
+        self._saved = time.monotonic()
+
+    def offer(self, state: Callable[[], Mapping[str, Any]]) -> None:
+        """Save what `state` gives, unless the last was saved a moment ago."""
+        if self.folder is not None and time.monotonic() - self._saved >= self.every:
+            self.save(state())
+
+    @property
+    def _path(self) -> Path:
+        assert self.folder is not None
+        return self.folder / f"{self._part}{STATE}"
+
+    @property
+    def _key(self) -> bytes:
+        return key_of(self._depends_on.hex(), self._part)
+
+
+NOWHERE = Checkpoint(None)
+
+
+@contextmanager
+def unfinished(
+    folder: Path, question: Mapping[str, Any], *, code: str = __name__, overwrite: bool = False
+) -> Iterator[Checkpoint]:
+    """The checkpoint of a search that is asked a question (values of JSON), in a folder of its own, which is removed
+    when the block ends well. code: module of the search.
+
+    Raises FileExistsError where the folder holds an unfinished search of another question and is not to be overwritten,
+    and where another process is at work in it.
+    """
+    asked = json.loads(json.dumps(finite(dict(question))))
+    shards = ShardFolder(folder, asked)
+    with shards.locked():
+        shards.open(overwrite)
+        depends_on = key_of(asked, code_digest(code))
+        yield Checkpoint(folder, depends_on=depends_on)
+        remove_states(folder)
+        shards.remove()
+
+
+def remove_states(folder: Path) -> None:
+    """Remove the states in a folder, and what else a search left there."""
+    for path in folder.glob(f"*{STATE}"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()

@@ -1,0 +1,140 @@
+"""What sensors on poles share, as constraints of an integer programme: places, links, and the price of the pole.
+
+    Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link
+    Σ_c price_c x_c + Σ_m shared_m z_m <= money,   z_m >= x_c
+
+Where every pole has one place, that is at most one sensor on each, and its price is part of the sensor's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from placement_env.objective import ROUNDING, Objective
+from placement_env.search.exact.solver import cp_model
+from toolkit.arrays import Bool, Int64
+
+if TYPE_CHECKING:
+    from ortools.sat.python.cp_model import IntVar
+
+FINEST = 1 << 40  # whole units of the highest price
+LINK = 1 << 40  # whole units of a link
+
+
+class Prices(NamedTuple):
+    """In whole units small enough that nothing is lost. each: of the candidates, with their mounts where these have one
+    place; shared: of the mount where it has more, which is paid once; mount: of each candidate; most: that all may
+    cost together. Prices are rounded down, the sum up, so that no set within the money is excluded."""
+
+    each: Int64[np.ndarray, " C"]
+    shared: Int64[np.ndarray, " C"]
+    mount: Int64[np.ndarray, " C"]
+    most: int
+
+    @staticmethod
+    def in_units(objective: Objective, unit: float) -> Prices:
+        """Of an objective's candidates, in units of a price."""
+        candidates = objective.candidates
+        several = candidates.places[candidates.mount] > 1
+        each = np.where(several, candidates.model_prices, candidates.prices)
+        shared = np.where(several, candidates.mount_prices[candidates.mount], 0.0)
+        money = objective.most_price * (1 + ROUNDING) / unit
+        most = -1 if math.isinf(money) else math.floor(money)
+        return Prices(_whole(each, unit), _whole(shared, unit), candidates.mount, most)
+
+    @staticmethod
+    def of(objective: Objective) -> Prices | None:
+        """Of an objective whose sets may not cost any price."""
+        if math.isinf(objective.most_price):
+            return None
+        highest = float(objective.candidates.prices.max(initial=0.0))
+        return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / FINEST)
+
+    @property
+    def alone(self) -> Int64[np.ndarray, " C"]:
+        """What each candidate costs where it is the only one of its mount."""
+        return self.each + self.shared
+
+    def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
+        """Those of some candidates."""
+        return Prices(self.each[kept], self.shared[kept], self.mount[kept], self.most)
+
+    def total(self, chosen: list[int]) -> int:
+        """What a set costs."""
+        _, first = np.unique(self.mount[chosen], return_index=True)
+        return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
+
+    def expression(self, model: Any, built: list[IntVar], *, times: int = 1, plus: int = 0) -> Any:
+        """The price of what is built, times a number, and another for each sensor."""
+        linear = cp_model().LinearExpr
+        parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
+        for here in np.unique(self.mount[self.shared > 0]):
+            own = np.flatnonzero(self.mount == here).tolist()
+            paid = model.new_bool_var("")
+            for c in own:
+                model.add_implication(built[c], paid)
+            parts.append(int(self.shared[own[0]]) * times * paid)
+        return linear.sum(parts)
+
+
+class Poles(NamedTuple):
+    """mount: of each candidate; places: on it; load: of its link by the candidate, in parts of `LINK`."""
+
+    mount: Int64[np.ndarray, " C"]
+    places: Int64[np.ndarray, " C"]
+    load: Int64[np.ndarray, " C"]
+
+    @staticmethod
+    def of(objective: Objective) -> Poles:
+        """Of an objective's candidates."""
+        candidates = objective.candidates
+        sent = objective.shared_links
+        load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
+        return Poles(candidates.mount, candidates.places[candidates.mount], _whole(load, 1 / LINK))
+
+    @staticmethod
+    def single(mount: Int64[np.ndarray, " C"]) -> Poles:
+        """Of mounts that have one place each."""
+        return Poles(mount, np.ones(len(mount), np.int64), np.zeros(len(mount), np.int64))
+
+    @property
+    def apart(self) -> Int64[np.ndarray, " C"]:
+        """Mounts as they are, where they have one place, else a mount of its own for every candidate: what no set may
+        be better than where each has one place, none may be on these."""
+        count = int(self.mount.max(initial=-1)) + 1
+        return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
+
+    def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
+        """Those of some candidates."""
+        return Poles(self.mount[kept], self.places[kept], self.load[kept])
+
+    def beside(self, chosen: list[int]) -> Bool[np.ndarray, " C"]:
+        """Which candidates may join a set."""
+        last = int(self.mount.max(initial=-1)) + 1
+        count = np.bincount(self.mount[chosen], minlength=last)[self.mount]
+        load = np.zeros(last, np.int64)
+        np.add.at(load, self.mount[chosen], self.load[chosen])
+        room = (count < self.places) & ((count == 0) | (load[self.mount] + self.load <= LINK))
+        room[chosen] = False
+        return room
+
+    def constrain(self, model: Any, built: list[IntVar]) -> None:
+        """Add the constraints of places and links."""
+        linear = cp_model().LinearExpr
+        for here in np.unique(self.mount):
+            own = np.flatnonzero(self.mount == here).tolist()
+            variables = [built[c] for c in own]
+            places = int(self.places[own[0]])
+            if places == 1:
+                model.add_at_most_one(variables)
+                continue
+            model.add(linear.sum(variables) <= places)
+            if self.load[own].any():
+                model.add(linear.weighted_sum(variables, self.load[own].tolist()) <= LINK)
+
+
+def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
+    return np.floor(figures / unit).astype(np.int64)

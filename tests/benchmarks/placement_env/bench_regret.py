@@ -1,0 +1,258 @@
+"""Regret of `portfolio`, and surrogates beside the detector, at 12 junctions that nothing was fitted to.
+
+    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl [--sites NAME ...] [--budgets 2 3 4] [--late]
+    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --print
+
+At each site and budget the searches and `portfolio` answer, and the detector judges all their answers, RANDOM drawn
+sets and NEAR neighbours of greedy's on 100 frames of traffic that nobody saw. Each row is kept in ROWS.jsonl when it is
+known, detections in --cache, so that a run that was killed goes on where it was; --print says what the rows say so far
+(`regret_figures.py`). Budgets go round the sites, so that few rows already stand for all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
+
+from regret_sites import Place, places  # noqa: E402
+
+SEARCHED, RACED, JUDGED = 60, 48, 100  # frames
+RANDOM, NEAR = 1, 0  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
+DRAWS = 200  # resamples that are kept of each set
+IOUS = (0.7, 0.8, 0.9)
+
+
+class Rows:
+    """A file of JSON lines, appended to as rows come; a torn last line is left out."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.rows = path, list(read_rows(path))
+
+    def add(self, **row: Any) -> None:
+        """Keep a row."""
+        self.rows.append(row)
+        with self.path.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+
+    def find(self, **wanted: Any) -> list[dict[str, Any]]:
+        """The rows with these values."""
+        return [row for row in self.rows if all(row.get(name) == value for name, value in wanted.items())]
+
+
+def read_rows(path: Path) -> Iterator[dict[str, Any]]:
+    """The rows of a file that are whole."""
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            yield json.loads(line)
+        except json.JSONDecodeError:
+            continue
+
+
+class Judging:
+    """One site: what is searched there, and the detector on fresh traffic."""
+
+    def __init__(self, name: str, place: Place, cache: Path, workers: int, scheme: str = "early") -> None:
+        self.name, self.seed, self.scheme = name, place.seed, scheme
+        self.cache, self.workers = cache, workers
+        self.site = place.make()
+        self.candidates = place.candidates(self.site)
+
+    @cached_property
+    def objective(self) -> Any:
+        """What is searched: the surrogate on the first part of the traffic."""
+        from placement_env.objective import Objective
+
+        return Objective(
+            self.site, SEARCHED, self.scheme, candidates=self.candidates, seed=self.seed, cache=self.cache,
+            workers=self.workers, detector=general(self.site),
+        )  # fmt: skip
+
+    def prepared(self, part: int, frames: int, **settings: Any) -> Any:
+        """What fidelities are made from on another part of the traffic, after that of the searches."""
+        from dataclasses import replace
+
+        made = self.objective.preparation
+        return replace(made, seed=made.seed + part, frames=frames, **settings)
+
+    @cached_property
+    def fresh(self) -> Any:
+        """Of the third part, with all classes in sight."""
+        from placement_env.classes import Classes
+
+        return self.prepared(2, JUDGED, classes=Classes(("vehicle", "cyclist", "pedestrian")))
+
+    def evaluators(self) -> tuple[Any, Any]:
+        """Of race and judgement."""
+        from placement_env.search.portfolio.portfolio import evaluators_of
+
+        return evaluators_of(self.objective, None, "detector", (RACED, JUDGED))
+
+    def searches(self, k: int) -> dict[str, Callable[[], Any]]:
+        """Each search, with as much as the portfolio lets it do, or as it does by itself."""
+        from placement_env.search import annealing, greedy, swap
+        from placement_env.search.exact import cpsat, hits
+        from placement_env.search.portfolio.entrants import SOLVING, SWAP_EVALUATIONS, entropy_objective
+
+        objective = self.objective
+        swapping = {"starts": swap.STARTS, "evaluations": SWAP_EVALUATIONS}
+        made: dict[str, Callable[[], Any]] = {
+            "greedy": partial(greedy.search, objective, k),
+            "swap": partial(swap.search, objective, k, **swapping),
+            "swap by entropy": partial(swap.search, entropy_objective(objective), k, **swapping),
+            "cpsat": partial(cpsat.search, objective, k, seconds=60.0, effort=SOLVING),
+            "hits": partial(hits.search, objective, k, seconds=10.0),
+            "annealing": partial(annealing.search, objective, k),
+        }
+        return made if self.scheme == "early" else {name: made[name] for name in ("greedy", "swap", "cpsat")}
+
+    def others(self, k: int, near: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Sets drawn at random, one sensor to a mount, and neighbours of one."""
+        rng, mount = np.random.default_rng([self.seed, k]), self.candidates.mount
+        found = []
+        for _ in range(RANDOM):
+            members = rng.permutation(len(mount))
+            _, first = np.unique(mount[members], return_index=True)
+            found.append(tuple(sorted(members[np.sort(first)][:k].tolist())))
+        for _ in range(NEAR):
+            kept = list(near)
+            kept.pop(int(rng.integers(len(kept))))
+            free = np.flatnonzero(~np.isin(mount, mount[kept]))
+            found.append(tuple(sorted([*kept, int(rng.choice(free))])))
+        return found
+
+    def row_of(self, subset: tuple[int, ...]) -> np.ndarray:
+        """A set as a row of booleans."""
+        row = np.zeros((1, len(self.candidates)), bool)
+        row[0, list(subset)] = True
+        return row
+
+    def judged(self, subset: tuple[int, ...]) -> dict[str, Any]:
+        """What the detector says of a set, with resamples, and of small road users; fast scores of the same traffic."""
+        from placement_env.classes import Classes
+        from placement_env.search.portfolio.evaluators import DetectorEvaluator
+
+        detected, row, frames = self._detected, self.row_of(subset), np.arange(JUDGED)
+        began = perf_counter()
+        each = [DetectorEvaluator(detected.at(iou)).evaluate(row, frames) for iou in IOUS]
+        took = perf_counter() - began
+        small = {}
+        for label in ("cyclist", "pedestrian"):
+            of_class = self.prepared(2, JUDGED, classes=Classes((label,))).fidelity("detector")
+            small[label] = float(of_class(row).ap[0])
+        return {
+            "ap": [round(float(found.ap[0]), 5) for found in each],
+            "draws": [np.round(found.resamples[0][:DRAWS], 4).tolist() for found in (each[0], each[2])],
+            "small": small,
+            "took": round(took, 2),
+            "same": {name: round(float(score(row)[0][0]), 5) for name, score in self._fast.items()},
+        }
+
+    @cached_property
+    def _detected(self) -> Any:
+        return self.prepared(2, JUDGED).fidelity("detector")
+
+    @cached_property
+    def _fast(self) -> dict[str, Callable[[np.ndarray], Any]]:
+        """Fast fidelities on the traffic of the judgement."""
+        from placement_env.classes import Classes
+        from placement_env.fidelity.coverage import Coverage
+        from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
+        from placement_env.fidelity.surrogate import Surrogate
+
+        seen = self.fresh.visibility
+        vehicles = seen.of_classes(Classes(("vehicle",)).labels)
+        radius = self.site.hybrid_radius
+        made: dict[str, Callable[[np.ndarray], Any]] = {
+            f"surrogate@{iou:g}": Surrogate(vehicles, self.scheme, iou=iou, radius=radius) for iou in IOUS
+        }
+        for label in ("cyclist", "pedestrian"):
+            made[f"surrogate {label}"] = Surrogate(seen, self.scheme, radius=radius, classes=Classes((label,)))
+            own = seen.of_classes(Classes((label,)).labels)
+            made[f"coverage {label}"] = Coverage(own, self.scheme, classes=Classes((label,)))
+        made["coverage"] = Coverage(vehicles, self.scheme)
+        made["perception entropy"] = PerceptionEntropy(vehicles, self.scheme)
+        made["information gain"] = InformationGain(vehicles, self.scheme)
+        made["point count"] = lambda rows: (rows @ np.log1p(vehicles.points).sum(axis=1),)
+        return made
+
+
+def general(site: Any) -> Any:
+    """`general`, its layers laid out so that they take less time: the same but for rounding."""
+    import torch
+
+    from models.detector import load_detector
+
+    detector = load_detector("general", area=site.area)
+    detector.network.to(memory_format=torch.channels_last)
+    return detector
+
+
+def run(judging: Judging, k: int, rows: Rows) -> None:
+    """One site and budget: what is not in the rows yet."""
+    at = {"site": judging.name, "k": k, "scheme": judging.scheme}
+    for name, search in judging.searches(k).items():
+        if not rows.find(kind="search", method=name, **at):
+            found = search()
+            predicted = judging.objective.score(found.best.subset).ap
+            rows.add(
+                kind="search", method=name, **at, subset=list(found.best.subset), predicted=predicted,
+                seconds=round(found.seconds, 2), evaluations=found.evaluations,
+            )  # fmt: skip
+    if judging.scheme == "early" and not rows.find(kind="portfolio", **at):
+        rows.add(kind="portfolio", **at, **_portfolio(judging, k))
+    answers = [tuple(row["subset"]) for kind in ("portfolio", "search") for row in rows.find(kind=kind, **at)]
+    greedy = tuple(rows.find(kind="search", method="greedy", **at)[0]["subset"])
+    for subset in dict.fromkeys([*answers, *judging.others(k, greedy)]):
+        if subset and not rows.find(kind="set", subset=list(subset), site=at["site"], scheme=at["scheme"]):
+            predicted = float(judging.objective.scores(judging.row_of(subset)).ap[0])
+            rows.add(kind="set", **at, subset=list(subset), predicted=predicted, **judging.judged(subset))
+    print(f"{judging.name} {k} {judging.scheme}: {len(rows.rows)} rows", flush=True)
+
+
+def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
+    from placement_env.search.portfolio import portfolio
+
+    began = perf_counter()
+    found = portfolio.search(judging.objective, k, evaluators=judging.evaluators())
+    said = found.assessment
+    return {
+        "subset": list(found.best.subset), "predicted": found.best.ap, "expected": said.expected, "ap": said.ap,
+        "low": said.low, "high": said.high, "confidence": said.confidence, "raced": said.raced,
+        "entrants": said.entrants,
+        "searching": round(found.seconds, 2), "seconds": round(perf_counter() - began, 2),
+    }  # fmt: skip
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("rows", type=Path)
+    arguments.add_argument("--sites", nargs="+", default=[])
+    arguments.add_argument("--budgets", nargs="+", type=int, default=[2, 3, 4])
+    arguments.add_argument("--late", action="store_true")
+    arguments.add_argument("--print", action="store_true", dest="only_print")
+    arguments.add_argument("--cache", type=Path, default=Path("out/regret"))
+    arguments.add_argument("--workers", type=int, default=1)
+    asked = arguments.parse_args()
+    if not asked.only_print:
+        chosen, rows = places(asked.sites), Rows(asked.rows)
+        for turn in range(len(asked.budgets)):
+            for number, (name, place) in enumerate(chosen.items()):
+                k = asked.budgets[(number // 2 + turn) % len(asked.budgets)]
+                run(Judging(name, place, asked.cache, asked.workers, "late" if asked.late else "early"), k, rows)
+    from regret_figures import figures
+
+    print("\n".join(figures(list(read_rows(asked.rows)))))
+
+
+if __name__ == "__main__":
+    main()

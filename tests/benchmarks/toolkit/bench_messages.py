@@ -1,0 +1,264 @@
+"""Bytes of foreground messages at both built-in sites, and the AP of what arrives beside that of all raw points.
+
+    python tests/benchmarks/toolkit/bench_messages.py [--frames 1000] [--ap-frames 1000] [--folder out/messages]
+
+Of each site three recordings are simulated: 128 frames of the day before, of which the sensors learn their empty
+scenes, frames 5 s apart, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is there: killed
+and started again it goes on, `--print` prints what there is. Intervals: bootstrap over blocks of 50 frames, in which
+traffic is the same. Milliseconds are processor time, on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+SITES = ("tjunction", "roundabout")
+SEED, DAY_BEFORE, BLOCK = 1418, 128, 50
+TIMED = 100  # frames whose messages are read as well
+IOUS = (0.7, 0.8, 0.9)
+APART, CLOSE = 5.0, 0.1  # s between frames in which is detected, and between those whose bytes are counted
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--frames", type=int, default=50)
+    arguments.add_argument("--ap-frames", type=int, default=5)
+    arguments.add_argument("--folder", type=Path, default=Path("out/messages"))
+    arguments.add_argument("--only", choices=("bytes", "ap"))
+    arguments.add_argument("--print", action="store_true", dest="printed")
+    asked = arguments.parse_args()
+    if not asked.printed:
+        if asked.only != "ap":
+            for site in SITES:
+                count_bytes(asked.folder, site, asked.frames)
+        if asked.only != "bytes":
+            for systems in (("early", "foreground 2"), ("foreground 8", "foreground 4")):
+                for done in range(50, asked.ap_frames + 50, 50):
+                    for site in SITES:
+                        detect(asked.folder, site, systems, min(done, asked.ap_frames), of=asked.frames)
+    print_bytes(asked.folder)
+    print_ap(asked.folder)
+
+
+def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEED) -> Any:
+    """A recording, simulated if it is not there yet."""
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.datasets.simulation import simulate_dataset
+
+    path = folder / f"{site}-{apart:g}-{seed}-{frames}.hdf5"
+    if not path.exists():
+        simulate_dataset(site, frames=frames, seed=seed, out=path, workers=1, interval=apart)
+    return CoopDataset(path)
+
+
+def learnt(folder: Path, site: str) -> tuple[Any, ...]:
+    """The empty scenes of all sensors, of the day before."""
+    from toolkit.calibration.empty_scene import learn_empty_scenes, load_empty_scenes, save_empty_scenes
+
+    path = folder / f"{site}.npz"
+    if not path.exists():
+        save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1)))
+    return load_empty_scenes(path)
+
+
+def schemes() -> dict[str, Any]:
+    """Whatever is compared, by its name in rows."""
+    from toolkit.detection.early import Early
+    from toolkit.detection.link.foreground import Foreground
+
+    return {"early": Early()} | {f"foreground {cm}": Foreground(cm / 100) for cm in (2, 4, 8)}
+
+
+def links() -> dict[str, Any]:
+    """What makes the messages of a sensor with an empty scene, and what reads them, by name in rows."""
+    from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
+    from toolkit.detection.link.foreground import decode_foreground, encode_foreground
+
+    def whole(step: float) -> Any:
+        return lambda scene: (
+            lambda image, missing: encode_foreground(image, scene, missing, step=step),
+            lambda message: decode_foreground(message, scene),
+        )
+
+    def less(step: float, refers_to: Any, every: int) -> Any:
+        def made(scene: Any) -> Any:
+            sender = DifferenceSender(scene, step=step, refers_to=refers_to, key_every=every)
+            return sender.write, DifferenceReader(scene).read
+
+        return made
+
+    made = {f"foreground {cm} cm": whole(cm / 100) for cm in (2, 4, 8)}
+    made |= {f"differences {cm} cm": less(cm / 100, "previous", 10) for cm in (2, 4, 8)}
+    others: tuple[tuple[Any, int], ...] = (("key", 10), ("previous", 50))
+    return made | {f"differences 2 cm, {to} {every}": less(0.02, to, every) for to, every in others}
+
+
+def count_bytes(folder: Path, site: str, frames: int) -> None:
+    """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
+    from toolkit.calibration.recording_scenes import RecordingScenes
+    from toolkit.datasets.readings import read_frame
+    from toolkit.detection.link.standing_out import standing_out
+    from toolkit.detection.view import Captured
+
+    path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
+    begin = len(list(rows_of(path))) // BLOCK * BLOCK  # links begin anew with traffic
+    if begin >= frames:
+        return
+    kept = path.read_text().splitlines(keepends=True)[:begin] if path.exists() else []
+    path.write_text("".join(kept))
+    recording = recorded(folder, site, CLOSE, frames)
+    scenes = RecordingScenes(recording, learnt(folder, site))
+    for k in range(begin, frames):
+        frame = read_frame(recording, k)
+        if k == begin or k % BLOCK == 0:
+            made = links()
+            ends = {name: [make(scenes(n)) for n in range(len(frame.sensors))] for name, make in made.items()}
+        row: dict[str, Any] = {"bytes": {name: [] for name in ends}, "ms": {name: [] for name in ends}, "pixels": []}
+        for number in range(len(frame.sensors)):
+            captured = Captured(frame, number, recording.site)
+            assert captured.pixels is not None
+            start = process_time()
+            out = standing_out(captured, scenes(number))
+            image = captured.sending(out.pixels)
+            chosen = process_time() - start
+            row["pixels"].append([len(out.pixels), int(out.missing.sum())])
+            for name, (write, read) in ((name, each[number]) for name, each in ends.items()):
+                start = process_time()
+                message = write(image, out.missing)
+                written = process_time()
+                row["bytes"][name].append(len(message))
+                if k < TIMED:
+                    read(message)
+                    ms = (chosen + written - start, process_time() - written)
+                    row["ms"][name].append([round(1e3 * each, 3) for each in ms])
+        append(path, row)
+
+
+def print_bytes(folder: Path) -> None:
+    """Kbit per sensor and frame with intervals, how many messages fit a packet, and what making and reading takes."""
+    from toolkit.detection.link.load import PACKET
+
+    heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"
+    for site in SITES:
+        rows = list(rows_of(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
+        if not rows:
+            continue
+        sent, missing = np.array([row["pixels"] for row in rows]).reshape(-1, 2).mean(axis=0)
+        print(f"\n{site}, {CLOSE:g} s apart: of a sensor {sent:.0f} pixels stand out, {missing:.2f} are missing")
+        print(f"{'':32s} {heads}")
+        for name in rows[0]["bytes"]:
+            sizes = np.array([row["bytes"][name] for row in rows])
+            kbit = 8 * sizes.mean(axis=1) / 1000
+            low, high = np.quantile([np.average(kbit, weights=times) for times in draws(len(rows))], (0.025, 0.975))
+            ms = np.array([each for row in rows for each in row["ms"][name]]).reshape(-1, 2).sum(axis=1)
+            spread = f"{kbit.mean():7.3f} {low:6.3f}-{high:7.3f} {8 * sizes.max() / 1000:8.1f}"
+            took = f"{np.median(ms):6.2f} {np.quantile(ms, 0.95):6.2f}"
+            print(f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET).mean():10.4f} {took}")
+
+
+def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of: int) -> None:
+    """AP rows of some systems: a line per frame with scores, hits by IoU, and how many there are to be found."""
+    from models.detector import load_site_detector
+    from toolkit.datasets.readings import read_frame
+    from toolkit.detection.metrics import match
+    from toolkit.detection.view import frame_view
+    from toolkit.objects import VEHICLE
+    from toolkit.points import centred_in
+
+    path = folder / f"{site}-ap-{'-'.join(systems).replace(' ', '')}.jsonl"
+    begin = len(list(rows_of(path)))
+    if begin >= frames:
+        return
+    recording, scenes = recorded(folder, site, APART, of), learnt(folder, site)
+    detector, chosen = load_site_detector(site, recording.site.area), schemes()
+    for k in range(begin, frames):
+        frame = read_frame(recording, k)
+        view = frame_view(frame, detector, recording.site, scene=lambda sensor: scenes[sensor])
+        counted = centred_in(frame.objects.boxes, recording.site.area)
+        row: dict[str, Any] = {"truths": int((counted & (frame.objects.labels == VEHICLE)).sum())}
+        for name in systems:
+            fused = chosen[name].fuse(view, range(len(frame.sensors)))
+            row[name] = {"bits": fused.bits.tolist(), "iou": {}}
+            for iou in IOUS:
+                found = match(fused.detections, frame.objects, iou, label="vehicle", counted=counted)
+                scores = fused.detections.scores[~found.ignored].round(6).tolist()
+                row[name]["iou"][f"{iou:g}"] = [scores, (found.truth[~found.ignored] >= 0).astype(int).tolist()]
+        append(path, row)
+
+
+def rows_of(path: Path) -> Iterator[dict[str, Any]]:
+    """The rows of a file, but for one that was broken off."""
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            yield json.loads(line)
+        except ValueError:
+            return
+
+
+def append(path: Path, row: dict[str, Any]) -> None:
+    with path.open("a") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def print_ap(folder: Path) -> None:
+    """AP of every system, and how far it lies from that of early fusion in the same frames."""
+    print(f"\n{'AP':12s} {'system':14s} {'frames':>6s} {'vehicles':>8s} {'kbit':>8s}  AP, and less early's, at {IOUS}")
+    for site in SITES:
+        rows: dict[str, list[dict[str, Any]]] = {}
+        for path in sorted(folder.glob(f"{site}-ap-*.jsonl")):
+            for row in rows_of(path):
+                for name in row.keys() - {"truths"}:
+                    rows.setdefault(name, []).append(row)
+        for name in sorted(rows):
+            own, n = rows[name], min(len(rows[name]), len(rows["early"]))
+            truths = np.array([row["truths"] for row in own[:n]])
+            kbit, cells = np.mean([row[name]["bits"] for row in own]) / 1000, []
+            for iou in IOUS:
+                both = [
+                    _flat([row[which]["iou"][f"{iou:g}"] for row in those[:n]])
+                    for which, those in ((name, own), ("early", rows["early"]))
+                ]
+
+                once, drawn = np.ones(n, int), list(draws(n))
+                differences = [ap(frames, both[0], truths) - ap(frames, both[1], truths) for frames in drawn]
+                low, high = np.quantile(differences, (0.025, 0.975))
+                mine = ap(once, both[0], truths)
+                cells.append(f"{mine:.4f} {mine - ap(once, both[1], truths):+.4f} [{low:+.4f} {high:+.4f}]")
+            print(f"{site:12s} {name:14s} {n:6d} {truths.sum():8d} {kbit:8.2f}  " + "   ".join(cells), flush=True)
+
+
+def ap(times: np.ndarray, detections: tuple[np.ndarray, np.ndarray, np.ndarray], truths: np.ndarray) -> float:
+    """AP of detections (scores, hits, frames), each frame so many times."""
+    from toolkit.detection.metrics import average_precision, precision_recall
+
+    scores, hits, of = detections
+    often = times[of]
+    curve = precision_recall(np.repeat(scores, often), np.repeat(hits, often), int(truths @ times))
+    return float(average_precision(curve))
+
+
+def draws(frames: int, resamples: int = 300) -> Iterator[np.ndarray]:
+    """How often each frame is drawn: blocks of traffic, with replacement."""
+    rng, blocks = np.random.default_rng(0), np.arange(frames) // BLOCK
+    for _ in range(resamples):
+        yield np.bincount(rng.integers(0, blocks[-1] + 1, blocks[-1] + 1), minlength=blocks[-1] + 1)[blocks]
+
+
+def _flat(each: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scores, hits and frames of all detections."""
+    of = np.repeat(np.arange(len(each)), [len(scores) for scores, _ in each])
+    return np.concatenate([s for s, _ in each]), np.concatenate([h for _, h in each]).astype(bool), of
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,339 @@
+"""The classic mistakes of labels, made in the files of each layout, in the file's own numbers, units and frame.
+
+`TERMS` says of each layout how its boxes are read out of its files and written back: x y z, length, width, height and
+yaw as they stand there, whatever they mean. `MISTAKES` changes these numbers as somebody would who took the layout's
+convention for the usual other one.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+X, Y, Z, LENGTH, WIDTH, HEIGHT, YAW = range(7)
+LATE = 2  # samples that labels lie behind their clouds
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One box: the seven numbers of the file, and the record they stand in."""
+
+    numbers: np.ndarray
+    record: Any
+
+
+Tables = list[list[Row]]  # of one agent: the boxes of each sample
+
+
+@dataclass(frozen=True)
+class Terms:
+    """read: the boxes of each agent's samples; write: them, changed, in place of those that are there; degrees:
+    whether yaw is in degrees; halves: whether sizes are; camera: whether the frame is that of a camera, x right, y
+    down, z ahead, with the centre of the floor."""
+
+    read: Callable[[Path], list[Tables]]
+    write: Callable[[Path, list[Tables]], None]
+    degrees: bool = False
+    halves: bool = False
+    camera: bool = False
+
+
+Mistake = Literal["mirrored", "degrees", "extents", "bottom centre", "length and width", "yaw sign", "late"]
+MISTAKES: dict[Mistake, tuple[str, ...]] = {  # and what a finding of each begins with
+    "mirrored": ("mirrored",),
+    "degrees": ("yaw in degrees where radians", "yaw in radians where degrees"),
+    "extents": ("half extents", "doubled extents", "full extents", "half of the half extents"),
+    "bottom centre": ("the centre of the floor", "the centre of the roof"),
+    "length and width": ("length and width swapped",),
+    "yaw sign": ("yaw counted the other way",),
+    "late": ("labels lie about",),
+}
+
+
+def make(mistake: Mistake, path: Path, terms: Terms) -> None:
+    """Make a mistake in the files of a recording."""
+    agents = terms.read(path)
+    if mistake == "late":
+        made = [[samples[k - LATE] if k >= LATE else [] for k in range(len(samples))] for samples in agents]
+    else:
+        made = [[[replace(row, numbers=_changed(mistake, row.numbers, terms)) for row in rows] for rows in samples]
+                for samples in agents]  # fmt: skip
+    terms.write(path, made)
+
+
+def _changed(mistake: Mistake, numbers: np.ndarray, terms: Terms) -> np.ndarray:
+    made = numbers.copy()
+    half_turn = 180.0 if terms.degrees else np.pi
+    if mistake == "mirrored":
+        aside = X if terms.camera else Y
+        made[aside] = -made[aside]
+        made[YAW] = half_turn - made[YAW] if terms.camera else -made[YAW]
+    elif mistake == "degrees":
+        made[YAW] = np.deg2rad(made[YAW]) if terms.degrees else np.rad2deg(made[YAW])
+    elif mistake == "extents":
+        made[LENGTH:YAW] *= 2 if terms.halves else 0.5
+    elif mistake == "bottom centre":
+        height = made[HEIGHT] * (2 if terms.halves else 1)
+        made[Y if terms.camera else Z] -= height / 2  # up in a camera's frame: the centre for the floor's
+    elif mistake == "length and width":
+        made[[LENGTH, WIDTH]] = made[[WIDTH, LENGTH]]
+    else:
+        made[YAW] = -made[YAW]
+    return made
+
+
+def terms_of(layout: str) -> Terms | None:
+    """How a layout states its boxes; None for bags, which have none."""
+    return TERMS.get(layout)
+
+
+def _row(numbers: Sequence[Any], record: Any) -> Row:
+    return Row(np.array([float(number) for number in numbers]), record)
+
+
+def _files(folder: Path, *patterns: str) -> list[Path]:
+    return sorted(file for pattern in patterns for file in folder.glob(pattern))
+
+
+def _json(file: Path) -> Any:
+    return json.loads(file.read_text())
+
+
+def _of_files(
+    patterns: tuple[str, ...],
+    records: Callable[[Any], list[Any]],
+    numbers: Callable[[Any], Sequence[Any]],
+    changed: Callable[[Any, np.ndarray], Any],
+    replaced: Callable[[Any, list[Any]], Any] = lambda content, rows: rows,
+) -> tuple[Callable[[Path], list[Tables]], Callable[[Path, list[Tables]], None]]:
+    """Of layouts with a JSON file per sample; a folder of such files is an agent."""
+
+    def agents(path: Path) -> Iterator[list[Path]]:
+        files = _files(path, *patterns)
+        for folder in sorted({file.parent for file in files}):
+            yield [file for file in files if file.parent == folder]
+
+    def read(path: Path) -> list[Tables]:
+        return [[[_row(numbers(each), each) for each in records(_json(file))] for file in files]
+                for files in agents(path)]  # fmt: skip
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        for files, samples in zip(agents(path), tables, strict=True):
+            for file, rows in zip(files, samples, strict=True):
+                made = [changed(json.loads(json.dumps(row.record)), row.numbers) for row in rows]
+                file.write_text(json.dumps(replaced(_json(file), made)))
+
+    return read, write
+
+
+def _folder() -> Terms:
+    names = ("x", "y", "z", "length", "width", "height", "yaw_deg")
+
+    def read(path: Path) -> list[Tables]:
+        samples = _json(path / "labels.json")["samples"]
+        return [[[_row([each[name] for name in names], each) for each in sample["objects"]] for sample in samples]]
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        content = _json(path / "labels.json")
+        for sample, rows in zip(content["samples"], tables[0], strict=True):
+            sample["objects"] = [row.record | dict(zip(names, row.numbers.tolist(), strict=True)) for row in rows]
+        (path / "labels.json").write_text(json.dumps(content))
+
+    return Terms(read, write, degrees=True)
+
+
+def _kitti() -> Terms:
+    order = [10, 9, 8]  # l w h of a line
+
+    def read(path: Path) -> list[Tables]:
+        lines = [file.read_text().splitlines() for file in _files(path, "training/label_2/*.txt")]
+        cells = [[line.split() for line in each if not line.startswith("DontCare")] for each in lines]
+        return [[[_row([*row[11:14], *(row[k] for k in order), row[14]], row) for row in each] for each in cells]]
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        for file, rows in zip(_files(path, "training/label_2/*.txt"), tables[0], strict=True):
+            lines = []
+            for row in rows:
+                x, y, z, length, width, height, yaw = row.numbers.tolist()
+                made = [height, width, length, x, y, z, yaw]
+                lines.append(" ".join([*row.record[:8], *(f"{value:.6f}" for value in made)]))
+            file.write_text("".join(line + "\n" for line in lines))
+
+    return Terms(read, write, camera=True)
+
+
+def _angle(z: float, w: float) -> float:
+    return float(2 * np.arctan2(z, w))
+
+
+def _openlabel() -> Terms:
+    def objects(content: Any) -> dict[str, Any]:
+        found: dict[str, Any] = content["openlabel"]["frames"]["0"]["objects"]
+        return found
+
+    def numbers(pair: Any) -> list[float]:
+        value = pair[1]["object_data"]["cuboid"]["val"]
+        return [*value[:3], *value[7:10], _angle(value[5], value[6])]
+
+    def changed(pair: Any, row: np.ndarray) -> Any:
+        half = row[YAW] / 2
+        pair[1]["object_data"]["cuboid"]["val"] = [*row[:3].tolist(), 0, 0, np.sin(half), np.cos(half), *row[3:6]]
+        return pair
+
+    def replaced(content: Any, pairs: list[Any]) -> Any:
+        content["openlabel"]["frames"]["0"]["objects"] = dict(pairs)
+        return content
+
+    records = ("labels_point_clouds/*.json",)
+    return Terms(*_of_files(records, lambda content: list(objects(content).items()), numbers, changed, replaced))
+
+
+def _dair(*patterns: str) -> Terms:
+    def numbers(each: Any) -> list[Any]:
+        place, size = each["3d_location"], each["3d_dimensions"]
+        return [*(place[axis] for axis in "xyz"), *(size[axis] for axis in "lwh"), each["rotation"]]
+
+    def changed(each: Any, row: np.ndarray) -> Any:
+        each["3d_location"] = dict(zip("xyz", row[:3].tolist(), strict=True))
+        each["3d_dimensions"] = dict(zip("lwh", row[3:6].tolist(), strict=True))
+        return each | {"rotation": float(row[YAW])}
+
+    return Terms(*_of_files(patterns, list, numbers, changed))
+
+
+def _sustech() -> Terms:
+    def numbers(each: Any) -> list[Any]:
+        psr = each["psr"]
+        return [*(psr["position"][a] for a in "xyz"), *(psr["scale"][a] for a in "xyz"), psr["rotation"]["z"]]
+
+    def changed(each: Any, row: np.ndarray) -> Any:
+        parts = {"position": row[:3].tolist(), "scale": row[3:6].tolist(), "rotation": [0.0, 0.0, float(row[YAW])]}
+        return each | {"psr": {name: dict(zip("xyz", part, strict=True)) for name, part in parts.items()}}
+
+    return Terms(*_of_files(("label/*.json",), list, numbers, changed))
+
+
+def _opv2v() -> Terms:
+    import yaml
+
+    def agents(path: Path) -> list[list[Path]]:
+        return [_files(agent, "*.yaml") for agent in sorted((path / "scenario").iterdir())]
+
+    def read(path: Path) -> list[Tables]:
+        loaded = [[yaml.safe_load(file.read_text())["vehicles"].items() for file in files] for files in agents(path)]
+        return [[[_row([*v["location"], *v["extent"], v["angle"][1]], (track, v)) for track, v in each]
+                 for each in samples] for samples in loaded]  # fmt: skip
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        for files, samples in zip(agents(path), tables, strict=True):
+            for file, rows in zip(files, samples, strict=True):
+                content = yaml.safe_load(file.read_text())
+                content["vehicles"] = {
+                    row.record[0]: row.record[1] | {"location": row.numbers[:3].tolist(), "extent":
+                    row.numbers[3:6].tolist(), "angle": [0.0, float(row.numbers[YAW]), 0.0]} for row in rows
+                }  # fmt: skip
+                file.write_text(yaml.safe_dump(content))
+
+    return Terms(read, write, degrees=True, halves=True)
+
+
+def _nuscenes() -> Terms:
+    def tokens(path: Path) -> list[str]:
+        return [each["token"] for each in _json(path / "v1.0-coview/sample.json")]
+
+    def read(path: Path) -> list[Tables]:
+        table = _json(path / "v1.0-coview/sample_annotation.json")
+        return [[[_row([*each["translation"], *np.array(each["size"])[[1, 0, 2]],
+                        _angle(each["rotation"][3], each["rotation"][0])], each)
+                  for each in table if each["sample_token"] == token] for token in tokens(path)]]  # fmt: skip
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        made = []
+        for token, rows in zip(tokens(path), tables[0], strict=True):
+            for row in rows:
+                half = row.numbers[YAW] / 2
+                made.append(row.record | {
+                    "token": f"{token}_{len(made)}", "sample_token": token, "translation": row.numbers[:3].tolist(),
+                    "size": row.numbers[[WIDTH, LENGTH, HEIGHT]].tolist(),
+                    "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
+                })  # fmt: skip
+        (path / "v1.0-coview/sample_annotation.json").write_text(json.dumps(made))
+
+    return Terms(read, write)
+
+
+def _argoverse() -> Terms:
+    columns = ["tx_m", "ty_m", "tz_m", "length_m", "width_m", "height_m"]
+
+    def read(path: Path) -> list[Tables]:
+        from pyarrow import feather
+
+        records = feather.read_table(path / "annotations.feather").to_pylist()
+        times = sorted(int(file.stem) for file in _files(path, "sensors/lidar/*.feather"))
+        return [[[_row([*(each[name] for name in columns), _angle(each["qz"], each["qw"])], each)
+                  for each in records if each["timestamp_ns"] == time] for time in times]]  # fmt: skip
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        import pyarrow
+        from pyarrow import feather
+
+        made = []
+        times = sorted(int(file.stem) for file in _files(path, "sensors/lidar/*.feather"))
+        for time, rows in zip(times, tables[0], strict=True):
+            for row in rows:
+                half = row.numbers[YAW] / 2
+                made.append(row.record | dict(zip(columns, row.numbers[:6].tolist(), strict=True)) | {
+                    "timestamp_ns": time, "qw": float(np.cos(half)), "qx": 0.0, "qy": 0.0, "qz": float(np.sin(half)),
+                })  # fmt: skip
+        feather.write_feather(pyarrow.Table.from_pylist(made), path / "annotations.feather")
+
+    return Terms(read, write)
+
+
+def _hdf5() -> Terms:
+    columns = [0, 1, 2, 6, 7, 8, 5]
+
+    def read(path: Path) -> list[Tables]:
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            tables = [file[f"objects/{k}"][()] for k in range(len(file["objects"]))]
+            own = zip(file["coview/object_ids"][()], file["coview/object_bodies"][()], strict=True)
+        return [[[_row(row[columns], (row, *next(own))) for row in table] for table in tables]]
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        import h5py
+
+        with h5py.File(path, "r+") as file:
+            for k, rows in enumerate(tables[0]):
+                made = np.array([row.record[0] for row in rows]).reshape(-1, 10)
+                made[:, columns] = np.array([row.numbers for row in rows]).reshape(-1, 7)
+                del file[f"objects/{k}"]
+                file[f"objects/{k}"] = made
+            for place, name in enumerate(("object_ids", "object_bodies"), 1):
+                del file[f"coview/{name}"]
+                file[f"coview/{name}"] = np.array([row.record[place] for rows in tables[0] for row in rows], np.int64)
+            file["coview/object_start"][()] = np.cumsum([0, *map(len, tables[0])])
+
+    return Terms(read, write, degrees=True, halves=True)
+
+
+TERMS = {
+    "folder": _folder(),
+    "kitti": _kitti(),
+    "openlabel": _openlabel(),
+    "dair": _dair("label/virtuallidar/*.json"),
+    "opv2v": _opv2v(),
+    "v2xset": _opv2v(),
+    "v2xreal": _opv2v(),
+    "rcooper": _dair("label/*/*/*/*.json"),
+    "nuscenes": _nuscenes(),
+    "argoverse": _argoverse(),
+    "sustech": _sustech(),
+    "hdf5": _hdf5(),
+}

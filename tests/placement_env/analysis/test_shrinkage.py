@@ -1,0 +1,70 @@
+"""Empirical Bayes, beside a simulation in which the truth is known."""
+
+import numpy as np
+import pytest
+
+from placement_env.analysis.shrinkage import shrunk
+
+PREDICTED = np.array([0.80, 0.70, 0.75, 0.60])
+
+
+def test_exact_figures_stay_and_noisy_ones_follow_the_predictions():
+    figure = PREDICTED + 0.1 + np.array([0.01, -0.02, 0.03, -0.02])
+    exact = shrunk(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED)
+    assert exact.figure == pytest.approx(figure)
+    noise = 5.0 * np.random.default_rng(0).standard_normal((4, 400))
+    lost = shrunk(figure, figure[:, None] + noise, PREDICTED)
+    assert lost.figure == pytest.approx(PREDICTED + 0.1, abs=1e-5)
+    assert np.argsort(lost.figure).tolist() == np.argsort(PREDICTED).tolist()
+
+
+def test_what_the_noise_shares_counts_for_nothing():
+    draws = np.random.default_rng(0).standard_normal(300)
+    figure = PREDICTED + np.array([0.0, 0.05, -0.05, 0.0])
+    found = shrunk(figure, figure[:, None] + draws, PREDICTED)
+    assert found.figure == pytest.approx(figure)
+    assert found.resamples.std(axis=1) == pytest.approx(np.repeat(draws.std(), 4))
+
+
+def test_weights_are_those_of_the_formula():
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((4, 2000)) * np.array([0.01, 0.02, 0.03, 0.04])[:, None]
+    noise -= noise.mean(axis=0)
+    noise -= noise.mean(axis=1, keepdims=True)
+    off = np.array([0.06, -0.02, 0.05, -0.01])
+    variance = np.maximum(noise.var(axis=1) * 5 / 4, 0.05**2 / 5)
+    assert (noise.var(axis=1) * 5 / 4 < 0.0005).tolist() == [True, True, False, False]
+    spread = off.var(ddof=1) - variance.mean()
+    weight = spread / (spread + variance)
+    found = shrunk(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
+    assert found.figure == pytest.approx(PREDICTED + 0.02 + weight * (off - 0.02))
+    assert found.resamples.mean(axis=1) == pytest.approx(found.figure)
+    assert found.resamples.std(axis=1) == pytest.approx(np.sqrt(weight) * noise.std(axis=1))
+
+
+def test_of_one_block_nothing_is_known_and_few_or_undefined_figures_are_left():
+    figure = np.array([0.9, 0.3, 0.5, 0.7])
+    same = np.repeat(figure[:, None], 9, axis=1)
+    assert shrunk(figure, same, PREDICTED, blocks=1.0).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())
+    assert shrunk(figure, same, PREDICTED).figure == pytest.approx(figure)
+    all_found = shrunk(np.ones(4), np.ones((4, 9)), PREDICTED, blocks=3.0).figure
+    assert np.argsort(all_found).tolist() == np.argsort(PREDICTED).tolist()
+    assert shrunk(figure[:2], same[:2], PREDICTED[:2], blocks=1.0).figure == pytest.approx(figure[:2])
+    undefined = np.array([0.9, np.nan, 0.5])
+    assert shrunk(undefined, same[:3], PREDICTED[:3]).figure == pytest.approx(undefined, nan_ok=True)
+
+
+def test_it_errs_less_than_figures_and_predictions_and_picks_better():
+    rng, errors, chosen = np.random.default_rng(5), [], []
+    for _ in range(300):
+        truth = 0.8 + 0.04 * rng.standard_normal(8)
+        predicted = truth - 0.1 + 0.03 * rng.standard_normal(8)
+        noise = 0.03
+        figure = truth + noise * rng.standard_normal(8)
+        draws = figure[:, None] + noise * rng.standard_normal((8, 200))
+        found = shrunk(figure, draws, predicted, blocks=24.0).figure
+        each = (figure, predicted + (figure - predicted).mean(), found)
+        errors.append([np.abs(one - truth).mean() for one in each])
+        chosen.append([truth.max() - truth[one.argmax()] for one in each])
+    assert np.mean(errors, axis=0)[2] < 0.85 * np.mean(errors, axis=0)[:2].min()
+    assert np.mean(chosen, axis=0)[2] < 0.85 * np.mean(chosen, axis=0)[:2].min()

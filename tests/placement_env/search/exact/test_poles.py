@@ -1,0 +1,39 @@
+"""Places, links and prices of poles in whole units; the programmes that keep to them are in test_places."""
+
+import numpy as np
+
+from placement_env.search.exact.poles import LINK, Poles, Prices
+
+PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1]), 40)
+POLES = Poles(np.array([0, 0, 0, 1]), np.array([2, 2, 2, 1]), np.array([LINK // 2, LINK // 2, LINK // 2 + 1, 0]))
+
+
+def test_a_shared_pole_is_paid_once():
+    assert PRICES.total([0, 1, 2]) == 42
+    assert PRICES.total([1]) == 17
+    assert PRICES.total([]) == 0
+    assert PRICES.alone.tolist() == [15, 17, 20]
+    some = PRICES.select(np.array([1, 2]))
+    assert (some.alone.tolist(), some.most, some.total([0, 1])) == ([17, 20], 40, 37)
+
+
+def test_who_may_join():
+    assert POLES.beside([]).tolist() == [True] * 4
+    assert POLES.beside([0]).tolist() == [False, True, False, True]
+    assert POLES.beside([0, 1]).tolist() == [False, False, False, True]
+    assert POLES.beside([2, 3]).tolist() == [False] * 4
+    assert POLES.apart.tolist() == [2, 3, 4, 1]
+    single = Poles.single(np.array([0, 0, 1]))
+    assert single.beside([1]).tolist() == [False, False, True]
+    assert single.apart.tolist() == [0, 0, 1]
+
+
+def test_rounding_excludes_nothing_that_may_be_paid(make):
+    objective = make(3, 2)
+    assert Prices.of(objective) is None
+    price = objective.candidates.prices
+    exact = objective.weighed(objective.weights, most_price=float(price[0] + price[2]))
+    prices = Prices.of(exact)
+    assert prices is not None
+    assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
+    assert prices.shared.tolist() == [0] * 6

@@ -1,0 +1,19 @@
+"""The solver keeps to its limits and seed."""
+
+import pytest
+
+pytest.importorskip("ortools")
+from placement_env.search.exact.solver import cp_model, solver_of
+
+
+def test_limits_and_seed_are_those_asked_for():
+    parameters = solver_of(2.5, 3, 7, 0.5).parameters
+    assert (parameters.max_time_in_seconds, parameters.num_workers, parameters.random_seed) == (2.5, 3, 7)
+    assert parameters.max_deterministic_time == 0.5
+    assert solver_of(1.0, 1, 0, None).parameters.max_deterministic_time > 1e6
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "ortools.sat.python", None)
+    with pytest.raises(ImportError, match="pip install coview"):
+        cp_model()

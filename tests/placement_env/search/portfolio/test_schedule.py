@@ -1,0 +1,98 @@
+"""How a portfolio divides its time, on evaluators that take as long as they are said to."""
+
+import time
+
+import numpy as np
+import pytest
+
+from placement_env.fidelity.preparation import Preparation
+from placement_env.search.portfolio.evaluators import Evaluated
+from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
+from toolkit.detection.early import Early
+
+SETS = np.eye(3, dtype=bool)
+
+
+class Slow:
+    """AP of a set: its number, and how many frames it was evaluated on. seconds: for a frame that is new."""
+
+    name, frames = "slow", 40
+
+    def __init__(self, seconds=0.0):
+        self.seconds, self.known, self.asked = seconds, set(), []
+
+    def objects_in(self, frames):
+        return 3 * len(frames)
+
+    def evaluate(self, sets, frames, progress=None):
+        new = set(frames.tolist()) - self.known
+        time.sleep(self.seconds * len(new))
+        self.known |= new
+        self.asked.append(frames.tolist())
+        ap = sets.argmax(axis=1) + len(frames) / 100
+        return Evaluated(ap, np.zeros(len(sets)), np.repeat(ap[:, None], 4, axis=1))
+
+
+def test_an_evaluator_goes_on_until_time_is_up_and_says_how_far_it_came():
+    slow = Slow(0.02)
+    timed = TimedEvaluator(slow, time.monotonic() + 0.15)
+    assert (timed.name, timed.frames, timed.objects_in(np.arange(2))) == ("slow", 40, 6)
+    done = []
+    found = timed.evaluate(SETS, np.arange(40)[::-1], done.append)
+    assert found.frames is not None
+    assert 2 <= found.frames <= 8
+    assert done == list(range(1, found.frames + 1))
+    assert found.ap == pytest.approx(np.arange(3) + found.frames / 100)
+    assert slow.known == set(range(40 - found.frames, 40))
+    again = timed.evaluate(SETS[:1], np.arange(40)[::-1])  # time is up, what was done stays
+    assert again.frames == found.frames
+    assert len(slow.known) == found.frames
+
+
+def test_one_part_is_done_whatever_the_time():
+    slow = Slow()
+    timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
+    assert timed.evaluate(SETS, np.arange(10)).frames == 4
+    assert slow.asked == [[0, 1, 2, 3], [0, 1, 2, 3]]
+    assert TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames == 7
+
+
+def test_frames_that_were_done_are_not_asked_for_again_part_by_part():
+    slow = Slow()
+    timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
+    assert timed.evaluate(SETS, np.arange(4)).frames is None
+    assert timed.evaluate(SETS, np.arange(8)).frames is None
+    assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
+    assert timed.evaluate(SETS, np.arange(4)).frames is None
+    assert slow.asked[-1] == [0, 1, 2, 3]
+
+
+def test_less_time_is_fewer_frames_in_whole_blocks():
+    assert [Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)] == [
+        96, 96, 96, 48, 24, 16, 8
+    ]  # fmt: skip
+    assert Schedule(1.0).frames(6) == 6
+
+
+def test_searches_races_and_judgement_share_the_time():
+    whole, slow = Schedule(100.0), Slow()
+    assert whole.searching(5) == pytest.approx(6.0)
+    now, least = time.monotonic(), []
+    for timed, seconds in ((whole.racing(slow), 50), (whole.racing(slow, 3), 25), (whole.judging(slow), 100)):
+        assert isinstance(timed, TimedEvaluator)
+        assert timed.until - now == pytest.approx(seconds, abs=1)
+        least.append(timed.least)
+    assert least == [1, 1, 8]
+    free = Schedule()
+    assert (free.searching(5), free.left) == (None, np.inf)
+    assert free.racing(slow) is free.judging(slow) is slow
+
+
+def test_as_many_frames_at_once_as_keep_the_processes_busy(street):
+    def at_once(workers, ray=None):
+        made = Preparation(
+            site=street.site, candidates=street.candidates, frames=1, scheme=Early(), workers=workers, ray=ray
+        )
+        return Schedule.of(9.0, made).at_once
+
+    assert (at_once(1), at_once(4), at_once(1, "local"), Schedule.of(9.0, None).at_once) == (1, 8, 16, 1)

@@ -1,0 +1,1 @@
+"""Sensors that fail: how the fusion centre notices."""

@@ -1,0 +1,155 @@
+"""`SensorMonitor`: what the fusion centre notices of a sensor that fails, from what the sensor sends.
+
+    silent    the newest measurement is older than `silent_after`
+    frozen    the same pixels with the same distances in `REPEATS` messages after the first: noise makes no two images
+              alike, not even in steps of 8 cm, once they have `LEAST_REPEATED`
+    blinded   of the pixels in which its empty scene returns something, most return nothing, or are said to be missing
+              by a message of foreground. Also where foreground has next to no pixels, although objects that others see
+              stand before its empty scene: that finds a sensor as well that is frozen since it saw nobody.
+    shifted   many pixels measure farther than the empty scene: whoever passes or parks stands before it, never behind
+              it, so it is another scene, or seen from elsewhere
+
+The last two, of `MESSAGES` messages on end. An alarm stays until the sensor shows otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float32, Float64
+from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
+from toolkit.sensors.model import returned
+from toolkit.sensors.sensor import Sensor
+
+SILENT_AFTER = 0.5  # s
+LEAST_REPEATED = 50  # that a message must have for its repetition to count, and below which others are asked
+REPEATS = 2  # messages that repeat another
+MESSAGES = 3  # on end, in which a sensor is blind or shifted
+BLIND_SHARE = 0.5  # of the pixels that should return something
+SHIFTED_SHARE = 0.1  # of the pixels that return something
+LEAST_COVERED = 100  # pixels that others' objects must cover before it tells that a sensor shows none of them
+SEEN_SHARE = 0.1  # of these pixels, below which it shows none
+_INSIDE = 0.2  # m by which a body may be smaller than its box on each side
+_BEFORE = 1.0  # m between an object and the scene behind it
+
+
+class Fault(Enum):
+    """How a sensor fails."""
+
+    SILENT = "silent"
+    FROZEN = "frozen"
+    BLINDED = "blinded"
+    SHIFTED = "shifted"
+
+
+class Shown(NamedTuple):
+    """What a sensor has sent last: when it was measured (s); the image, 0 where nothing returned or nothing was sent;
+    of foreground, which pixels were sent, None where the whole image was, and which are missing."""
+
+    time: float
+    image: Float32[np.ndarray, "rows columns"]
+    sent: Bool[np.ndarray, "rows columns"] | None = None
+    missing: Bool[np.ndarray, "rows columns"] | None = None
+
+
+class SensorMonitor:
+    """Of one sensor. scene: its empty scene; start: since when it should send (s); silent_after: age of what it has
+    sent (s) from which on it is silent; view: pixels of which it sends anything, such as those of its crop, None for
+    all. Raises ValueError for an age not above 0."""
+
+    def __init__(
+        self,
+        scene: EmptyScene,
+        *,
+        start: float = 0.0,
+        silent_after: float = SILENT_AFTER,
+        view: Bool[np.ndarray, "rows columns"] | None = None,
+    ) -> None:
+        if not 0 < silent_after < np.inf:
+            raise ValueError(f"silent_after must be seconds above 0, got {silent_after}: such as {SILENT_AFTER}")
+        self._scene, self._silent_after, self._newest = scene, silent_after, start
+        self._returns = (scene.first > 0) & (scene.share >= HALF)
+        self._returns &= True if view is None else view
+        self._pixels: Float32[np.ndarray, "rows columns"] | None = None
+        self._repeats = self._blind = self._shifted = 0
+
+    def look(
+        self,
+        now: float,
+        shown: Shown | None,
+        covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
+    ) -> Fault | None:
+        """What is wrong by now. shown: what arrived last, None before the first; covered: says in which pixels objects
+        that others see stand before its empty scene, asked only where foreground has next to no pixels. Raises
+        ValueError for an image of another size than the empty scene."""
+        if shown is not None and shown.image.shape != self._scene.first.shape:
+            size = self._scene.first.shape
+            raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
+        if shown is not None and (self._pixels is None or shown.time > self._newest):
+            self._newest = shown.time
+            self._take(shown, covered)
+        if now - self._newest > self._silent_after + 1e-9:
+            return Fault.SILENT
+        if self._repeats >= REPEATS:
+            return Fault.FROZEN
+        if self._blind >= MESSAGES:
+            return Fault.BLINDED
+        return Fault.SHIFTED if self._shifted >= MESSAGES else None
+
+    def _take(self, shown: Shown, covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None) -> None:
+        """One message more."""
+        there = returned(shown.image, self._scene.model.max_range)
+        there &= True if shown.sent is None else shown.sent
+        pixels = np.where(there, shown.image, np.float32(0))
+        count = int(there.sum())
+        same = self._pixels is not None and count >= LEAST_REPEATED and np.array_equal(pixels, self._pixels)
+        self._repeats = self._repeats + 1 if same else 0
+        self._pixels = pixels
+        self._blind = self._blind + 1 if self._is_blind(there, shown, covered) else 0
+        beyond = farther(self._scene, pixels).sum() > SHIFTED_SHARE * count and count >= LEAST_REPEATED
+        self._shifted = self._shifted + 1 if shown.sent is None and beyond else 0
+
+    def _is_blind(
+        self,
+        there: Bool[np.ndarray, "rows columns"],
+        shown: Shown,
+        covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None,
+    ) -> bool:
+        missing = ~there if shown.sent is None else shown.missing
+        if missing is not None and (missing & self._returns).sum() > BLIND_SHARE * self._returns.sum():
+            return True
+        if shown.sent is None or covered is None or there.sum() >= LEAST_REPEATED:
+            return False
+        expected = covered()
+        return bool(expected.sum() >= LEAST_COVERED and (there & expected).sum() < SEEN_SHARE * expected.sum())
+
+
+def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    """Which pixels measure farther than the empty scene is there."""
+    last = np.fmax(scene.first, np.nan_to_num(scene.second))
+    spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
+    solid = (scene.first > 0) & (np.isnan(scene.second) | (scene.second > 0))
+    return np.asarray(solid & (image > last + SIGMAS * spread))
+
+
+def standing_before(
+    scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]
+) -> Bool[np.ndarray, "rows columns"]:
+    """In which pixels a sensor must see one of these boxes, or whatever stands nearer, before its empty scene."""
+    nothing = np.float32(np.inf)
+    behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)
+    rays, hit = sensor.world_rays.astype(np.float64), np.zeros(behind.size, bool)
+    for x, y, z, *size, yaw in boxes:
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        start, along = turn @ (sensor.position - [x, y, z]), turn @ rays
+        half = np.maximum(np.array(size) / 2 - _INSIDE, 0.05)[:, None]
+        along = np.where(np.abs(along) < 1e-9, 1e-9, along)
+        ends = np.stack([(-half - start[:, None]) / along, (half - start[:, None]) / along])
+        near, far = ends.min(axis=0).max(axis=0), ends.max(axis=0).min(axis=0)
+        hit |= (near < far) & (near > 0) & (near < sensor.model.max_range) & (near + _BEFORE < behind.ravel())
+    return hit.reshape(behind.shape)
