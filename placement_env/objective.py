@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from placement_env.candidates.places import added_prices, fit_together, room_beside, set_prices
+from placement_env.candidates.places import added_prices, fit_together, room_beside
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
@@ -68,8 +68,7 @@ AP_ONLY = Weights()
 @dataclass(frozen=True)
 class Score:
     """What an objective says of one set. subset: indices of its candidates, ascending; `terms` add up to the reward;
-    cache_hit: whether the fidelity had been asked about this set before; class_ap: of each class, NaN
-    where there is nothing to find."""
+    cache_hit: whether the fidelity knew this set already; class_ap: of each class, NaN where nothing is to be found."""
 
     subset: tuple[int, ...]
     ap: float
@@ -300,8 +299,7 @@ class Objective:
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
-        """Scores of sets, given as rows of booleans. A set that was asked before, here or earlier, is not scored again;
-        the empty set scores 0. Sets are scored whether feasible or not."""
+        """Scores of sets, rows of booleans, feasible or not; one that was asked before is not scored again, none is 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weighed(subsets, ap, kbit)
@@ -336,15 +334,17 @@ class Objective:
 
     def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """Price of the mounts and sensors of each set; a mount that carries two sensors is paid once."""
-        return set_prices(self.candidates, subsets)
+        built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
+        row, candidate = subsets.nonzero()
+        built[row, self.candidates.mount[candidate]] = True
+        return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Which prices are within `most_price`; what rounding adds to a sum does not count."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
-        """Which sets may be built: on no mount more sensors than it carries, what they send within the capacity of its
-        link, all together for no more than `most_price`."""
+        """Which sets may be built: no mount with more sensors or kbit than it carries, no more than `most_price`."""
         together = fit_together(self.candidates, subsets, self.shared_links)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 

@@ -152,8 +152,8 @@ def interval_about(
 ) -> Interval:
     """The middle share of a figure's resamples, widened where the figure itself lies outside.
 
-    >>> interval_about(0.9, np.linspace(0, 0.5, 1001))
-    Interval(low=0.0125, high=0.9)
+    >>> interval_about(0.9, np.full(1000, 0.5))
+    Interval(low=0.5, high=0.9)
     """
     low, high = percentiles(resamples, confidence=confidence)
     return Interval(min(low, figure), max(high, figure))

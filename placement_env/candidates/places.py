@@ -53,11 +53,3 @@ def added_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64
     paid = np.zeros(len(candidates.mounts), np.bool_)
     paid[candidates.mount[row]] = True
     return np.where(paid[candidates.mount], candidates.model_prices, candidates.prices)
-
-
-def set_prices(candidates: Candidates, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
-    """Price of the sensors of each set and of the mounts that carry them, each paid once."""
-    built = np.zeros((len(subsets), len(candidates.mounts)), np.bool_)
-    row, candidate = subsets.nonzero()
-    built[row, candidates.mount[candidate]] = True
-    return np.asarray(built @ candidates.mount_prices + subsets @ candidates.model_prices)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.candidates.places import added_prices, fit_together, room_beside, set_prices
+from placement_env.candidates.places import added_prices, fit_together, room_beside
 from placement_env.envs.scenario import Scenario
 from placement_env.envs.state import with_room
 from placement_env.objective import Objective
@@ -66,7 +66,7 @@ def test_a_second_sensor_costs_no_second_mount(three):
     added = added_prices(three.candidates, row)
     assert added[:4].tolist() == [0.25] * 4
     assert added[4] == three.candidates.prices[4] == three.candidates.mounts[1].price + 0.25
-    assert set_prices(three.candidates, row[None])[0] == three.candidates.prices[0]
+    assert three.price(row[None])[0] == three.candidates.prices[0]
 
 
 def test_places_of_one_are_as_ever(make):
