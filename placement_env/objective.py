@@ -299,7 +299,7 @@ class Objective:
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
     def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
-        """Scores of sets, rows of booleans, feasible or not; one that was asked before is not scored again, none is 0."""
+        """Scores of sets, rows of booleans, feasible or not; one asked before is not scored again, none is 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weighed(subsets, ap, kbit)
