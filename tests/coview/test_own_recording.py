@@ -175,12 +175,12 @@ def test_calibration_is_for_clouds_and_by_what_there_is(lidars, recording, tmp_p
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 def test_foreground_on_the_real_log(tmp_path, run):
     pytest.importorskip("pyarrow")
-    arguments = ("--frames", 1, "--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
+    arguments = ("--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
     chosen = ("--layout", "argoverse", *arguments, "--schemes", "foreground")
     code, said, err = run("evaluate", LOG, *chosen, "--out", tmp_path)
     assert code == 0, err
-    assert "empty scenes are learnt from 1 samples" in err
-    assert "up_lidar: of 51785 points its images leave out" in said
+    assert "empty scenes are learnt from 2 samples" in err
+    assert "up_lidar: of 103592 points its images leave out" in said
     (row,) = rows(tmp_path / "table.json", "BEV 0.5")
     assert row["ap"] > 0.5
     content = json.loads((tmp_path / "table.json").read_text())
