@@ -43,12 +43,16 @@ def doctor(
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)
+    healthy = "nothing suspected"
     if layout is not None:
         refuse_given({"--site": site is not None, "--reference": reference is not None}, "is not for --layout")
-        findings = diagnose_samples(first_of(open_clouds(dataset, layout), frames))
+        samples = list(first_of(open_clouds(dataset, layout), frames))
+        findings = diagnose_samples(samples)
+        if not any(len(sample.objects) for sample in samples):
+            healthy = f"{len(samples)} samples without a label: there is nothing to be checked"
     else:
         place = load_site(site) if site else None
         findings = diagnose(dataset, place) + (check_drift(dataset, reference, place) if reference else [])
-    text = "\n".join(map(str, findings)) or "nothing suspected"
+    text = "\n".join(map(str, findings)) or healthy
     print_result([asdict(finding) for finding in findings], text, as_json=json)
     return SUSPECTED if findings else OK

@@ -30,3 +30,16 @@ def test_it_looks_at_recordings_of_clouds(recording, tmp_path, run, refused):
     assert "--site is not for --layout" in refused(
         "doctor", tmp_path / "f", "--layout", "folder", "--site", "tjunction"
     )
+
+
+def test_clouds_without_a_label_are_no_healthy_ones(recording, tmp_path, run):
+    assert (
+        run("convert", recording, "--layout", "hdf5", "--to", "folder", "--frames", 1, "--out", tmp_path / "f")[0] == 0
+    )
+    labels = tmp_path / "f" / "labels.json"
+    content = json.loads(labels.read_text())
+    content["samples"][0]["objects"] = []
+    labels.write_text(json.dumps(content))
+    said = "1 samples without a label: there is nothing to be checked\n"
+    assert run("doctor", tmp_path / "f", "--layout", "folder")[:2] == (0, said)
+    assert run("doctor", tmp_path / "f", "--layout", "folder", "--json")[:2] == (0, "[]\n")
