@@ -31,27 +31,21 @@ from toolkit.detection.link.message import (
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.link.standing_out import drawn_scene, standing_out
 from toolkit.detection.scheme import Counts, Fused, fused
-from toolkit.detection.view import Captured, View
+from toolkit.detection.view import Captured, SentCloud, View
 from toolkit.sensors.model import returned
 
 
-@dataclass(frozen=True)
-class Foreground:
-    """Early fusion of clouds whose background the centre knows. step: of what is measured (m); sigmas: spreads of the
-    empty scene within which a measurement shows it. Raises ValueError for a step that messages cannot say, and sigmas
-    not above 0."""
+class SendsForeground:
+    """A scheme whose sensors send what stands out, and whose centre detects once in all of it together."""
 
-    step: float = 0.02
-    sigmas: float = SIGMAS
-    name: str = "foreground"
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
     predicted_as: ClassVar[str] = "early"
 
-    def __post_init__(self) -> None:
-        step_in_mm(self.step)
-        if not 0 < self.sigmas < np.inf:
-            raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
+    @property
+    def step(self) -> float:
+        """Of what is measured (m)."""
+        raise NotImplementedError
 
     @property
     def digest(self) -> str:
@@ -60,13 +54,13 @@ class Foreground:
 
     @property
     def codec(self) -> RangeImages:
-        """What says how many bits so many pixels take, in the mean."""
+        """What says how many bits so many pixels take, in the mean; of a whole image, whatever was sent before."""
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect once in the restored clouds of all sensors together. Raises ValueError where a sensor's empty scene or
         image is not known."""
-        sent = [view.transmit(sensor, self.digest, partial(self._through, view, sensor)) for sensor in sensors]
+        sent = [self._transmitted(view, sensor) for sensor in sensors]
         centre = view.detect([each.arrived for each in sent])
         return fused(view.suppressed([centre]), [each.bits for each in sent])
 
@@ -76,6 +70,29 @@ class Foreground:
 
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """No boxes are sent."""
+
+    def _transmitted(self, view: View, sensor: int) -> SentCloud:
+        return view.transmit(sensor, self.digest, partial(self._through, view, sensor))
+
+    def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
+        """The restored cloud of a sensor, and the bits of its message."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Foreground(SendsForeground):
+    """Early fusion of clouds whose background the centre knows. step: of what is measured (m); sigmas: spreads of the
+    empty scene within which a measurement shows it. Raises ValueError for a step that messages cannot say, and sigmas
+    not above 0."""
+
+    step: float = 0.02
+    sigmas: float = SIGMAS
+    name: str = "foreground"
+
+    def __post_init__(self) -> None:
+        step_in_mm(self.step)
+        if not 0 < self.sigmas < np.inf:
+            raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
         """The restored cloud of a sensor, and the bits of its message."""
