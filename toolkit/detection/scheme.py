@@ -97,6 +97,19 @@ class Scheme(Protocol):
         ...
 
 
+@runtime_checkable
+class Chained(Protocol):
+    """What a `Scheme` has besides whose messages can only be read after others: a lost one takes more with it."""
+
+    def needed(self, number: int, /) -> Sequence[int]:
+        """Which messages of a sensor, counted from 0, must have arrived for one to be read, itself the last."""
+        ...
+
+    def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
+        """The bits that sensors send of a frame, whether or not they arrive; views share a memory, frame by frame."""
+        ...
+
+
 def codec_for(scheme: Scheme, codec: Codec) -> Codec:
     """By which a scheme sends: its own, its attribute `codec`, where it has one, else the one given."""
     return getattr(scheme, "codec", codec)

@@ -23,9 +23,8 @@ from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
 from toolkit.detection.link.channel import STALE
 from toolkit.detection.link.lagged import Lagged, lagged_frames
-from toolkit.detection.scheme import Scheme
+from toolkit.detection.scheme import Chained, Scheme
 from toolkit.detection.schemes import SCHEMES, scheme_of
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known, label_index
@@ -114,7 +113,7 @@ def _arriving_alike(runs: Sequence[Run]) -> list[tuple[list[Run], Needed | None]
     alone: list[Run] = []
     chained: list[tuple[list[Run], Needed | None]] = []
     for run in runs:
-        if isinstance(run.system.scheme, ForegroundDifferences):
+        if isinstance(run.system.scheme, Chained):
             chained.append(([run], run.system.scheme.needed))
         else:
             alone.append(run)
@@ -171,10 +170,9 @@ def _look(
     *,
     scored: bool,
 ) -> None:
-    """One frame, fused by every system; views are shared by those that send alike. What differences send follows from
-    frames as they were measured, whichever arrive, and what they restore is what whole images would."""
+    """One frame, fused by every system; views are shared by those that send alike. What chained messages say follows
+    from frames as they were measured, whichever arrive, and what they restore is what whole images would."""
     frame, views = lagged.frame, {}
-    sent = frame_view(lagged.sent, detector, recording.site, scene=scenes, memory=memory)
     sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
     for run in runs:
         codec = run.system.codec
@@ -182,7 +180,8 @@ def _look(
             views[codec.digest] = frame_view(frame, detector, recording.site, codec=codec, scene=scenes)
         scheme = run.system.scheme
         fused = scheme.fuse(views[codec.digest], sending)
-        if isinstance(scheme, ForegroundDifferences):
+        if isinstance(scheme, Chained):
+            sent = frame_view(lagged.sent, detector, recording.site, scene=scenes, memory=memory)
             fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
         ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
         if condition.tracks:  # what one sensor has long not renewed, others have: the middle of them
