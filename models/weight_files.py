@@ -63,11 +63,20 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     Raises FileNotFoundError; ValueError, in one line, where the file is damaged, of another kind, or not of the size
     that its configuration says.
     """
-    from safetensors import SafetensorError, safe_open
-
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
+    metadata, tensors = read_tensors(path, FORMAT)
+    return _network(path, metadata, tensors), _header(path, metadata)
+
+
+def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Header and tensors of a safetensors file that says which format it is in, and the digest of its tensors.
+
+    Raises ValueError, in one line, where the file is damaged or of another format.
+    """
+    from safetensors import SafetensorError, safe_open
+
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -75,11 +84,11 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(f"{path} is damaged or no safetensors file ({reason}): fetch it again") from None
-    if metadata.get("format") != FORMAT:
-        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
+    if metadata.get("format") != expected_format:
+        raise ValueError(f"{path} is not in the format {expected_format!r}, its header says {metadata.get('format')!r}")
     if metadata.get("digest") != digest_of(tensors):
         raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
-    return _network(path, metadata, tensors), _header(path, metadata)
+    return metadata, tensors
 
 
 def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from models.weight_files import check_tensors, digest_of
+from models.weight_files import check_tensors, digest_of, read_tensors
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.outlook.outlook import Outlook, outlook
 from placement_env.checks import check_whole
@@ -146,24 +146,10 @@ class MapPolicy:
     def load(path: str | Path = SHIPPED_POLICY) -> MapPolicy:
         """The policy of a file, the shipped one where none is named. Raises FileNotFoundError; ValueError, in one line,
         where the file is damaged or of another kind."""
-        from safetensors import SafetensorError, safe_open
-
         path = Path(path)
         if not path.is_file():
             raise FileNotFoundError(f"no policy at {path}: see train_map_policy")
-        try:
-            with safe_open(path, framework="pt") as file:
-                metadata = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
-        except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise ValueError(f"{path} is damaged or no safetensors file ({reason}): fetch it again") from None
-        if metadata.get("format") != FORMAT_OF_POLICY:
-            raise ValueError(
-                f"{path} is not in the format {FORMAT_OF_POLICY!r}: its header says {metadata.get('format')!r}"
-            )
-        if metadata.get("digest") != digest_of(tensors):
-            raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
+        metadata, tensors = read_tensors(path, FORMAT_OF_POLICY)
         network = MapNetwork(len(tensors["of_view.bias"]))
         check_tensors(network.state_dict(), tensors, path)
         network.load_state_dict(tensors)
