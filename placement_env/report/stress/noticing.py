@@ -72,19 +72,6 @@ class FalseAlarms:
         return asdict(self)
 
 
-class _InMemory:
-    """Frames with the errors of their sensors, read once."""
-
-    def __init__(self, frames: Sequence[Frame]) -> None:
-        self.frames = frames
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __getitem__(self, index: int, /) -> Frame:
-        return self.frames[index]
-
-
 def noticing(
     recording: Recording, detector: Detector, *, frames: int | None = None, seed: int = 0
 ) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
@@ -106,7 +93,7 @@ def noticing(
             sensors = range(len(stretch[0].sensors))
             after[fault, way] += [_noticed_after(centre, stretch, sensor, fault, way) for sensor in sensors]
         for link, channel in links.items():
-            lagged = list(lagged_frames(_InMemory(stretch), channel, seed=seed, noise_seed=None))
+            lagged = list(lagged_frames(stretch, channel, seed=seed, noise_seed=None))
             minutes[link] += (stretch[-1].time - stretch[0].time) * len(stretch[0].sensors) / 60
             for way in SENT_AS:
                 shown = [(each.frame, each.ages) for each in lagged]
