@@ -67,9 +67,10 @@ def watched(found: Iterable[Detected], progress: Callable[[int], None]) -> Itera
 
 def passing(samples: Iterable[Sample], problems: dict[str, int], progress: Callable[[int], None]) -> Iterator[Sample]:
     """Samples as they come by; the bar moves, and what was met in reading them is added up."""
+    from toolkit.datasets.records.labels import add_problems
+
     for done, sample in enumerate(samples, 1):
-        for kind, number in sample.problems.items():
-            problems[kind] = problems.get(kind, 0) + number
+        add_problems(problems, sample.problems)
         progress(done)
         yield sample
 

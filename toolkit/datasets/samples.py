@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -49,11 +48,3 @@ def write_samples(samples: Iterable[Sample], path: str | Path, layout: str) -> i
     if write is None:
         raise ValueError(f"layout {layout} is only read: write another, such as folder")
     return write(samples, Path(path))
-
-
-def problems_of(samples: Iterable[Sample]) -> dict[str, int]:
-    """What was left out in reading, by kind, over some samples."""
-    total: Counter[str] = Counter()
-    for sample in samples:
-        total.update(sample.problems)
-    return dict(total)

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 import toolkit.datasets
+from toolkit.datasets.records.labels import add_problems
 from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.datasets.samples import open_samples, problems_of, read, write_samples
+from toolkit.datasets.samples import open_samples, read, write_samples
 from toolkit.objects import Objects
 
 
@@ -32,7 +33,10 @@ def test_some_classes(folder):
 
 
 def test_problems_are_added_up(folder):
-    assert problems_of(read(folder, "folder")) == {"points of no return": 3}
+    total: dict[str, int] = {}
+    for sample in read(folder, "folder"):
+        add_problems(total, sample.problems)
+    assert total == {"points of no return": 3}
 
 
 def test_what_is_not_there_or_only_read(folder):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -102,6 +102,12 @@ def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
     """Add to the problems of a kind, none where there are none."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
+
+
+def add_problems(total: dict[str, int], problems: Mapping[str, int]) -> None:
+    """Add those of one sample to those of all."""
+    for kind, number in problems.items():
+        add_problem(total, kind, number)
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -> None:

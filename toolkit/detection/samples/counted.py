@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.boxes import count_points
+from toolkit.datasets.records.labels import add_problems
 from toolkit.datasets.sample import Sample
 from toolkit.objects import LABELS, label_index
 
@@ -33,8 +34,7 @@ def survey_samples(samples: Iterable[Sample], *, classes: Sequence[str | int] = 
         for boxes, own in ((sample.objects.boxes, sample.counts), (sample.others.boxes, sample.others.counts)):
             if own is not None:
                 agree, known = agree + int((count_points(together, boxes) == own).sum()), known + len(own)
-        for kind, count in sample.problems.items():
-            problems[kind] = problems.get(kind, 0) + count
+        add_problems(problems, sample.problems)
     if not number:
         raise ValueError("there is no sample to survey: check the path and the layout")
     every = {label: np.concatenate(parts) for label, parts in on_objects.items()}

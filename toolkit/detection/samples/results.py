@@ -12,6 +12,7 @@ import numpy as np
 from toolkit.datasets.layouts.kitti import kitti_text
 from toolkit.datasets.layouts.openlabel import openlabel_content
 from toolkit.datasets.records.boxes_file import boxes_record, write_boxes
+from toolkit.datasets.records.labels import add_problems
 from toolkit.detection.samples.detected import Detected
 from toolkit.runtime.files import write_text
 
@@ -56,8 +57,7 @@ def summary(found: Iterable[Detected]) -> dict[str, Any]:
     levelling, detecting = [], []
     for each in found:
         samples, detections = samples + 1, detections + len(each.detections)
-        for kind, number in each.sample.problems.items():
-            problems[kind] = problems.get(kind, 0) + number
+        add_problems(problems, each.sample.problems)
         levelling.append(each.level_ms)
         detecting.append(each.detect_ms)
     medians = (float(np.median(times)) if times else None for times in (levelling, detecting))

@@ -22,7 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Bool
 from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
-from toolkit.datasets.records.labels import add_problem
+from toolkit.datasets.records.labels import add_problem, add_problems
 from toolkit.detection.metrics import evaluate
 from toolkit.detection.samples.detected import Detected
 from toolkit.detection.samples.protocols import (
@@ -89,8 +89,7 @@ class Scoring:
     def add(self, each: Detected) -> None:
         """One sample more."""
         self.judged.append(judged(each, self.half))
-        for kind, number in each.sample.problems.items():
-            add_problem(self.problems, kind, number)
+        add_problems(self.problems, each.sample.problems)
         add_problem(self.problems, LABELLED_TWICE, int(repeated(each.sample.objects).sum()))
         self.level_ms.append(each.level_ms)
         self.detect_ms.append(each.detect_ms)
