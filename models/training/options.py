@@ -41,7 +41,7 @@ class TrainingOptions:
         validate: Packed file to measure AP on after each epoch.
         validate_frames: Only its first so many.
         device: cpu or cuda; cuda where there is one when left out.
-        bfloat16: Multiply in bfloat16 on the CPU too, as on cuda: half the time where it knows that format, else slower.
+        bfloat16: Multiply in bfloat16 on the CPU too, as on cuda: faster on a CPU that knows it, else slower.
         threads: Of PyTorch; with other programs on the machine, fewer are faster.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
