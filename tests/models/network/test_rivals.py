@@ -27,9 +27,8 @@ def street():
         [13, 0.1, 0.9, 4, 1.9, 1.8, 0],
         [10, 1.45, 0.8, 0.6, 0.6, 1.7, 0],
     ]
-    return Detections(
-        np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), [CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN]
-    )
+    labels = np.array([CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN])
+    return Detections(np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), labels)
 
 
 def test_rivals_are_of_other_classes_at_the_same_place():
