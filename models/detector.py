@@ -23,6 +23,7 @@ from models.weight_files import digest_of, digest_with, load_weights
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import iou_bev, nms
 from toolkit.objects import LABELS, Detections, label_index
+from toolkit.runtime.memory import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
@@ -50,6 +51,8 @@ class VoxelNetDetector:
     ) -> None:
         self.config = network.config
         self.device = torch.device(device)
+        if self.device.type == "cpu":
+            keep_freed_memory()  # its maps come and go with every cloud
         own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         rivals = bool(self.config.rivalry)
