@@ -17,7 +17,7 @@ from models.network.faces import SORTS, FaceFeatures, FaceNetworks, face_feature
 from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
 from models.training.samples import read_points
-from models.training.validation import detectors_for
+from models.training.validation import detector_by_area
 from models.training.widening import rebuilt
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import count_points, iou_bev
@@ -52,7 +52,7 @@ def face_examples(
     """Examples of the first `count` frames (None: all), half of them seen by a random subset of the sensors, some by
     sensors with errors. network: what detects them, without a second stage; None: boxes that are off at random alone.
     """
-    detectors = None if network is None else detectors_for(network, frames, score_threshold=LOWEST_SCORE)
+    detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
     rows: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     offsets: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
     wanted = [label_index(label) for label in labels]
@@ -63,8 +63,8 @@ def face_examples(
         there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
         boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels
-        if detectors is not None:
-            found, owner = _detected(detectors[frames.rig(k).area](points), objects.boxes, objects.labels)
+        if detector_in is not None:
+            found, owner = _detected(detector_in(frames.rig(k).area)(points), objects.boxes, objects.labels)
             boxes = np.concatenate([boxes, found])
             truths, kinds = np.concatenate([truths, truths[owner]]), np.concatenate([kinds, kinds[owner]])
         if len(boxes):

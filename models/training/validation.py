@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +20,22 @@ from toolkit.points import centred_in
 
 VEHICLE_LABEL = LABELS[VEHICLE]
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
+AREAS_KEPT = 4
 OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicles, which are small, or vary more
 
 
-def detectors_for(
-    network: VoxelNet, frames: PackedFrames, device: str | torch.device = "cpu", score_threshold: float = 0.05
-) -> dict[Area, Detector]:
-    """The network at work in each area of a packed file."""
-    return {
-        rig.area: VoxelNetDetector(
-            relocated(network, rig.area, "general"), device=device, score_threshold=score_threshold
-        )
-        for rig in frames.rigs
-    }
+def detector_by_area(
+    network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
+) -> Callable[[Area], Detector]:
+    """The network at work in an area. Those of the last few are kept, for one has its anchors on the whole of it, and a
+    packed file may show thousands."""
+
+    @lru_cache(maxsize=AREAS_KEPT)
+    def at_work(area: Area) -> Detector:
+        there = relocated(network, area, "general")
+        return VoxelNetDetector(there, device=device, score_threshold=score_threshold)
+
+    return at_work
 
 
 def detections_of(
@@ -48,12 +52,12 @@ def detections_of(
     and which of that is centred in the frame's area. subsets, errors: shares of the frames that some of the sensors
     see, and sensors with errors (`models.training.samples.read_points`)."""
     training = network.training
-    detectors, results = detectors_for(network, frames, device), []
+    detector_in, results = detector_by_area(network, device), []
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
         points = read_points(frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors)
         truth = frames.level_objects(k)
-        results.append((detectors[area](points), truth, centred_in(truth.boxes, np.array(area))))
+        results.append((detector_in(area)(points), truth, centred_in(truth.boxes, np.array(area))))
     network.train(training)
     return results
 
