@@ -125,6 +125,7 @@ def search(
         workers: Processes that render and detect.
         ray: Address of a Ray cluster instead; local for this machine.
         out: Folder for the site with its sensors, schedule, map, picture, origin; killed and asked again, it goes on.
+            With --curve for its table, picture, origin, and the site with each set.
         overwrite: Replace these files.
         json: Print as JSON.
     """
@@ -132,6 +133,7 @@ def search(
     from placement_env.fidelity.combined.robust import Failing
     from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.objective import Weights
+    from placement_env.report.curve_answer import curve_files
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
@@ -151,8 +153,8 @@ def search(
     chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
     if (chosen == "cheapest") != (at_least is not None) or (at_least is None and parts > 1):
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
-    if curve and (chosen != "portfolio" or out):
-        raise ValueError("--curve is drawn by --method portfolio, and writes no folder: leave --out out")
+    if curve and chosen != "portfolio":
+        raise ValueError(f"--curve is drawn by --method portfolio, got {chosen}: leave --method out")
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
     detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
@@ -168,7 +170,7 @@ def search(
     place = load_site(site)
     if out is not None:
         check_georeference(place)
-        for name in ANSWER_FILES:
+        for name in curve_files(budget, by_money=money is not None) if curve else ANSWER_FILES:
             check_folder(out, holds=name, inputs=[*site_file(site), *site_file(candidates)], overwrite=overwrite)
     if fidelity == "table" and candidates != "paper":
         raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
