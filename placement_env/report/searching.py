@@ -28,6 +28,7 @@ from placement_env.search.description import (
     described_score,
     described_sensors,
 )
+from placement_env.search.exact.demand import Demand
 from placement_env.search.methods import METHODS, check_search, search_of
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
@@ -81,6 +82,7 @@ class SearchOrder:
 
     def __post_init__(self) -> None:
         counting = counting_of(self.settings)
+        Demand(**self.demand)
         check_search(self.method, self.fidelity, self.candidates, counting)
         if self.fidelity == "table" and self.settings.get("codec", PAPER) != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.settings['codec']}: say --codec paper")
