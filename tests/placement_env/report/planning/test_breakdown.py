@@ -117,4 +117,5 @@ def test_levels_of_traffic(street, scored):
     assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
     assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
     assert thin.mean_points == dense.mean_points == 75 / 4
-    assert thin.judged.ap == dense.judged.ap == pytest.approx(street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0].ap)
+    (whole,) = street.judge.judge(np.array([[1, 0, 1, 0]], bool))
+    assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)

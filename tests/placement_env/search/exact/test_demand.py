@@ -1,7 +1,5 @@
 """What the cheapest set must do, in the worst of failures and shares of the traffic."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -50,8 +48,8 @@ def seen():
     return Visibility(zeros, zeros, frame, np.zeros((8, 7)), sent, sent)
 
 
-def test_shares_of_the_traffic(seen):
-    objective = SimpleNamespace(preparation=None)
+def test_shares_of_the_traffic(seen, make):
+    objective = make(3)  # of parts, so without traffic of its own
 
     def shares(**asked):
         return [frames.tolist() for frames in Demand(0.9, **asked).shares(objective, seen)]
