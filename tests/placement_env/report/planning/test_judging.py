@@ -205,12 +205,3 @@ def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street)
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
     assert both.low == min(first.low, second.low) == 0.5
     assert both.high <= min(first.high, second.high)
-
-
-def test_a_level_with_nothing_to_find_says_nothing(rush, monkeypatch):
-    judge = rush(Counting.of(0.7, 0, TrafficLevels(2)))
-    truths = judge.truths_of(0) * (np.arange(8) >= 4)
-    monkeypatch.setattr(Judge, "truths_of", lambda self, label: truths)
-    assert judge.by_level((1,))[0] is None
-    assert judge.over_levels(np.array([[0, 1, 0, 0]], bool))[0].ap == judge.by_level((1,))[1].ap
-    assert Judge(judge.detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
