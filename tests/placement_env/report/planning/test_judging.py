@@ -205,3 +205,24 @@ def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street)
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
     assert both.low == min(first.low, second.low) == 0.5
     assert both.high <= min(first.high, second.high)
+
+
+def test_a_level_with_nothing_to_find_says_nothing(street):
+    class Late(type(street.detected.renders)):
+        """There is a walker alone in the first four frames, and nobody sees anything."""
+
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if k < 4 else None]
+
+        def objects(self, k):
+            there = super().objects(k)
+            return there[4:] if k < 4 else there
+
+    renders = Late(street.site, street.detected.renders.sensors)
+    detected = Detected(renders, street.detected.detector, "early")
+    judge = Judge(detected, 0, Counting.of(0.7, 0, TrafficLevels(2)), (np.arange(4), np.arange(4, 8)))
+    first, second = judge.by_level((1,))
+    assert first is None
+    (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))
+    assert over.ap == second.ap == 0.5
+    assert Judge(detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
