@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from coview.arguments import check_errors, check_least, sensor_set
-from coview.detectors import area_about, sample_detector
+from coview.detectors import area_about, of_background, sample_detector
 from coview.progress_bar import progress_bar
 
 TOGETHER, CLUSTER = "together", "cluster"
@@ -114,6 +114,7 @@ def score_clouds(
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
     from toolkit.calibration.samples.sample_poses import corrections, with_corrections
     from toolkit.calibration.samples.sample_scenes import SampleScenes
+    from toolkit.detection.background.known_background import KnownBackground
     from toolkit.detection.samples.clusters import learn_cluster_detector
     from toolkit.detection.samples.detected import middle_of
     from toolkit.detection.samples.evaluated import evaluate_samples
@@ -138,14 +139,17 @@ def score_clouds(
         return (sample if names is None else sample.seen_by(names) for sample in put_right())
 
     scenes = SampleScenes(of_chosen)
-    if detector == CLUSTER:
+    bare, known = of_background(detector)
+    if bare == CLUSTER or known:
         middle, half = area_about(area)
         first, seen = next(put_right(), None), next(of_chosen(), None)
         if first is None or seen is None:
             raise ValueError("there is no sample to evaluate: check the path and the layout")
         x, y = middle_of(first).tolist() if middle is None else middle
         middle = (x, y)
-        network: Detector = learn_cluster_detector(scenes, seen, levelling=level, middle=middle, half=half)
+        learnt = learn_cluster_detector(scenes, seen, levelling=level, middle=middle, half=half)
+        named = None if bare == CLUSTER else sample_detector(bare, area)[0]
+        network: Detector = learnt if named is None else KnownBackground(named, learnt.clusters.background)
     else:
         network, middle, half = sample_detector(detector, area)
     with progress_bar("cloud", total, hidden=hidden) as bar:

@@ -1,8 +1,14 @@
-"""The detector that --detector names."""
+"""The detector that --detector names.
+
+A name with `+background` behind it is of a detector that knows the empty site: what it takes for somebody and stands
+there in every frame is left out.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+BACKGROUND = "+background"
 
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
@@ -11,16 +17,31 @@ if TYPE_CHECKING:
 
 
 def recording_detector(name: str, recording: CoopDataset) -> Detector:
-    """cluster, which learns the recording's empty site, or one of `site_detector`."""
-    if name == "cluster":
+    """cluster, which learns the recording's empty site, or one of `site_detector`; where that site has no scenery,
+    +background is of what the recording shows behind all that moves."""
+    bare, known = of_background(name)
+    if bare == "cluster":
         from toolkit.detection.cluster import ClusterDetector
 
         return ClusterDetector.of(recording)
-    return site_detector(name, recording.site)
+    detector = site_detector(bare, recording.site)
+    if not known:
+        return detector
+    from toolkit.detection.background.known_background import KnownBackground
+    from toolkit.detection.background.site_background import recording_background
+
+    return KnownBackground(detector, recording_background(recording))
 
 
 def site_detector(name: str, site: Site) -> Detector:
-    """voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable."""
+    """voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
+    +background: of the site's scenery."""
+    bare, known = of_background(name)
+    if known:
+        from toolkit.detection.background.known_background import KnownBackground
+        from toolkit.detection.background.site_background import site_background
+
+        return KnownBackground(site_detector(bare, site), site_background(site))
     if name == "cluster":
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
@@ -30,6 +51,15 @@ def site_detector(name: str, site: Site) -> Detector:
     from models.detector import load_detector, load_site_detector
 
     return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+
+
+def of_background(name: str) -> tuple[str, bool]:
+    """The name of a detector without `BACKGROUND`, and whether that was behind it.
+
+    >>> of_background("general+background")
+    ('general', True)
+    """
+    return name.removesuffix(BACKGROUND), name.endswith(BACKGROUND)
 
 
 def area_about(
@@ -55,6 +85,8 @@ def sample_detector(
     from toolkit.sites.site import Site
 
     middle, (x, y) = area_about(area)
+    if of_background(name)[1]:
+        raise ValueError(f"{name} must see the site empty first: take coview evaluate, or leave {BACKGROUND} out")
     if name in ("voxelnet", "cluster"):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
     return site_detector(name, Site("recording", np.array([-x, -y, x, y]))), middle, (x, y)

@@ -56,7 +56,9 @@ def run(arguments: Sequence[str]) -> int:
         print(f"coview: {error}", file=sys.stderr)
         return 2
     from coview.exits import report
+    from toolkit.runtime.memory import keep_freed_memory
 
+    keep_freed_memory()
     try:
         code = _called(rest)
         sys.stdout.flush()  # here, where a closed pipe is met, not when Python ends

@@ -101,6 +101,9 @@ class VoxelNetConfig:
     faces: tuple[str, ...] = ()  # labels whose boxes' faces are measured by `models.network.faces`
     calibration: tuple[tuple[float, float], ...] = ()
     """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as they are."""
+    rivalry: tuple[tuple[float, ...], ...] = ()
+    """Per label a slope, an intercept and a weight for each label, by which scores are lowered where boxes of other
+    labels stand at the same place (`models.network.rivals`); (): as they are."""
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
 
@@ -133,6 +136,14 @@ class VoxelNetConfig:
             raise ValueError(f"faces are measured of labels that are detected, got {self.faces} of {self.labels}")
         if len(self.calibration) not in (0, len(self.labels)) or any(slope <= 0 for slope, _ in self.calibration):
             raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
+        size = len(self.labels)
+        if len(self.rivalry) not in (0, size) or any(
+            len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0 for row in self.rivalry
+        ):
+            raise ValueError(
+                "rivalry must have a slope above 0, an intercept and a weight of at least 0 for each label, for each "
+                f"label, or be empty, got {self.rivalry}"
+            )
         if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds)):
             raise ValueError(f"score thresholds must lie in 0..1, got {self.score_threshold} and {self.thresholds}")
         if len(self.thresholds) not in (0, len(self.labels)):
@@ -203,7 +214,7 @@ class VoxelNetConfig:
         """Plain values, for JSON. Entries younger than the first weights are left out where they say nothing, so that
         the digest of these stays what it was."""
         values = asdict(self)
-        young = ("kinds", "faces", "calibration", "score_threshold", "thresholds")
+        young = ("kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds")
         return {name: value for name, value in values.items() if name not in young or value != _DEFAULTS[name]}
 
     @classmethod
@@ -275,7 +286,9 @@ def _check_like(value: Any, example: Any, name: str) -> None:
 _LARGEST = 1e6
 _LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
 _DEFAULTS = {each.name: each.default for each in fields(VoxelNetConfig)}
-_EXAMPLE = VoxelNetConfig((0.0, 0.0, 1.0, 1.0), faces=("vehicle",), calibration=((1.0, 0.0),), thresholds=(0.1,))
+_EXAMPLE = VoxelNetConfig(
+    (0.0, 0.0, 1.0, 1.0), faces=("vehicle",), calibration=((1.0, 0.0),), rivalry=((1.0, 0.0, 0.0),), thresholds=(0.1,)
+)
 
 
 def _cells(length: float, size: float) -> int:

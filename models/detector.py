@@ -15,13 +15,15 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors, decode, per_anchor
 from models.network.faces import measured
+from models.network.rivals import LEAST_RIVAL, contested
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_of, digest_with, load_weights
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import iou_bev, nms
-from toolkit.objects import Detections, label_index
+from toolkit.objects import LABELS, Detections, label_index
+from toolkit.runtime.memory import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
@@ -49,8 +51,12 @@ class VoxelNetDetector:
     ) -> None:
         self.config = network.config
         self.device = torch.device(device)
+        if self.device.type == "cpu":
+            keep_freed_memory()  # its maps come and go with every cloud
         own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
+        rivals = bool(self.config.rivalry)
+        self._looked_at = tuple(min(least, LEAST_RIVAL) if rivals else least for least in self.thresholds)
         self.nms_threshold = nms_threshold
         self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -83,13 +89,22 @@ class VoxelNetDetector:
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
         prediction = self.network(collate(voxels))
-        found = candidates(prediction, self.anchors, self.config, self.thresholds)
+        found = candidates(prediction, self.anchors, self.config, self._looked_at)
         return [
-            self._measured(suppressed(*each, self.config, self.nms_threshold), cloud)
+            self._measured(self._sure(suppressed(*each, self.config, self.nms_threshold)), cloud)
             if len(cells.cells)
             else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
+
+    def _sure(self, found: Detections) -> Detections:
+        """The detections that are above the thresholds with the scores that their rivals leave them."""
+        if not self.config.rivalry:
+            return found
+        least = np.zeros(len(LABELS))
+        least[[label_index(name) for name in self.labels]] = self.thresholds
+        found = contested(found, self.config)
+        return found[found.scores > least[found.labels]]
 
     def _measured(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
         """The detections with the faces of their boxes where the points end, if the network measures any."""

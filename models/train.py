@@ -72,6 +72,7 @@ def run(
 
     network = train(
         options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
+        bfloat16=options.bfloat16 or device == "cuda",
         every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
     )  # fmt: skip
     if faces:

@@ -36,6 +36,11 @@ if TYPE_CHECKING:
     from toolkit.datasets.readings import read_frame as read_frame, with_errors as with_errors
     from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
+    from toolkit.detection.background.known_background import KnownBackground as KnownBackground
+    from toolkit.detection.background.site_background import (
+        recording_background as recording_background,
+        site_background as site_background,
+    )
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
     from toolkit.detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
     from toolkit.detection.evaluation import (
@@ -137,6 +142,8 @@ else:
             "datasets.readings": ("read_frame", "with_errors"),
             "datasets.doctor.diagnosis": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
+            "detection.background.known_background": ("KnownBackground",),
+            "detection.background.site_background": ("recording_background", "site_background"),
             "detection.cluster": ("ClusterDetector",),
             "detection.codec": ("Codec", "PaperCodec", "RangeImage"),
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),

@@ -69,6 +69,7 @@ def train(
     *,
     start: VoxelNet | None = None,
     device: str = "cpu",
+    bfloat16: bool = False,
     workers: int = 0,
     every_s: float = 300.0,
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
@@ -77,6 +78,7 @@ def train(
     """Train on a packed file and leave `checkpoint.pt` and `log.csv` in `out`; called again, it goes on where it was.
 
     start: a network of the same shape to go on from, on any area, instead of random weights;
+    bfloat16: multiply in that format, the losses are in float32 in any case;
     every_s: seconds between checkpoints; validate: called with the network after each epoch, its figures are logged;
     progress: called with the step, the number of steps and the losses of the step, or the figures of `validate`.
     Raises ValueError where preset and network do not fit, and where `out` holds a run of other settings.
@@ -89,6 +91,7 @@ def train(
     total = max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
+    identity["bfloat16"] = True if bfloat16 and device == "cpu" else ""
     if start is not None:
         check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
         run.network.load_state_dict(start.state_dict())
@@ -107,7 +110,7 @@ def train(
     )
     saved = time.monotonic()
     for batch in loader:
-        losses = _step(run, batch.to(device), loss_of, anchor)
+        losses = _step(run, batch.to(device), loss_of, anchor, bfloat16)
         run.recent.append(losses)
         run.step += 1
         if progress:
@@ -177,8 +180,8 @@ def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None
         run.restore(state)
 
 
-def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor) -> dict[str, float]:
-    with torch.autocast(anchor.device.type, torch.bfloat16, enabled=anchor.is_cuda):
+def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
+    with torch.autocast(anchor.device.type, torch.bfloat16, enabled=bfloat16):
         prediction = run.network(batch.voxels)
     prediction = Prediction(*(None if m is None else m.float() for m in prediction))  # type: ignore[arg-type]
     losses = loss_of(prediction, batch.labels, batch.boxes, anchor)

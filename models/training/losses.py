@@ -42,29 +42,20 @@ def quality_loss(
     """Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box; direction; predicted
     IoU. Each class's sums are divided by the number of its own positive anchors, so that none drowns the others.
 
-    classes: the class of each anchor of a cell, in ascending order (None: one); other arguments as in `published_loss`.
+    classes: the class of each anchor of a cell (None: all of one); other arguments as in `published_loss`.
     """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
     maps = Prediction(*(per_anchor(each, count) for each in prediction if each is not None))
-    classes = [0] * count if classes is None else classes
-    total: dict[str, Tensor] = {}
-    for each in sorted(set(classes)):
-        own = slice(classes.index(each), count - classes[::-1].index(each))
-        part = Prediction(*(values[:, :, :, own] for values in maps if values is not None))
-        for name, value in _class_loss(part, labels[..., own], boxes[..., own, :], anchors[..., own, :]).items():
-            total[name] = total[name] + value if name in total else value
-    return total
-
-
-def _class_loss(maps: Prediction, labels: Tensor, boxes: Tensor, anchors: Tensor) -> dict[str, Tensor]:
-    """The losses of the anchors of one class; maps: (B, H, W, A, k)."""
     assert maps.direction_logits is not None
     assert maps.quality_logits is not None
+    kind = torch.tensor([0] * count if classes is None else list(classes), device=labels.device)
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
-    number = max(len(positive[0]), 1)
-    classes = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, labels != IGNORED)
+    number = torch.bincount(kind[positive[3]], minlength=int(kind.max()) + 1).clamp(min=1)
+    share = 1 / number[kind]  # per anchor of a cell: what one of its class counts
+    classes_lost = focal_loss(maps.class_logits[..., 0], labels == POSITIVE, share * (labels != IGNORED))
+    each = share[positive[3]]
     anchor, wanted = anchors[positive[1:]], boxes[positive]
     residuals = maps.residuals[positive]
     direction = maps.direction_logits[..., 0][positive]
@@ -72,26 +63,26 @@ def _class_loss(maps: Prediction, labels: Tensor, boxes: Tensor, anchors: Tensor
 
     backwards = faces_back(wanted, anchor)
     overlap = nearly_aligned_iou(decode(residuals, anchor, backwards), wanted)
-    box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="sum")
-    sums = {
-        "class": classes,
-        "box": 2 * box,
-        "iou": (1 - overlap).sum(),
-        "direction": 0.2 * _cross_entropy(direction, backwards.float()),
-        "quality": 0.5 * _cross_entropy(quality, overlap.detach().clamp(0, 1)),
+    box = F.smooth_l1_loss(residuals, encode(wanted, anchor), beta=0.02, reduction="none").sum(1)
+    return {
+        "class": classes_lost,
+        "box": 2 * (each * box).sum(),
+        "iou": (each * (1 - overlap)).sum(),
+        "direction": 0.2 * _cross_entropy(direction, backwards.float(), each),
+        "quality": 0.5 * _cross_entropy(quality, overlap.detach().clamp(0, 1), each),
     }
-    return {name: value / number for name, value in sums.items()}
 
 
 def focal_loss(
     logits: Float[Tensor, "*n"],
     positive: Bool[Tensor, "*n"],
-    counted: Bool[Tensor, "*n"],
+    counted: Bool[Tensor, "*n"] | Float[Tensor, "*n"],
     *,
     alpha: float = 0.25,
     gamma: float = 2.0,
 ) -> Tensor:
-    """Sum over the counted anchors of α (1 - p)^γ · cross-entropy, where p is the probability of what is true."""
+    """Sum over the anchors of α (1 - p)^γ · cross-entropy times what each counts (bool: all or nothing), where p is the
+    probability of what is true."""
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, alpha, 1 - alpha) * counted
     return -(weight * torch.sigmoid(-signed) ** gamma * F.logsigmoid(signed)).sum()
@@ -113,5 +104,5 @@ def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
     return shared / (size.prod(1) + target.prod(1) - shared)
 
 
-def _cross_entropy(logits: Tensor, target: Tensor) -> Tensor:
-    return F.binary_cross_entropy_with_logits(logits, target, reduction="sum")
+def _cross_entropy(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    return F.binary_cross_entropy_with_logits(logits, target, weight, reduction="sum")

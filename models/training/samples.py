@@ -44,8 +44,9 @@ class SampleRecipe:
     augmentation: object turns and shifts each object with its points (the paper's); scene turns and mirrors everything.
     positive, negative: IoU thresholds of the anchors; sampled: anchors in the loss, 0 for all; seen: points below which
     a vehicle is not asked for. errors, thinned, tilted: shares of the examples that sensors with errors see, whose
-    points are thinned, whose ground is off zero and slopes (`models.training.augmentation`). A network of several
-    classes has the thresholds of its kinds.
+    points are thinned, whose ground is off zero and slopes (`models.training.augmentation`). elsewhere: share of the
+    windows laid anywhere in the area, not near an object, where there is nothing but what looks like one. A network of
+    several classes has the thresholds of its kinds.
     """
 
     subsets: float = 0.5
@@ -57,6 +58,7 @@ class SampleRecipe:
     errors: float = 0.0
     thinned: float = 0.0
     tilted: float = 0.0
+    elsewhere: float = 0.0
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
@@ -106,6 +108,8 @@ class Samples(torch.utils.data.Dataset[Batch]):
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
         wanted = boxes[inside & (objects.labels == self._wanted(objects.labels[inside], rng)), :2]
+        if self.recipe.elsewhere and rng.random() < self.recipe.elsewhere:
+            wanted = wanted[:0]
         centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
         if self.recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)

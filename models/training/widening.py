@@ -22,7 +22,7 @@ def widened(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        bare: dict[str, Any] = {"faces": (), "calibration": (), "thresholds": ()}
+        bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "thresholds": ()}
         wider = VoxelNet(replace(network.config, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():

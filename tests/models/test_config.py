@@ -63,6 +63,7 @@ CLASSES = VoxelNetConfig.light(
     **road_users(),
     faces=("vehicle", "heavy"),
     calibration=((1.5, -0.5), (1.0, 0.0), (0.7, 0.1), (1.0, 2.0)),
+    rivalry=((1.0, 0.0, 0.0, 0.5, 0.0, 0.0),) * 4,
     score_threshold=0.35,
     thresholds=(0.1, 0.2, 0.3, 0.4),
 )
@@ -77,7 +78,7 @@ def test_classes_faces_and_calibration_survive_json():
 
 def test_what_says_nothing_new_is_not_written_so_that_digests_stay():
     light = VoxelNetConfig.light((-8, -8, 8, 8))
-    assert not {"kinds", "faces", "calibration", "score_threshold", "thresholds"} & light.to_dict().keys()
+    assert not {"kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds"} & light.to_dict().keys()
     assert "faces" in CLASSES.to_dict()
     (kind,) = light.anchor_kinds
     assert (kind.label, kind.size, kind.z, kind.yaws) == ("vehicle", light.anchor_size, 0.8, light.anchor_yaws)
@@ -102,6 +103,10 @@ def test_the_anchors_of_classes_by_name():
         ({**road_users(), "head": "published"}, "need a quality head"),
         ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "a slope above 0 per label"),
         ({"calibration": ((0.0, 0.0),)}, "a slope above 0 per label"),
+        ({"rivalry": ((1.0, 0.0),)}, "rivalry must have"),
+        ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have"),
+        ({"rivalry": ((1.0, 0.0, -0.1),)}, "rivalry must have"),
+        ({"rivalry": ((1.0, 0.0, 0.1),) * 2}, "rivalry must have"),
         ({"score_threshold": 1.0}, "0..1"),
         ({"thresholds": (-0.1,)}, "0..1"),
         ({"thresholds": (0.1, 0.1)}, "one per label"),

@@ -10,6 +10,7 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, averaged, candidates, label_scores, load_detector, suppressed
 from models.network.anchors import anchors, encode, faces_back
+from models.network.rivals import LEAST_RIVAL, contested
 from models.network.voxelnet import Prediction, VoxelNet
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Detector
@@ -295,6 +296,25 @@ def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
     np.testing.assert_array_equal(own(points()).scores, found.scores[kept])
     np.testing.assert_array_equal(own(points()).labels, found.labels[kept])
     np.testing.assert_array_equal(VoxelNetDetector(made, score_threshold=0.1)(points()).scores, found.scores)
+
+
+def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what_is_left():
+    small = dataclasses.replace(VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users()), averaging=0.0)
+    made = network(small, logit=0.5)
+    rows = ((1.0, 0.0, 0.0, 1.0, 1.0, 2.0),) * 4
+    bare = VoxelNetDetector(made, score_threshold=LEAST_RIVAL)(points())
+    made.config = dataclasses.replace(small, rivalry=rows)
+    expected = contested(bare, made.config)
+    assert (expected.scores < bare.scores).any()
+    for least in (0.0, 0.15, 0.3, 0.45):
+        own = VoxelNetDetector(made, score_threshold=least)(points())
+        kept = expected[expected.scores > least]
+        if least >= LEAST_RIVAL:
+            np.testing.assert_array_equal(own.scores, kept.scores)
+            np.testing.assert_array_equal(own.boxes, kept.boxes)
+        else:
+            assert set(kept.scores) <= set(own.scores)
+            assert (own.scores > least).all()
 
 
 def test_a_second_stage_and_classes_survive_a_file(tmp_path):

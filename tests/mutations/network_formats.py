@@ -38,6 +38,7 @@ def class_weights(path: Path) -> None:
 
     torch.manual_seed(0)
     classes: dict[str, Any] = {**road_users(), "faces": ("heavy",), "calibration": ((1.2, -0.1),) * 4}
+    classes["rivalry"] = ((1.1, -0.2, 0.0, 0.5, 0.0, 1.0),) * 4
     made = VoxelNet(replace(network().config, head="quality", **classes))
     made.faces.prior[:] = 0.1  # type: ignore[union-attr]
     save_weights(path, made, Header("yard", 3, "abc", {"AP@0.7": 0.5}))

@@ -23,13 +23,12 @@ from typing import NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64
 from toolkit.boxes import count_points, nms
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.frame import empty_scene
-from toolkit.geometry import levelled
+from toolkit.detection.background.background import Background
+from toolkit.detection.background.site_background import empty_sweeps
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
-from toolkit.points import frame_points
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
 LOWEST_ROOF = 1.3  # m, where no more of a car's height was seen
@@ -37,49 +36,6 @@ LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
 LENGTH_SEEN = 0.75 * CAR[0]  # m, from which both ends of a car were seen, so that its length needs no completion
 DOUBT = 10.0  # points of free ground that weigh as much as all of a cluster's points at the side to be completed
 OVERLAP = 0.1  # IoU above which the worse of two cars goes
-MOST_VOXELS = 1 << 28
-
-
-@dataclass(frozen=True)
-class Background:
-    """The empty site: which voxels it occupies, and how high its ground is.
-
-    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), one layer round
-    the occupied voxels included; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
-    """
-
-    origin: Float64[np.ndarray, "3"]
-    voxel: float
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    cell: float
-    ground: Float64[np.ndarray, "kx ky"]
-
-    @staticmethod
-    def learn(points: Float[np.ndarray, "n 3"], voxel: float = 0.15, cell: float = 1.0) -> Background:
-        """From the points of the empty site, best of several sweeps with their noise."""
-        if not len(points):
-            raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
-        if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
-            raise ValueError(
-                f"the background must be finite and small, got {np.ptp(points, axis=0)} m: crop to the area"
-            )
-        origin = points.min(axis=0).astype(np.float64) - 2 * voxel
-        index = ((points - origin) / voxel).astype(np.int64)
-        occupied = np.zeros(index.max(axis=0) + 3, bool)
-        occupied[tuple(index.T)] = True
-        for axis in range(3):
-            occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
-        return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
-
-    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which points lie in or beside a voxel of the empty site."""
-        index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
-        return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
-
-    def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height of the ground at places (m)."""
-        place = np.clip((xy - self.origin[:2]) / self.cell, 0, np.array(self.ground.shape) - 1)
-        return self.ground[tuple(place.astype(np.int64).T)]
 
 
 @dataclass(frozen=True)
@@ -105,12 +61,7 @@ class ClusterDetector:
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
         """Having seen the site of a recording empty, as its sensors measure it, four times over with their noise."""
-        empty, rng = empty_scene(recording), np.random.default_rng(0)
-        return ClusterDetector.learn(
-            levelled(points, recording.site.relief.slope)
-            for _ in range(4)
-            for points in frame_points(empty, area=recording.site, rng=rng)
-        )
+        return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -261,27 +212,3 @@ def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
             doubt = np.where(at_high, rectangle.at_high, rectangle.at_low) @ (missing > 0)
             ways.append((rectangle._replace(low=low, high=high), float(doubt)))
     return ways
-
-
-def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Height of the ground in cells: the 5 % quantile of their points, unless it stands more than half a metre above
-    the rest; then the least of the neighbours. In the end every cell takes the least of those within two cells, so that
-    kerbs and walls do not lift the street beside them."""
-    place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
-    shape = place.max(axis=0) + 1
-    key = place[:, 0] * shape[1] + place[:, 1]
-    order = np.lexsort((points[:, 2], key))
-    keys, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    ground = np.full(shape[0] * shape[1], np.nan)
-    ground[keys] = points[order[first + count // 20], 2]
-    ground[ground > np.nanmedian(ground) + 0.5] = np.nan
-    ground = ground.reshape(shape)
-    while np.isnan(ground).any():
-        ground = np.where(np.isnan(ground), _least_within(ground, 1), ground)
-    return _least_within(ground, 2)
-
-
-def _least_within(cells: np.ndarray, distance: int) -> np.ndarray:
-    around = (2 * distance + 1,) * 2
-    padded = np.pad(cells, distance, constant_values=np.nan)
-    return np.fmin.reduce(np.lib.stride_tricks.sliding_window_view(padded, around), axis=(-2, -1))

@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from toolkit.runtime.lost import WorkLost
+from toolkit.runtime.memory import keep_freed_memory
 from toolkit.runtime.ray_backend import RETRIES, on_ray
 
 AHEAD = 2  # inputs handed out per process
@@ -227,6 +228,7 @@ def _start_worker(pickled: bytes, parent: Connection, ticks: Any) -> None:
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    keep_freed_memory()
     _job, _ticks = pickle.loads(pickled), ticks
 
 

@@ -74,7 +74,8 @@ def evaluate(
         dataset: Recording made by coview simulate, or one of the authors' files; with --layout, of clouds.
         detector: cluster, general with --layout; a trained network: voxelnet for the site's own, a name, or a
             weights file; or your own, package.module:callable, either the detector or what makes it for a site (see
-            toolkit.detection.imported).
+            toolkit.detection.imported). With +background behind it (voxelnet+background), what stands in the empty site
+            is left out.
         layout: Of a recording of clouds, as in coview detect; then AP by footprint and volume, by range and points, in
             our protocol, KITTI's and nuScenes', is printed.
         level: With --layout, as in coview detect.

@@ -1,6 +1,7 @@
 """AP of the general weights on random junctions with random sensors, by points on the vehicle and by class.
 
     python tests/benchmarks/models/bench_general.py [--sites 20] [--frames 10] [--seed 9001] [--weights general]
+        [--background]
 
 Early fusion of all sensors, exact protocol. In each line only vehicles with so many points count, the others are
 neither missed nor false alarms. By class everybody in the area counts, unseen ones too; precision, recall and false
@@ -27,12 +28,15 @@ def main() -> None:
     for name, default in (("sites", 20), ("frames", 10), ("seed", 9001)):
         arguments.add_argument(f"--{name}", type=int, default=default)
     arguments.add_argument("--weights", default="general")
+    arguments.add_argument("--background", action="store_true", help="detectors that know the empty sites")
     asked = arguments.parse_args()
 
     from models import load_detector
     from toolkit.boxes import count_points
     from toolkit.datasets.dataset import noisy
     from toolkit.datasets.random_recordings import random_recording
+    from toolkit.detection.background.known_background import KnownBackground
+    from toolkit.detection.background.site_background import site_background
     from toolkit.detection.metrics import evaluate
     from toolkit.objects import VEHICLE
     from toolkit.points import centred_in, detect_on_ground, frame_points
@@ -41,8 +45,9 @@ def main() -> None:
     for number in range(asked.sites):
         recording = random_recording(asked.seed, number, asked.frames)
         area = recording.site.area
-        all_of_them = load_detector(asked.weights, area=area, score_threshold=LOWEST_SCORE)
-        detector = load_detector(asked.weights, area=area)
+        known = site_background(recording.site) if asked.background else None
+        unsure, own = (load_detector(asked.weights, area=area, score_threshold=least) for least in (LOWEST_SCORE, None))
+        all_of_them, detector = (bare if known is None else KnownBackground(bare, known) for bare in (unsure, own))
         for frame in recording.frames:
             cloud = np.concatenate(frame_points(noisy(frame, 0), area=recording.site))
             detections.append(detect_on_ground(all_of_them, cloud, recording.site))

@@ -17,6 +17,7 @@ from models.training.calibration import (
     lowest_threshold,
     platt,
     sigmoid,
+    with_rivals,
 )
 from models.training.presets import config_for
 from toolkit.detection.metrics import reliability
@@ -41,6 +42,15 @@ def test_calibrated_scores_are_shares():
     slope, intercept = platt(scores, hits)
     assert reliability(scores, hits).error > 0.1
     assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
+
+
+def test_it_finds_what_each_rival_takes_and_no_rival_adds():
+    rng = np.random.default_rng(3)
+    scores, rivals = rng.uniform(0.02, 0.98, 20000), rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5)
+    hits = rng.random(20000) < sigmoid(1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0]))
+    assert with_rivals(scores, rivals, hits) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
+    helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
+    assert with_rivals(scores, rivals, helped)[2:] == (0.0, 0.0, 0.0)
 
 
 def test_few_or_spotless_detections_give_no_wild_answer():
@@ -115,6 +125,25 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         ]
         scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
         assert result.thresholds[number] == round(max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3)
+
+
+def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
+    """Everybody is a heavy vehicle with its cab found as a vehicle, half of the time; else a vehicle alone."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for _ in range(12):
+        heavy = rng.random(30) < 0.5
+        found, there, counted = scene(VEHICLE, rng.uniform(0.4, 0.9, 30), ~heavy)
+        trucks, drawn, _ = scene(HEAVY, rng.uniform(0.6, 0.95, 30), np.ones(30, bool))
+        labels = np.repeat([VEHICLE, HEAVY], [30 - heavy.sum(), heavy.sum()])
+        true = Objects(np.concatenate([there.boxes[~heavy], drawn.boxes[heavy]]), labels)
+        frames.append((Detections.merge([found, trucks[heavy]]), true, counted))
+    monkeypatch.setattr(calibration, "detections_of", fake(frames))
+    network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "heavy")))
+    (_, _, own, from_heavy), (_, _, from_vehicle, _) = calibrated_on(network, packed).config.rivalry
+    assert own == 0
+    assert from_heavy > 4
+    assert from_vehicle < 0.5
 
 
 def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from models.training.log import LOG
+from models.training.log import LOG, curves
 from models.training.loop import train
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
@@ -98,3 +98,14 @@ def test_it_goes_on_from_other_weights(packed_file, tmp_path):
     assert all(torch.allclose(theirs[name], p, atol=1e-6) for name, p in second.named_parameters())
     with pytest.raises(ValueError, match="start"):
         train(packed_file, config, settings, tmp_path / "second")
+
+
+def test_in_bfloat16_it_learns_as_well_and_is_another_run(packed_file, tmp_path):
+    config, settings, figures = config_for(AREA, "fast"), replace(FAST, epochs=4.0), {}
+    for bfloat16 in (False, True):
+        train(packed_file, config, settings, tmp_path / str(bfloat16), bfloat16=bfloat16)
+        figures[bfloat16] = curves(tmp_path / str(bfloat16) / LOG)["class"][1][-1]
+    assert figures[True] == pytest.approx(figures[False], rel=0.1)
+    assert figures[True] != figures[False]
+    with pytest.raises(ValueError, match="another bfloat16"):
+        train(packed_file, config, settings, tmp_path / "True")

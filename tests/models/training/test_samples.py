@@ -209,3 +209,16 @@ def test_thinned_and_tilted_examples_have_fewer_points_on_other_ground(packed):
     spread = [np.ptp([np.median(each[epoch, 1].voxels.points[:, 2]) for epoch in range(9)]) for each in (plain, tilt)]
     assert spread[0] < 0.01
     assert spread[1] > 0.05
+
+
+def test_so_many_windows_lie_anywhere(packed):
+    small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2))
+    recipe = SampleRecipe(subsets=0.0)
+
+    def with_somebody(recipe):
+        samples = Samples(packed, small, recipe, seed=0)
+        return np.mean([(samples[epoch, 0].labels == POSITIVE).any().item() for epoch in range(60)])
+
+    near, some, anywhere = (with_somebody(replace(recipe, elsewhere=share)) for share in (0.0, 0.5, 1.0))
+    assert near > some > anywhere
+    assert anywhere < near - 0.3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.boxes import corners, iou_3d
-from toolkit.detection.cluster import Background, ClusterDetector
+from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 
@@ -149,14 +149,6 @@ def test_points_that_are_not_finite_and_points_outside_do_not_disturb(detector):
 def test_the_ground_is_not_lifted_by_what_stands_on_it(detector):
     height = detector.background.height(np.array([[0.0, 0.0], [0.0, 13.8], [500.0, 500.0]]))
     np.testing.assert_allclose(height, 0.01, atol=0.02)
-
-
-@pytest.mark.parametrize(
-    "points", [np.zeros((0, 3)), np.full((3, 3), np.nan), np.array([[0.0, 0, 0], [1e5, 1e5, 1e5]])]
-)
-def test_a_background_that_is_none_is_refused(points):
-    with pytest.raises(ValueError, match="background"):
-        Background.learn(points)
 
 
 def test_a_frame_is_quick(detector):

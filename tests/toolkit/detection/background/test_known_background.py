@@ -1,0 +1,97 @@
+"""A detector that knows its empty site: whose boxes hold nothing new is left out, nobody else."""
+
+import numpy as np
+import pytest
+
+from toolkit.detection.background.background import Background
+from toolkit.detection.background.known_background import LEAST_NEW, KnownBackground
+from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, known_labels
+
+WALL = np.array([6.0, 0, 1.0, 4, 0.6, 1.8, 0])
+CAR = np.array([0.0, 0, 0.8, 4, 1.8, 1.5, 0])
+BEHIND = np.array([0.0, 8, 0.8, 4, 1.8, 1.5, 0])
+
+
+def ground():
+    x, y = np.meshgrid(np.arange(-10, 10, 0.1), np.arange(-10, 10, 0.1))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.02)])
+
+
+def on(box, count, seed=0):
+    """Points on the upper part of a box."""
+    offsets = np.random.default_rng(seed).uniform([-0.5, -0.5, 0.2], 0.5, (count, 3)) * 0.98
+    return box[:3] + offsets * box[3:6]
+
+
+EMPTY = np.concatenate([ground(), on(WALL, 20000)])
+
+
+class Fixed:
+    """Says the same of every cloud."""
+
+    digest, labels = "fixed", ("vehicle", "heavy")
+
+    def __call__(self, points):
+        return Detections(np.array([WALL, CAR, BEHIND]), np.array([0.9, 0.8, 0.7]), np.array([HEAVY, VEHICLE, VEHICLE]))
+
+
+@pytest.fixture(scope="module")
+def background():
+    return Background.learn(EMPTY)
+
+
+def seen(new, old=200):
+    """The empty site, so many of its points in the car's box, and new ones there."""
+    inside = np.tile([[0.5, 0.2, 0.1]], (old, 1))
+    return np.concatenate([on(WALL, 500, 1), inside, on(CAR, new, 2)]).astype(np.float32)
+
+
+def test_what_stands_there_is_left_out_and_who_came_stays(background):
+    found = KnownBackground(Fixed(), background)(seen(100))
+    assert found.labels.tolist() == [VEHICLE]
+    np.testing.assert_array_equal(found.boxes, [CAR])
+    assert found.scores.tolist() == [0.8]
+
+
+@pytest.mark.parametrize(("new", "stays"), [(0, False), (49, False), (50, True), (51, True)])
+def test_from_a_fifth_of_new_points_on_somebody_is_there(background, new, stays):
+    assert LEAST_NEW == 0.2
+    assert len(KnownBackground(Fixed(), background)(seen(new))) == stays
+
+
+def test_a_single_point_of_one_is_enough_and_none_of_none_is_not(background):
+    known = KnownBackground(Fixed(), background)
+    one = np.array([[0.0, 0, 1.0]])
+    np.testing.assert_array_equal(known(one).boxes, [CAR])
+    assert len(known(np.zeros((0, 3)))) == 0
+
+
+def test_points_that_are_not_finite_are_nobody(background):
+    lost = np.concatenate([seen(60), np.full((10, 3), np.nan, np.float32), [[np.inf, 0, 1]]])
+    np.testing.assert_array_equal(KnownBackground(Fixed(), background)(lost).boxes, [CAR])
+
+
+def test_no_detections_stay_none(background):
+    def nobody(points):
+        return Detections.empty()
+
+    assert len(KnownBackground(nobody, background)(seen(10))) == 0
+
+
+def test_it_says_of_itself_what_the_detector_says_and_what_it_knows(background):
+    known = KnownBackground(Fixed(), background)
+    assert known_labels(known) == tuple(label for label in LABELS if label in Fixed.labels)
+    other = Background.learn(ground())
+    digests = {Fixed.digest, known.digest, KnownBackground(Fixed(), other).digest}
+    digests.add(KnownBackground(Fixed(), background, 0.3).digest)
+    assert len(digests) == 4
+    assert KnownBackground(Fixed(), Background.learn(EMPTY)).digest == known.digest
+    bare = KnownBackground(lambda points: Detections.empty(), background)
+    assert not hasattr(bare, "digest")
+    assert known_labels(bare) is None
+
+
+@pytest.mark.parametrize("least", [0.0, -0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_is_refused(background, least):
+    with pytest.raises(ValueError, match="least must be a share"):
+        KnownBackground(Fixed(), background, least)

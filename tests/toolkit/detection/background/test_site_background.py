@@ -1,0 +1,82 @@
+"""The background of a site: all that its sensors see there, and nobody who drives there."""
+
+import numpy as np
+import pytest
+
+from toolkit.detection.background.background import Background
+from toolkit.detection.background.site_background import empty_sweeps, recording_background, site_background
+from toolkit.frame import Frame
+from toolkit.geometry import LEVEL, levelled
+from toolkit.objects import Objects
+from toolkit.points import frame_points
+from toolkit.rendering.renderer import Renderer
+from toolkit.sites.random import random_sensors, random_site
+from toolkit.sites.site import Site
+
+
+def seen_empty(site, seed):
+    """What sensors measure at a site, two frames of it."""
+    sensors = random_sensors(site, seed, 4)
+    background = Renderer(site, (), sensors, threads=1).background
+    return [Frame(sensors, background, Objects.empty(), float(k), k) for k in range(2)]
+
+
+@pytest.fixture(scope="module", params=[3, 5])
+def place(request):
+    site = random_site(request.param)
+    return site, seen_empty(site, request.param), site_background(site)
+
+
+def test_what_sensors_see_of_the_site_is_background(place):
+    site, frames, background = place
+    clouds = frame_points(frames[0], area=site, rng=np.random.default_rng(0))
+    points = levelled(np.concatenate(clouds), site.relief.slope)
+    assert len(points) > 2000
+    assert background.holds(points).mean() > 0.995
+
+
+def test_who_drives_there_is_not(place):
+    site, frames, background = place
+    rng = np.random.default_rng(1)
+    (points,) = frame_points(frames[0], sensors=[0], area=site)
+    ground = levelled(points, site.relief.slope)
+    ground = ground[np.abs(ground[:, 2]) < 0.1]
+    assert len(ground) > 50
+    clear = ground + rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 1.5], ground.shape)
+    assert background.holds(clear).mean() < 0.1  # there are crowns, fences and works
+
+
+def test_the_same_site_gives_the_same_and_some_of_them_slope(place):
+    site, _, background = place
+    assert site_background(site).digest == background.digest
+    assert random_site(3).relief.slope != LEVEL
+
+
+def test_of_a_recording_it_is_the_site_s_scenery_or_else_what_is_seen_behind_all_that_moves(place):
+    site, frames, background = place
+    recording = Recorded(frames, site)
+    assert recording_background(recording).digest == background.digest
+    bare = Recorded(frames, Site("bare", site.area, relief=site.relief))
+    learnt = recording_background(bare)
+    assert learnt.digest == Background.learn(np.concatenate(list(empty_sweeps(bare)))).digest
+    assert len(list(empty_sweeps(bare))) == 4 * len(frames[0].sensors)
+    again = np.concatenate(frame_points(frames[1], area=site, rng=np.random.default_rng(9)))
+    assert learnt.holds(levelled(again, site.relief.slope)).mean() > 0.97
+
+
+class Recorded(list):
+    """Stands for a recording: its frames, and its site."""
+
+    def __init__(self, frames, site):
+        super().__init__(frames)
+        self.site = site
+
+
+def test_what_is_far_off_or_overhead_is_not_kept():
+    site = random_site(3)
+    xmin, ymin, xmax, ymax = site.area
+    background = site_background(site)
+    size = np.array(background.occupied.shape) * background.voxel
+    assert size[0] < xmax - xmin + 1
+    assert size[1] < ymax - ymin + 1
+    assert size[2] < 6.5

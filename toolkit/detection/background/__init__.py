@@ -1,0 +1,1 @@
+"""What stands still at a site, and detectors that know it."""

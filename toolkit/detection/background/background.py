@@ -1,0 +1,91 @@
+"""`Background`: the space that an empty site fills, in voxels, and the height of its ground.
+
+A point in or beside a voxel that the empty site occupies shows the site; any other shows somebody. It works on points
+of any sensors, wherever they stand.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float64
+
+MOST_VOXELS = 1 << 28
+
+
+@dataclass(frozen=True)
+class Background:
+    """The empty site: which voxels it occupies, and how high its ground is.
+
+    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), one layer round
+    the occupied voxels included; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
+    """
+
+    origin: Float64[np.ndarray, "3"]
+    voxel: float
+    occupied: Bool[np.ndarray, "nx ny nz"]
+    cell: float
+    ground: Float64[np.ndarray, "kx ky"]
+
+    @staticmethod
+    def learn(points: Float[np.ndarray, "n 3"], voxel: float = 0.15, cell: float = 1.0) -> Background:
+        """From the points of the empty site, best of several sweeps with their noise."""
+        if not len(points):
+            raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
+        if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
+            raise ValueError(
+                f"the background must be finite and small, got {np.ptp(points, axis=0)} m: crop to the area"
+            )
+        origin = points.min(axis=0).astype(np.float64) - 2 * voxel
+        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)  # the least one is, but for rounding
+        occupied = np.zeros(index.max(axis=0) + 3, bool)
+        occupied[tuple(index.T)] = True
+        for axis in range(3):
+            occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
+        return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
+
+    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Which points lie in or beside a voxel of the empty site."""
+        index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
+        return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all it holds."""
+        said = hashlib.sha256()
+        for part in (self.origin, self.voxel, self.occupied, self.cell, self.ground):
+            said.update(repr(np.shape(part)).encode() + np.ascontiguousarray(part).tobytes())
+        return said.hexdigest()
+
+    def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Height of the ground at places (m)."""
+        place = np.clip((xy - self.origin[:2]) / self.cell, 0, np.array(self.ground.shape) - 1)
+        return self.ground[tuple(place.astype(np.int64).T)]
+
+
+def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
+    """Height of the ground in cells: the 5 % quantile of their points, unless it stands more than half a metre above
+    the rest; then the least of the neighbours. In the end every cell takes the least of those within two cells, so that
+    kerbs and walls do not lift the street beside them."""
+    place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
+    shape = place.max(axis=0) + 1
+    key = place[:, 0] * shape[1] + place[:, 1]
+    order = np.lexsort((points[:, 2], key))
+    keys, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    ground = np.full(shape[0] * shape[1], np.nan)
+    ground[keys] = points[order[first + count // 20], 2]
+    ground[ground > np.nanmedian(ground) + 0.5] = np.nan
+    ground = ground.reshape(shape)
+    while np.isnan(ground).any():
+        ground = np.where(np.isnan(ground), _least_within(ground, 1), ground)
+    return _least_within(ground, 2)
+
+
+def _least_within(cells: np.ndarray, distance: int) -> np.ndarray:
+    around = (2 * distance + 1,) * 2
+    padded = np.pad(cells, distance, constant_values=np.nan)
+    return np.fmin.reduce(np.lib.stride_tricks.sliding_window_view(padded, around), axis=(-2, -1))

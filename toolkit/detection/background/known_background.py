@@ -1,0 +1,62 @@
+"""`KnownBackground`: a detector whose sensors stand still and know their site empty.
+
+What a detector takes for somebody and is a part of the site stands there in every frame: a bush, a container, a gap in
+a hedge. Of a road user most points are not where the empty site has its own, so a detection that holds hardly any other
+points is left out. It costs no recall but for who was there while the site was learnt and never left.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float
+from toolkit.boxes import count_points
+from toolkit.detection.background.background import Background
+from toolkit.objects import Detections, Detector
+
+LEAST_NEW = 0.2  # share of the points in a box that the background does not hold, from which on somebody is in it
+
+
+@dataclass(frozen=True)
+class KnownBackground:
+    """A detector less its detections of what stands still; points in the frame of the background.
+
+    least: share of the points in a detection's box that are not background, below which it is left out. Raises
+    ValueError for one outside 0 to 1.
+    """
+
+    detector: Detector
+    background: Background
+    least: float = LEAST_NEW
+
+    def __post_init__(self) -> None:
+        if not 0 < self.least <= 1:
+            raise ValueError(f"least must be a share above 0, at most 1, got {self.least}: such as {LEAST_NEW}")
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Classes that the detector says it knows; there are none (AttributeError) where it does not say."""
+        return self.detector.labels  # type: ignore[attr-defined]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what the detections depend on; there is none (AttributeError) where the detector has none."""
+        own = self.detector.digest  # type: ignore[attr-defined]
+        return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
+
+    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
+        """Detect; points: (n, 3), those that are not finite count for nobody."""
+        found = self.detector(points)
+        return found[self.somebody(found, points)]
+
+    def somebody(self, found: Detections, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Which detections hold enough points, and one at least, that are not background."""
+        if not len(found):
+            return np.zeros(0, bool)
+        finite = points[np.isfinite(points).all(axis=1)]
+        there = count_points(finite, found.boxes)
+        new = count_points(finite[~self.background.holds(finite)], found.boxes)
+        return np.asarray((new > 0) & (new >= self.least * there))

@@ -1,0 +1,73 @@
+"""The background of a site: of its scenery, or of what the sensors of a recording see behind all that moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.detection.background.background import Background
+from toolkit.frame import empty_scene
+from toolkit.geometry import levelled
+from toolkit.mesh import Mesh
+from toolkit.points import Crop, frame_points
+from toolkit.rendering.static_scene import scenery
+from toolkit.sites.site import Site
+
+VOXEL = 0.15  # m
+PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
+_SWEEPS = 4  # of the empty scene, each with noise of its own
+_FLOOR = -1.0  # m: the ground may lie a little below its own plane
+_AT_ONCE = 1 << 20
+
+
+def recording_background(recording: CoopDataset) -> Background:
+    """Of the scenery of a recording's site, where it has any; else what its sensors measure behind all that moves in
+    it, four times over with their noise: who parks there all the time is background then."""
+    if recording.site.solids:
+        return site_background(recording.site)
+    return Background.learn(np.concatenate(list(empty_sweeps(recording))), VOXEL)
+
+
+def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
+    """The points in the crop of each sensor of a recording where nobody is, four times over with noise; as if the
+    ground were level."""
+    empty, rng = empty_scene(recording), np.random.default_rng(0)
+    for _ in range(_SWEEPS):
+        for points in frame_points(empty, area=recording.site, rng=rng):
+            yield levelled(points, recording.site.relief.slope)
+
+
+def site_background(site: Site) -> Background:
+    """Of all that stands still at a site, in its area and up to its height, seen or unseen; as if the ground were
+    level. The same site gives the same."""
+    crop, slope = Crop.of(site), site.relief.slope
+    mesh = scenery(site)
+    near = _near(levelled(mesh.vertices, slope)[mesh.triangles], crop)
+    surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]))
+    points = [levelled(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
+    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), VOXEL)
+
+
+def _near(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
+    """Which triangles may reach into a crop; corners: as if the ground were level."""
+    lowest, highest = corners.min(axis=1), corners.max(axis=1)
+    xmin, ymin, xmax, ymax = crop.area
+    return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
+
+
+def _on_surfaces(mesh: Mesh) -> Iterator[Float[np.ndarray, "n 3"]]:
+    """Points spread at random over all triangles of a mesh, `PER_VOXEL` on a voxel's side in the mean."""
+    rng = np.random.default_rng(0)
+    corners = mesh.vertices[mesh.triangles]
+    edges = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    number = rng.poisson(area * (PER_VOXEL / VOXEL**2))
+    owner = np.repeat(np.arange(len(number)), number)
+    for start in range(0, len(owner), _AT_ONCE):
+        of = owner[start : start + _AT_ONCE]
+        share = rng.random((len(of), 2))
+        share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+        yield (corners[of, 0] + (share[:, :, None] * edges[of]).sum(axis=1)).astype(np.float32)
