@@ -57,8 +57,8 @@ def answer(
     (judged,) = final.judge(picked.sets[picked.chosen][None], progress=stage("chosen set"))
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
-    (left,) = final.left(picked.sets[picked.chosen][None], progress=stage("failures")) or [None]
-    (over_levels,) = final.over_levels(picked.sets[picked.chosen][None]) or [None]
+    left = next(iter(final.left(picked.sets[picked.chosen][None], progress=stage("failures")) or ()), None)
+    over_levels = next(iter(final.over_levels(picked.sets[picked.chosen][None]) or ()), None)
     final_option = replace(
         option, judged=judged, left=left, over_levels=over_levels, kbit=kbit, kbit_per_sensor=kbit / len(members)
     )

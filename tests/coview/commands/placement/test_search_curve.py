@@ -15,7 +15,7 @@ def test_a_curve_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkey
             raise OSError("killed")
         return contest(*arguments, **settings)
 
-    contest = curve.contest
+    contest = curve.contest  # type: ignore[attr-defined]
     monkeypatch.setattr(curve, "contest", race)
     refused(*asked, "--out", tmp_path / "o")
     assert not (tmp_path / "o").exists()

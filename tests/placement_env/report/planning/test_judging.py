@@ -157,7 +157,7 @@ def test_nothing_is_left_to_say_where_nothing_fails(street):
 def rush(street):
     """Sensor 0 sees nothing in the last four frames, which are the dense ones."""
 
-    class Rush(type(street.detected.renders)):
+    class Rush(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
             return super().clouds(k, c)[: 0 if c == 0 and k >= 4 else None]
 
@@ -200,7 +200,7 @@ def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street)
     counting = Counting.of(0.7, 0, TrafficLevels(2))
     judge = rush(counting)
     mixed = Judge(judge.detected, 0, counting, (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
-    (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))
+    (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))  # type: ignore[misc]
     first, second = mixed.by_level((0, 1))
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
     assert both.low == min(first.low, second.low) == 0.5
@@ -208,7 +208,7 @@ def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street)
 
 
 def test_a_level_with_nothing_to_find_says_nothing(street):
-    class Late(type(street.detected.renders)):
+    class Late(type(street.detected.renders)):  # type: ignore[misc]
         """There is a walker alone in the first four frames, and nobody sees anything."""
 
         def clouds(self, k, c):
@@ -223,6 +223,6 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
     judge = Judge(detected, 0, Counting.of(0.7, 0, TrafficLevels(2)), (np.arange(4), np.arange(4, 8)))
     first, second = judge.by_level((1,))
     assert first is None
-    (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))
+    (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
     assert over.ap == second.ap == 0.5
     assert Judge(detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None

@@ -202,9 +202,9 @@ def test_levels_of_traffic_decide_and_are_said(planned, cache):
     chosen = made.chosen
     assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
     assert [row.name for row in made.by_level] == ["thin traffic", "dense traffic"]
-    assert sum(row.judged.frames for row in made.by_level) == 5
+    assert np.sum([row.judged.frames for row in made.by_level]) == 5
     assert chosen.over_levels.ap == min(row.judged.ap for row in made.by_level)
-    assert chosen.judged.vehicles == sum(row.judged.vehicles for row in made.by_level)
+    assert chosen.judged.vehicles == np.sum([row.judged.vehicles for row in made.by_level])
     assert "at the worst of 2 levels of traffic" in made.verdict.sentence
     assert made.verdict.met is (chosen.over_levels.ap >= 0.01)
     assert any("compared is that at the worst of 2 levels" in sentence for sentence in made.why)

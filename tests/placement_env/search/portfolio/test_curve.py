@@ -1,5 +1,7 @@
 """The best AP of every number of sensors."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -94,6 +96,8 @@ def test_too_many_amounts_are_spread_evenly(street, make):
 class Mortal(DetectorEvaluator):
     """Is killed when it is asked for the so-many-th time."""
 
+    lives: list[int]
+
     def __init__(self, detected, lives):
         super().__init__(detected)
         object.__setattr__(self, "lives", [lives])
@@ -110,7 +114,8 @@ def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amount
     evaluator = DetectorEvaluator(street.detected)
     whole = budget_curve(street.objective, 3, amounts=amounts, evaluators=(evaluator, evaluator))
     assert len(whole) == 3
-    answers, ended = [], []
+    answers: tuple[Any, ...] = ()
+    ended = []
     for lives in range(100):
         try:
             mortal = Mortal(street.detected, max(2, lives))
