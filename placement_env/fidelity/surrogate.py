@@ -10,6 +10,7 @@ down to the i-th of them T_i = p_1 + ... + p_i hits are expected and λ (i - T_i
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.hits.hit_model import HitModel, shipped_model
 from placement_env.fidelity.protocol import ClassEstimates, Estimate
-from placement_env.fidelity.visibility import Visibility
+from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, bits_sent, predicted_as
 from toolkit.detection.schemes import scheme_of
@@ -100,6 +101,12 @@ class Surrogate:
             if part.objects
         ]
 
+    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
+        """The same over some of the frames alone, ascending; kbit stay those of all."""
+        other = copy(self)
+        other._parts = [part.in_frames(frames) for part in self._parts]
+        return other
+
     def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """How unsure the AP of each set is: its standard deviation over the resamples of the fit; NaN where a model has
         none. Says nothing of what the models have not got a number for."""
@@ -146,6 +153,10 @@ class _Part:
     def with_model(self, model: HitModel) -> _Part:
         """The same objects by another model."""
         return _Part(self.visibility, self._scheme, self._radius, model)
+
+    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> _Part:
+        """Those in some of the frames."""
+        return _Part(of_frames(self.visibility, frames), self._scheme, self._radius, self._model)
 
     def expected(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """AP and recall of each set."""

@@ -74,8 +74,9 @@ class PlannedSensor:
 class PlanOption:
     """A sensor set that was considered: names of candidates, price, what is sent, the AP that the searches' fidelity
     predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: at IoU 0.7,
-    0.8 and 0.9, in the traffic it was judged on; left: what the detector says of what is left of it when sensors fail,
-    None where the plan asks for no failures."""
+    0.8 and 0.9, in the traffic it was judged on; over_levels: what the detector says of it over levels of traffic, the
+    worst of them or their mean, None where the plan asks for none; left: what it says of what is left of it when
+    sensors fail, over the levels where there are such, None where the plan asks for no failures."""
 
     sensors: tuple[str, ...]
     price: float
@@ -86,16 +87,20 @@ class PlanOption:
     searches: tuple[str, ...] = ()
     mean_ap: float | None = None
     left: Judgement | None = None
+    over_levels: Judgement | None = None
 
     @property
     def counted(self) -> Judgement | None:
-        """By which sets are compared: what is left where failures are asked for, else the intact set."""
-        return self.judged if self.left is None else self.left
+        """By which sets are compared: what is left where failures are asked for, else the intact set, over levels of
+        traffic where such are asked for."""
+        intact = self.judged if self.over_levels is None else self.over_levels
+        return intact if self.left is None else self.left
 
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """One zone, range, approach or class: its figures with the chosen set; `judged` is None without any vehicle."""
+    """One zone, range, approach or level of traffic: its figures with the chosen set; `judged` is None without any
+    vehicle."""
 
     name: str
     judged: Judgement | None
@@ -231,6 +236,7 @@ class Plan:
     by_zone: tuple[BreakdownRow, ...] = ()
     by_range: tuple[BreakdownRow, ...] = ()
     by_approach: tuple[BreakdownRow, ...] = ()
+    by_level: tuple[BreakdownRow, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
     class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()

@@ -79,22 +79,23 @@ COLUMNS = (
 def _row(sensor: PlannedSensor, unit: str) -> list[str]:
     degrees = ["" if angle is None else f"{angle:.8f}" for angle in (sensor.longitude, sensor.latitude)]
     return [
-        _safe(sensor.pole),
-        _safe(sensor.name),
+        safe_cell(sensor.pole),
+        safe_cell(sensor.name),
         *(_fixed(length, 3) for length in (sensor.x, sensor.y, sensor.z)),
         *degrees,
         _fixed(sensor.height, 3),
         _fixed(_bearing(sensor), 1),
         _fixed(sensor.tilt_deg, 1),
-        _safe(sensor.model),
+        safe_cell(sensor.model),
         f"{sensor.model_price:.10g}",
         f"{sensor.pole_price:.10g}",
-        _safe(unit),
+        safe_cell(unit),
         *(_fixed(kbit, 1) for kbit in (sensor.kbit, sensor.peak_kbit, sensor.capacity_kbit)),
     ]
 
 
-def _safe(text: str) -> str:
+def safe_cell(text: str) -> str:
+    """A text for a cell of a table, which no program takes for a formula."""
     return f"'{text}" if text.startswith(FORMULA) else text
 
 

@@ -16,6 +16,7 @@ from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
 from placement_env.fidelity.table import digest_of
 from placement_env.objective import Objective, Score, Stages, Weights
+from placement_env.report.curve_answer import CURVE_TABLES, write_curve
 from placement_env.report.planning.refusals import check_present, exclusions
 from placement_env.report.planning.sentences import money
 from placement_env.report.search_answer import ANSWER_FILES, write_answer
@@ -27,6 +28,7 @@ from placement_env.search.description import (
     described_score,
     described_sensors,
 )
+from placement_env.search.exact.demand import Demand
 from placement_env.search.methods import METHODS, check_search, search_of
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
@@ -80,6 +82,7 @@ class SearchOrder:
 
     def __post_init__(self) -> None:
         counting = counting_of(self.settings)
+        Demand(**self.demand)
         check_search(self.method, self.fidelity, self.candidates, counting)
         if self.fidelity == "table" and self.settings.get("codec", PAPER) != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {self.settings['codec']}: say --codec paper")
@@ -127,7 +130,8 @@ def answered(
     if out is None:
         return _answered(order, None, NOWHERE, progress)
     place = out.with_name(out.name + UNFINISHED)
-    with unfinished(place, question_of(order), code=METHODS[order.method].module, overwrite=overwrite) as checkpoint:
+    code = budget_curve.__module__ if order.curve else METHODS[order.method].module
+    with unfinished(place, question_of(order), code=code, overwrite=overwrite) as checkpoint:
         known = order.detector is None or hasattr(order.detector, "digest")
         kept = order.settings.get("cache") or (checkpoint.place("cache") if known else None)
         return _answered(replace(order, settings={**order.settings, "cache": kept}), out, checkpoint, progress)
@@ -174,7 +178,7 @@ def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, prog
         return Answered({"sensors": [], "reasons": reasons}, (f"none may be built: {' '.join(reasons)}",), False)
     own = _judging(order, objective, progress) if order.method == PORTFOLIO else dict(order.demand)
     if order.curve:
-        return _curve(order, objective, own)
+        return _curve(order, objective, own, out, checkpoint)
     seed = order.settings.get("seed", 0)
     if METHODS[order.method].resumes:
         own["checkpoint"] = checkpoint
@@ -227,12 +231,16 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
     }
 
 
-def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Answered:
+def _curve(
+    order: SearchOrder, objective: Objective, own: dict[str, Any], out: Path | None, checkpoint: Checkpoint
+) -> Answered:
     """The budget curve: a row for each number of sensors, or where money is limited for each amount of it."""
     limited = not math.isinf(objective.most_price)
     amounts = amounts_up_to(objective, order.budget, objective.most_price) if limited else ()
     seed = order.settings.get("seed", 0)
-    points = budget_curve(objective, order.budget, amounts=amounts, seed=seed, **order.limits, **own)
+    points = budget_curve(
+        objective, order.budget, amounts=amounts, seed=seed, checkpoint=checkpoint, **order.limits, **own
+    )
     rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
     summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance}
     if not points:
@@ -245,6 +253,9 @@ def _curve(order: SearchOrder, objective: Objective, own: dict[str, Any]) -> Ans
             f"  {point.sensors} for {money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} to "
             f"{point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: {names}"
         )
+    if out is not None:
+        write_curve(out, objective, points, finite(summary), judge=order.judge, currency=order.currency)
+        lines.append(f"written to {out}: {', '.join(CURVE_TABLES)}, and the site with each set")
     return Answered(summary, tuple(lines), True)
 
 

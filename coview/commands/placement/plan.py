@@ -43,6 +43,8 @@ def plan(
     iou: str = "0.7",
     failing: Literal[0, 1, 2] = 0,
     failures: Literal["worst", "mean"] = "worst",
+    levels: Literal[1, 2, 3, 4] = 1,
+    levels_by: Literal["worst", "mean"] = "worst",
     candidates: str = "pool",
     sensors: Path | None = None,
     keep_out: Path | None = None,
@@ -77,6 +79,9 @@ def plan(
         iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.
         failing: Sensors that fail (0 to 2): sets are compared, and required to reach --min-ap, by what is left then.
         failures: What is left in the worst case, or in the mean over which fail.
+        levels: Of traffic, by how many road users are there at once: sets are searched, compared, and required to reach
+            --min-ap, by the AP of each level by itself.
+        levels_by: The level of least AP counts, or the mean of their AP.
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
@@ -94,6 +99,7 @@ def plan(
     from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
     from placement_env.fidelity.combined.mean_iou import iou_range, iou_text
     from placement_env.fidelity.combined.robust import Failing
+    from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
@@ -132,6 +138,7 @@ def plan(
         codec=codec_named(codec),
         iou=thresholds,
         failing=Failing(failing, failures),
+        levels=TrafficLevels(levels, levels_by),
         candidates=candidates,
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),
         keep_out=() if keep_out is None else load_keep_out(keep_out, place),
@@ -153,6 +160,12 @@ def plan(
             f"{iou_text(row.iou)}, {row.judged.vehicles} to find"
             for row in planned.plan.class_ap
         ]
+    lines += [
+        f"  {row.name:<18} AP {row.judged.ap:.3f} ({row.judged.low:.3f} to {row.judged.high:.3f}), "
+        f"{row.judged.vehicles} to find in {row.judged.frames} frames"
+        for row in planned.plan.by_level
+        if row.judged is not None
+    ]
     lines.append(f"written to {out}: {', '.join(path.name for path in written)}")
     print_result(planned.plan.as_dict(), "\n".join(lines), as_json=json)
     return NOT_MET if refused else OK

@@ -101,11 +101,12 @@ def search(
         money: Most that a set may cost, in the catalogue's currency, or in ordinary poles.
         curve: Print the best AP of every number of sensors up to the budget, or for every amount of --money up to that.
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
-        failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least by fidelity coverage alone.
+        failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least up to 1, whichever it is.
         failures: What is left in the worst case, or in the mean over which fail.
         levels: Of traffic, by how many road users are there at once: the AP of each by itself, in the race as well.
+            With --at-least it is reached at each.
         levels_by: The level of least AP counts, or the mean of their AP.
-        parts: With --at-least and fidelity coverage: in each of so many parts of the traffic.
+        parts: With --at-least: in each of so many consecutive parts of the traffic.
         detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
         frames: Of simulated traffic that is searched; portfolio has up to 96 more to race on and 120 to judge by.
@@ -125,6 +126,7 @@ def search(
         workers: Processes that render and detect.
         ray: Address of a Ray cluster instead; local for this machine.
         out: Folder for the site with its sensors, schedule, map, picture, origin; killed and asked again, it goes on.
+            With --curve for its table, picture, origin, and the site with each set.
         overwrite: Replace these files.
         json: Print as JSON.
     """
@@ -132,6 +134,7 @@ def search(
     from placement_env.fidelity.combined.robust import Failing
     from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.objective import Weights
+    from placement_env.report.curve_answer import curve_files
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
@@ -151,8 +154,10 @@ def search(
     chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
     if (chosen == "cheapest") != (at_least is not None) or (at_least is None and parts > 1):
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
-    if curve and (chosen != "portfolio" or out):
-        raise ValueError("--curve is drawn by --method portfolio, and writes no folder: leave --out out")
+    if at_least is not None and "mean" in (failures, levels_by):
+        raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
+    if curve and chosen != "portfolio":
+        raise ValueError(f"--curve is drawn by --method portfolio, got {chosen}: leave --method out")
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
     detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
@@ -168,24 +173,25 @@ def search(
     place = load_site(site)
     if out is not None:
         check_georeference(place)
-        for name in ANSWER_FILES:
+        for name in curve_files(budget, by_money=money is not None) if curve else ANSWER_FILES:
             check_folder(out, holds=name, inputs=[*site_file(site), *site_file(candidates)], overwrite=overwrite)
     if fidelity == "table" and candidates != "paper":
         raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
     own = None if detector is None else site_detector(detector, place)
     if own is not None and detector is not None and cache is not None:
         check_digest(detector, own, ": add one, or say --cache None")
+    worst = {"at_least": at_least, "failing": failing, "parts": parts, "levels": levels}
+    demand = {} if at_least is None else worst
     pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
         site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
         judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=errors,
         detector=own, surrogate=surrogate, table=table, limits={"seconds": seconds, "evaluations": evaluations},
-        demand={"at_least": at_least, "failing": failing, "parts": parts} if chosen == "cheapest" else {},
-        currency=currency, curve=curve,
+        demand=demand, currency=currency, curve=curve,
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
-            "failing": Failing(0 if at_least else failing, failures), "levels": TrafficLevels(levels, levels_by),
-            "workers": workers, "ray": ray, "classes": counted, "codec": codec_named(codec),
+            "failing": Failing(0 if demand else failing, failures), "workers": workers, "ray": ray, "classes": counted,
+            "levels": TrafficLevels(1 if demand else levels, levels_by), "codec": codec_named(codec),
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:

@@ -20,6 +20,12 @@ from toolkit.arrays import Bool, Float64, Int64
 
 LevelCombine = Literal["mean", "worst"]
 MOST_LEVELS = 4
+LEVEL_NAMES: dict[int, tuple[str, ...]] = {
+    1: ("all traffic",),
+    2: ("thin traffic", "dense traffic"),
+    3: ("thin traffic", "middling traffic", "dense traffic"),
+    4: ("thin traffic", "lighter traffic", "heavier traffic", "dense traffic"),
+}
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,21 @@ class TrafficLevels:
             raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.count!r}")
         if self.combine not in get_args(LevelCombine):
             raise ValueError(f"levels are combined by mean or worst, got {self.combine!r}")
+
+    @property
+    def described(self) -> str:
+        """Over what an AP is taken, in words.
+
+        >>> TrafficLevels(3).described, TrafficLevels(2, "mean").described
+        ('at the worst of 3 levels of traffic', 'in the mean over 2 levels of traffic')
+        """
+        how = "at the worst of" if self.combine == "worst" else "in the mean over"
+        return f"{how} {self.count} levels of traffic"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the levels, thin traffic first."""
+        return LEVEL_NAMES[self.count]
 
     def parts(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
         """The frames of each level, thin traffic first, as many in each as can be. objects: there are in each frame.

@@ -35,9 +35,6 @@ from placement_env.report.pages.wording import (
 from toolkit.sites.site import Site
 
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
-LEFT_EXPLAINED = (
-    "The AP of sets in this section are of what is left of them with the failures that the question asks for."
-)
 OPTION_COLUMNS = (Column("Sensors", number=False), Column("predicted AP"), *JUDGED_COLUMNS)
 
 
@@ -85,8 +82,8 @@ def chosen_section(plan: Plan, site: Site, ground: Ground | None) -> Section:
         return Section(key, title, NOTHING_CHOSEN)
     chosen = plan.chosen
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "it was not judged by the detector"
-    if chosen.left is not None:
-        judged += f", and {ap_text(chosen.left)} with the failures that the question asks for"
+    if chosen.counted is not None and chosen.counted is not chosen.judged:
+        judged += f", and {ap_text(chosen.counted)} {_asked_of(chosen)} that the question asks for"
     conclusion = (
         f"Build {counted(len(chosen.sensors), 'sensor')}, {listed(chosen.sensors)}, for "
         f"{price_text(chosen.price, plan.currency)}: {judged}; a sensor sends {number(chosen.kbit_per_sensor, 0)} "
@@ -165,17 +162,25 @@ def _other_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
     compared = _compared(plan, chosen)
     if compared.counted is None or chosen.counted is None:
         return ()
-    failing = () if chosen.left is None else (Paragraph(LEFT_EXPLAINED),)
+    said = f"The AP of sets in this section are those {_asked_of(chosen)} that the question asks for."
+    asked = (Paragraph(said),) if _asked_of(chosen) else ()
     if compared.counted == chosen.counted:
-        return failing
+        return asked
     return (
-        *failing,
+        *asked,
         Paragraph(
             f"The AP of this section are from the traffic on which the sets were compared. There the chosen set has "
             f"{measured(compared.counted)}; its {measured(chosen.counted)} in the rest of the report is from other "
             "traffic, which had no say in the choice and is therefore the one to trust."
         ),
     )
+
+
+def _asked_of(chosen: PlanOption) -> str:
+    """Of what the AP is by which sets are compared; "" for that of the intact set in all traffic."""
+    left = "" if chosen.left is None else "of what is left with the failures"
+    over = "" if chosen.over_levels is None else "over the levels of traffic"
+    return " and ".join(each for each in (left, over) if each)
 
 
 def _options(plan: Plan, options: Any) -> tuple[tuple[Column, ...], list[tuple[Cell, ...]]]:

@@ -57,12 +57,13 @@ def answer(
     (judged,) = final.judge(picked.sets[picked.chosen][None], progress=stage("chosen set"))
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
-    left = final.left(picked.sets[picked.chosen][None], progress=stage("failures"))
+    left = next(iter(final.left(picked.sets[picked.chosen][None], progress=stage("failures")) or ()), None)
+    over_levels = next(iter(final.over_levels(picked.sets[picked.chosen][None]) or ()), None)
     final_option = replace(
-        option, judged=judged, left=None if left is None else left[0], kbit=kbit, kbit_per_sensor=kbit / len(members)
+        option, judged=judged, left=left, over_levels=over_levels, kbit=kbit, kbit_per_sensor=kbit / len(members)
     )
     short: tuple[str, ...] = ()
-    counted = judged if left is None else left[0]
+    counted = final_option.counted or judged
     if question.min_ap is not None and counted.ap < question.min_ap:
         short = refusals.short_of(question, option, counted, terms.excluded)
     scored = breakdown.scored_boxes(final, members)
@@ -93,6 +94,7 @@ def answer(
         by_zone=breakdown.by_zone(scored, question.site, question.seed),
         by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),
         by_approach=breakdown.by_approach(scored, question.site, question.seed),
+        by_level=breakdown.by_level(scored, final, members),
         by_class=breakdown.by_class(final, members, LABELS),
         class_ap=final.by_class(members),
         worth=worth,

@@ -184,6 +184,17 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ..
     return tuple(row for row in rows if row.judged is not None)
 
 
+def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+    """At each level of traffic; no row where all traffic is one."""
+    if judge.counting is None or not judge.parts:
+        return ()
+    rows = []
+    for name, part, judged in zip(judge.counting.levels.names, judge.parts, judge.by_level(chosen), strict=False):
+        points = scored.points[np.isin(scored.truth_frame, part)]
+        rows.append(BreakdownRow(name, judged, float(points.mean()) if len(points) else None))
+    return tuple(rows)
+
+
 def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tuple[ClassSeen, ...]:
     """Of the road users of each class centred in the area, the share with `LEAST` points or more."""
     detected = judge.detected

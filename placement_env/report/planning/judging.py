@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import interval_about
+from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks, interval_about
 from placement_env.analysis.tally import Tally
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.mean_iou import IoUs
@@ -24,11 +24,13 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 @dataclass(frozen=True, eq=False)
 class Judge:
     """The detector on one part of the traffic. seed: of the bootstrap; counting: over which IoU thresholds the mean is
-    taken, all of which it matches at, and what fails; None for its own threshold and no failures."""
+    taken, all of which it matches at, what fails, and which levels of traffic there are; None for its own threshold,
+    no failures and all traffic; parts: the frames of each level, none where all traffic is one."""
 
     detected: Detected
     seed: int
     counting: Counting | None = None
+    parts: tuple[Int64[np.ndarray, " _"], ...] = ()
 
     def judge(
         self,
@@ -47,8 +49,8 @@ class Judge:
     def left(
         self, sets: Bool[np.ndarray, "n C"], *, progress: Callable[[int], None] | None = None
     ) -> list[Judgement] | None:
-        """What is left of each set when sensors fail, None where none does. The worst case is that of each resample;
-        recall and precision are those of the worst case, or means over all."""
+        """What is left of each set when sensors fail, over the levels of traffic; None where none does. The worst case
+        is that of each resample; recall and precision are those of the worst case, or means over all."""
         if self.counting is None or not self.counting.failing.sensors:
             return None
         failing = self.counting.failing
@@ -57,9 +59,7 @@ class Judge:
         outcomes = self.detected.outcomes(dict.fromkeys(members), range(self.frames), progress)
         judged, draws = {}, {}
         for each in dict.fromkeys(members):
-            tallies = self.tallies(outcomes[each])
-            judged[each] = mean_figures(tallies, self.classes)
-            draws[each] = mean_resamples(tallies, self.classes, self.seed)
+            judged[each], draws[each] = self._over_levels(outcomes[each])
         resamples = failing.reduced(np.array([draws[each] for each in members]), owners)
         found = []
         for n in range(len(sets)):
@@ -72,16 +72,64 @@ class Judge:
             found.append(_within(left, resamples[n]))
         return found
 
+    def over_levels(
+        self, sets: Bool[np.ndarray, "n C"], *, progress: Callable[[int], None] | None = None
+    ) -> list[Judgement] | None:
+        """Judgement of each intact set over the levels of traffic, None where all traffic is one. The worst level is
+        that of each resample; recall, precision and how many there were are those of the worst level, or of all."""
+        if not self.parts:
+            return None
+        rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+        outcomes = self.detected.outcomes(dict.fromkeys(rows), range(self.frames), progress)
+        return [_within(*self._over_levels(outcomes[row])) for row in rows]
+
+    def by_level(self, chosen: tuple[int, ...]) -> tuple[Judgement | None, ...]:
+        """Judgement of one set at each level of traffic by itself, None where there is nothing to find."""
+        outcomes = self.outcomes(chosen)
+        found = [self._at_level(outcomes, part) for part in self.parts]
+        return tuple(None if np.isnan(judged.ap) else _within(judged, draws) for judged, draws in found)
+
+    def _over_levels(self, outcomes: Sequence[Outcome]) -> tuple[Judgement, Float64[np.ndarray, " resamples"]]:
+        """Figures of one set in all frames, over the levels, and the AP of each resample."""
+        if self.counting is None or not self.parts:
+            tallies = self.tallies(outcomes)
+            return mean_figures(tallies, self.classes), mean_resamples(tallies, self.classes, self.seed)
+        levels = self.counting.levels
+        found = [self._at_level(outcomes, part) for part in self.parts]
+        resamples = levels.combined(np.stack([draws for _, draws in found]))
+        cases = [judged for judged, _ in found if not np.isnan(judged.ap)]
+        if levels.combine == "worst":
+            return min(cases, key=lambda case: case.ap), resamples
+        vehicles, frames = (sum(getattr(case, name) for case in cases) for name in ("vehicles", "frames"))
+        return replace(_mean(cases), vehicles=vehicles, frames=frames), resamples
+
+    def _at_level(
+        self, outcomes: Sequence[Outcome], part: Int64[np.ndarray, " _"]
+    ) -> tuple[Judgement, Float64[np.ndarray, " resamples"]]:
+        """The same at one level, whose blocks of frames are drawn by themselves."""
+        tallies = self.tallies(outcomes, frames=part)
+        draws = draws_of_blocks(part // BLOCK_FRAMES, seed=self.seed)
+        return mean_figures(tallies, self.classes), mean_resamples(tallies, self.classes, self.seed, draws=draws)
+
     def evaluator(self) -> Evaluator:
         """That has sets race, so counted."""
         each = tuple(DetectorEvaluator(self.detected.at(iou), self.seed) for iou in self.ious)
-        return counted_evaluator(each, self.counting)
+        return counted_evaluator(each, self.counting, self.parts)
 
-    def tallies(self, outcomes: Sequence[Outcome], ious: Sequence[float] | None = None) -> list[list[Tally]]:
-        """What became of one set's detections at each IoU threshold, class by class. ious: None for all that count."""
+    def tallies(
+        self,
+        outcomes: Sequence[Outcome],
+        ious: Sequence[float] | None = None,
+        *,
+        frames: Int64[np.ndarray, " _"] | None = None,
+    ) -> list[list[Tally]]:
+        """What became of one set's detections at each IoU threshold, class by class. outcomes: of all frames; ious:
+        None for all that count; frames: of which it is, None for all."""
+        which = np.arange(self.frames) if frames is None else frames
+        own = [outcomes[k] for k in which.tolist()]
         return [
             [
-                Tally.of([outcome.of_class(label) for outcome in outcomes], self.truths_of(label), at)
+                Tally.of([outcome.of_class(label) for outcome in own], self.truths_of(label)[which], at)
                 for label in self.classes.labels
             ]
             for at in map(self.detected.ious.index, self.ious if ious is None else ious)
@@ -148,10 +196,17 @@ def mean_figures(tallies: Sequence[Sequence[Tally]], classes: Classes) -> Judgem
 
 
 def mean_resamples(
-    tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int
+    tallies: Sequence[Sequence[Tally]],
+    classes: Classes,
+    seed: int,
+    *,
+    draws: Int64[np.ndarray, "resamples frames"] | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
-    """AP of each resample in the mean over IoU thresholds, of a tally for each class at each."""
-    found = [classes.combined(np.stack([each.resamples(seed=seed) for each in at], axis=1)) for at in tallies]
+    """AP of each resample in the mean over IoU thresholds, of a tally for each class at each. draws: how often each
+    frame is drawn, None for blocks of frames that follow each other."""
+    found = [
+        classes.combined(np.stack([each.resamples(seed=seed, draws=draws) for each in at], axis=1)) for at in tallies
+    ]
     return np.asarray(np.mean(found, axis=0))
 
 

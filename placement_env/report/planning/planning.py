@@ -158,7 +158,8 @@ class _Planning:
         if not isinstance(detected, Detected):
             raise TypeError("fidelity detector must be Detected")
         counting = self.question.counting
-        return Judge(detected.at(counting.ious[0], counting.ious), self.question.seed, counting)
+        parts = counting.parts(prepared.traffic) if counting.levels.count > 1 else ()
+        return Judge(detected.at(counting.ious[0], counting.ious), self.question.seed, counting, parts)
 
     def _objective(self, prepared: Preparation, fidelity: FidelityName) -> Objective:
         counting = self.question.counting

@@ -19,6 +19,7 @@ from placement_env.classes import VEHICLES, classes_of
 from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
@@ -41,7 +42,8 @@ class Question:
     send in the mean frame; capacity_kbit: of the link of every mount, None for each mount's own; classes: of road users
     that count (names, or `placement_env.classes.Classes`), of the others a plan says what share is seen; scheme: of
     fusion; codec: of what is sent; iou: at which a detection counts, or several, whose mean AP does; failing: sensors
-    that fail (a number, or `Failing`), so that what is left of a set decides; candidates: "pool", "paper" for the
+    that fail (a number, or `Failing`), so that what is left of a set decides; levels: of traffic (a number, or
+    `TrafficLevels`), so that the AP of the worst, or their mean, decides; candidates: "pool", "paper" for the
     site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at
     no price; keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
@@ -63,6 +65,7 @@ class Question:
     codec: Codec = PAPER
     iou: IoUs = 0.7
     failing: Failing | int = 0
+    levels: TrafficLevels | int = 1
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
     keep_out: tuple[shapely.Geometry, ...] = ()
@@ -91,9 +94,9 @@ class Question:
         check_codec(self.codec)
         if isinstance(scheme_of(self.scheme), Adaptive):
             raise ValueError("plans count what sensors send before they detect, got adaptive sharing: try foreground")
-        counting = Counting.of(self.iou, self.failing)
-        object.__setattr__(self, "iou", counting.iou)
-        object.__setattr__(self, "failing", counting.failing)
+        counting = Counting.of(self.iou, self.failing, self.levels)
+        for name in ("iou", "failing", "levels"):
+            object.__setattr__(self, name, getattr(counting, name))
         if self.sensors is not None and 0 < self.sensors <= counting.failing.sensors:
             raise ValueError(
                 f"of {self.sensors} sensors nothing is left when {counting.failing.sensors} fail: allow more sensors, "
@@ -111,8 +114,8 @@ class Question:
 
     @cached_property
     def counting(self) -> Counting:
-        """At which IoU thresholds sets are scored, and with which failures."""
-        return Counting.of(self.iou, self.failing)
+        """At which IoU thresholds sets are scored, with which failures, and over which levels of traffic."""
+        return Counting.of(self.iou, self.failing, self.levels)
 
     @property
     def most_price(self) -> float:
@@ -165,6 +168,8 @@ class Question:
             "iou": self.iou if isinstance(self.iou, float) else list(self.iou),
             "failing": self.counting.failing.sensors,
             "failures": self.counting.failing.combine,
+            "levels": self.counting.levels.count,
+            "levels_by": self.counting.levels.combine,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,
             "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],
             "keep_out_areas": len(self.keep_out),

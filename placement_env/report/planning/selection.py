@@ -5,14 +5,15 @@ small and cheap ones stay in; the best few of each size are judged on all frames
 the set of the greatest AP. With one it is the cheapest set, by price, number of sensors, then kbit, whose interval lies
 above it; where none does, the cheapest whose AP reaches it; where none does either, the set of the greatest AP. Of sets
 with equal AP the one of the greater mean AP over the detector's IoU thresholds is taken, and of equal ones again the
-cheaper. Where the plan asks for sensors that fail, the AP is what is left of a set then.
+cheaper. Where the plan asks for sensors that fail, the AP is what is left of a set then; where it asks for levels of
+traffic, the AP is that of the worst level, or their mean.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,16 @@ class Selection:
     rule: Rule
 
 
+class _Said(NamedTuple):
+    """What the detector says of a set: intact, the mean AP over its IoU thresholds, what is left of it when sensors
+    fail, and over levels of traffic; None where it says nothing."""
+
+    judged: Judgement | None = None
+    mean_ap: float | None = None
+    left: Judgement | None = None
+    over_levels: Judgement | None = None
+
+
 def select(
     objective: Objective,
     found: Entrants,
@@ -53,10 +64,7 @@ def select(
 ) -> Selection:
     """The answer among the entrants, of which there is at least one. confidence: at which a race of one size ends."""
     judged = _judged(objective, found, judge, confidence=confidence, seed=seed, progress=progress)
-    options = []
-    for i in range(len(found.sets)):
-        said, mean_ap, left = judged.get(i, (None, None, None))
-        options.append(_option(objective, found, i, said, mean_ap, left=left))
+    options = [_option(objective, found, i, judged.get(i, _Said())) for i in range(len(found.sets))]
     chosen, rule = choose(tuple(options), min_ap)
     return Selection(tuple(options), found.sets, chosen, rule)
 
@@ -101,10 +109,10 @@ def judged_front(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
 
 def _judged(
     objective: Objective, found: Entrants, judge: Judge, *, confidence: float, seed: int, progress: Stages | None
-) -> dict[int, tuple[Judgement, float, Judgement | None]]:
-    """Judgement and mean AP over the IoU thresholds of the best of each size, by their place among the entrants."""
+) -> dict[int, _Said]:
+    """What is said of the best of each size, by their place among the entrants."""
     sizes = found.sets.sum(axis=1)
-    judged: dict[int, tuple[Judgement, float, Judgement | None]] = {}
+    judged: dict[int, _Said] = {}
     evaluator = judge.evaluator()
     different = np.unique(sizes)
     for done, size in enumerate(different, 1):
@@ -113,9 +121,11 @@ def _judged(
         kept = places[ran.ranking[:KEPT]]
         estimates = judge.detected.estimates(found.sets[kept])
         mean_ap = np.mean([estimates[iou].ap for iou in IOUS], axis=0)
-        judgements = judge.judge(found.sets[kept])
-        left: Sequence[Judgement | None] = judge.left(found.sets[kept]) or [None] * len(kept)
-        judged |= dict(zip(kept.tolist(), zip(judgements, mean_ap.tolist(), left, strict=True), strict=True))
+        intact, nothing = judge.judge(found.sets[kept]), [None] * len(kept)
+        left: Sequence[Judgement | None] = judge.left(found.sets[kept]) or nothing
+        levelled: Sequence[Judgement | None] = judge.over_levels(found.sets[kept]) or nothing
+        said = map(_Said, intact, mean_ap.tolist(), left, levelled)
+        judged |= dict(zip(kept.tolist(), said, strict=True))
         if progress is not None:
             progress("judging", done, len(different))
     return judged
@@ -125,14 +135,12 @@ def _option(
     objective: Objective,
     found: Entrants,
     i: int,
-    judged: Judgement | None,
-    mean_ap: float | None,
-    *,
-    left: Judgement | None,
+    said: _Said,
 ) -> PlanOption:
     score = objective.score(np.flatnonzero(found.sets[i]))
     names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
     predicted = round(float(found.predicted[i]), 6)  # as found: scored again beside other sets it may round otherwise
     return PlanOption(
-        names, score.price, score.kbit_per_sensor, score.kbit, predicted, judged, found.searches[i], mean_ap, left
-    )
+        names, score.price, score.kbit_per_sensor, score.kbit, predicted, said.judged, found.searches[i],
+        said.mean_ap, said.left, said.over_levels,
+    )  # fmt: skip

@@ -42,9 +42,11 @@ def figure(judged: Judgement) -> str:
 
 
 def of_what(question: Question) -> str:
-    """What an AP by which sets are compared is of: "" for that of the intact set."""
-    failing = question.counting.failing
-    return f", {failing.described}," if failing.sensors else ""
+    """What an AP by which sets are compared is of: "" for that of the intact set in all traffic."""
+    failing, levels = question.counting.failing, question.counting.levels
+    said = [failing.described] if failing.sensors else []
+    said += [levels.described] if levels.count > 1 else []
+    return f", {', '.join(said)}," if said else ""
 
 
 def verdict_of(question: Question, chosen: PlanOption, final: Judgement, reasons: tuple[str, ...]) -> Verdict:
@@ -87,14 +89,15 @@ def why(
 ) -> tuple[str, ...]:
     """Why this set, with figures."""
     judged = [option.judged for option in options if option.judged is not None]
-    failing = question.counting.failing
+    compared = of_what(question).strip(", ")
+    of_that = "" if question.counting.failing.sensors else "that "
     searches = " and ".join(chosen.searches) or "a neighbour of what a search answered"
     second = chosen.counted
     sentences = [
         f"{considered:,} sets were scored by the {fidelity}; {len(options)} of them raced by the detector on traffic "
         f"that no search saw, and {len(judged)} were judged on all of it.",
         RULES[rule],
-        *([f"The AP by which sets are compared is {failing.described}."] if failing.sensors else []),
+        *([f"The AP by which sets are compared is {of_that}{compared}."] if compared else []),
         f"It comes from {searches}; its predicted AP is {chosen.predicted:.3f}, "
         f"its AP among the judged sets {second.ap:.3f} ({second.low:.3f} to {second.high:.3f})."
         if second

@@ -3,14 +3,19 @@
 By coverage the programme is exact. By a surrogate AP is no sum over objects, but never more than the recall: a set that
 reaches the AP also reaches it in expected hits, and in steps above their probability. So no set is cheaper than the
 cheapest one of that relaxation, which is the bound; the answer comes from steps in the middle of the curve, asked for
-more and more until the AP is reached, and then pruned. `failing` 1 asks for the coverage whichever sensor fails, and
-`parts` for it in each of so many consecutive parts of the traffic.
+more and more until the AP is reached, and then pruned. `failing` 1 asks for it whichever sensor fails, `parts` in each
+of so many consecutive parts of the traffic, and `levels` at each of so many levels of it.
+
+A pole whose sensor fails is a case of its own, in which the steps have to be reached without it. Few cases bind, so
+they join one after another: of a programme with some of them the answer may leave too little without another pole,
+which then joins; with none left it is the answer of them all, and every bound until then is one. Steps are never what
+is claimed: the answer is the surrogate's own in every case of failure and share of the traffic.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,16 +26,20 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.search import swap
 from placement_env.search.exact.cpsat import SECONDS
+from placement_env.search.exact.demand import Demand, DemandFidelity
 from placement_env.search.exact.poles import Poles, Prices
 from placement_env.search.exact.programme import GAINS, Levels, Solved, levels_of_coverage, levels_of_hits, solve
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import Bool, Float64, Int64
 
 TRIES = 10  # with steps in the middle of the curve
 ASKED_MORE = 0.5  # of the AP that is missing, by which the next try asks for more
 PRICE_UNITS = 1 << 30  # whole units of the highest price
+BOUNDING = 0.5  # of the time, that a bound under conditions may take
 MET = 1e-9  # by which rounding may lower an AP
+
+Reached = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # the AP of sets that a demand looks at
 
 
 class UnitPrices(NamedTuple):
@@ -38,15 +47,6 @@ class UnitPrices(NamedTuple):
 
     each: Prices
     unit: float
-
-
-@dataclass(frozen=True)
-class _Demand:
-    """What is asked for. at_least: AP, or share covered; failing: sensors that may fail; parts: of the traffic."""
-
-    at_least: float
-    failing: int
-    parts: int
 
 
 def search(
@@ -59,51 +59,42 @@ def search(
     at_least: float = 0.9,
     failing: int = 0,
     parts: int = 1,
+    levels: int = 1,
     workers: int = 1,
 ) -> Result:
     """The cheapest set of at most `budget` sensors whose AP by the objective is `at_least`; of equally cheap ones that
     of fewest sensors. The certificate is of the price; the empty set is the answer where none reaches it.
 
-    failing: 1 asks for it whichever sensor of the set fails; parts: in how many parts of the traffic it is asked for,
-    both by fidelity coverage alone; seconds: 60 if None; `evaluations` limits the search for an answer by a surrogate.
+    failing: 1 asks for it whichever sensor of the set fails; parts, levels: in how many consecutive parts of the
+    traffic it is asked for, or at how many levels of it, by how many road users are there at once; seconds: 60 if None,
+    of which the bound may take `BOUNDING` where there are such conditions; `evaluations` limits the search for an
+    answer by a surrogate.
     Raises ValueError where these do not fit and for other fidelities than coverage and surrogate (early, late fusion),
     ImportError without OR-Tools.
     """
     check_whole("budget", budget, least=1)
-    check_whole("parts", parts, least=1)
-    if not 0 < at_least <= 1:
-        raise ValueError(f"the AP to be reached must lie above 0 and up to 1, got {at_least}: 0.9 is 0.9")
-    if failing not in (0, 1):
-        raise ValueError(f"0 or 1 sensor may fail here, got failing={failing}")
-    demand = _Demand(at_least, failing, parts)
+    demand = Demand(at_least, failing, parts, levels)
     progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)
     if isinstance(objective.scored_by, Coverage):
         return _by_coverage(objective, progress, demand, seed, workers)
-    if failing or parts > 1:
-        raise ValueError("failures and parts of the traffic are constraints of --fidelity coverage: say that")
     if not isinstance(objective.scored_by, Surrogate):
         raise ValueError(f"the cheapest set is known by --fidelity coverage or surrogate, got {objective.fidelity}")
     return _by_surrogate(objective, objective.scored_by, progress, demand, seed, workers)
 
 
-def _by_coverage(objective: Objective, progress: Progress, demand: _Demand, seed: int, workers: int) -> Result:
+def _by_coverage(objective: Objective, progress: Progress, demand: Demand, seed: int, workers: int) -> Result:
     seen = objective.visibility
     if seen is None or objective.scored_by.views != 1 or len(objective.classes.names) > 1:  # type: ignore[attr-defined]
         raise ValueError("the cheapest coverage needs to know what each candidate sees, one view and one class")
     seen = seen.of_classes(objective.classes.labels)
-    part = seen.frame * demand.parts // max(1, seen.frames)
-    parties = part == np.arange(demand.parts)[:, None]
-    parties = parties[parties.any(axis=1)]
+    shares = demand.shares(objective, seen)
+    parties = np.array([np.isin(seen.frame, frames) for frames in shares]).reshape(len(shares), len(seen.frame))
     levels = levels_of_coverage(seen.points >= LEAST, parties)
     needs = np.ceil(demand.at_least * parties.sum(axis=1) - MET).astype(np.int64)
     levels, need = _same_need(levels, needs)
     found, unit = _solved(objective, progress, levels, need, seed, workers, failing=demand.failing)
-    what = f"{demand.at_least:.0%} of the objects"
-    if demand.parts > 1:
-        what += f" in each of {len(parties)} parts of the traffic"
-    if demand.failing:
-        what += ", whichever sensor fails"
-    return _result(objective, progress, found, unit.unit, f"covers {what}")
+    what = f"covers {demand.at_least:.0%} of the objects{demand.described(len(parties))}"
+    return _result(objective, progress, found, unit.unit, what)
 
 
 def _same_need(levels: Levels, needs: Int64[np.ndarray, " k"]) -> tuple[Levels, int]:
@@ -119,32 +110,125 @@ def _same_need(levels: Levels, needs: Int64[np.ndarray, " k"]) -> tuple[Levels, 
 
 
 def _by_surrogate(
-    objective: Objective, surrogate: Surrogate, progress: Progress, demand: _Demand, seed: int, workers: int
+    objective: Objective, surrogate: Surrogate, progress: Progress, demand: Demand, seed: int, workers: int
 ) -> Result:
+    shares = [surrogate] if demand.parts == demand.levels == 1 else _in_shares(objective, surrogate, demand)
+    what = f"reaches AP {demand.at_least:g}{demand.described(len(shares))}"
+
+    def reached(sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+        return objective.scores(sets).ap if demand.plain else demand.reached(shares, sets)
+
+    lost: list[Bool[np.ndarray, " C"]] = []
+    above = levels_of_shares(shares, above=True)
     need = math.floor(demand.at_least * GAINS)
-    relaxed, unit = _solved(objective, progress, levels_of(surrogate, above=True), need, seed, workers)
+    solver = (seed, workers, demand.failing)
+    until = 1.0 if demand.plain else BOUNDING
+    relaxed, unit = _solved_in_cases(objective, progress, above, need, solver, lost, until=until)
     if relaxed.chosen is None and relaxed.optimal:
-        return _result(objective, progress, relaxed, unit.unit, f"reaches AP {demand.at_least:g}")
-    steps, asked = levels_of(surrogate, above=False), demand.at_least
+        return _result(objective, progress, relaxed, unit.unit, what)
+    steps, asked = levels_of_shares(shares, above=False), demand.at_least
     answer: list[int] | None = None
     for _ in range(TRIES):
-        found, _ = _solved(objective, progress, steps, math.ceil(asked * GAINS), seed, workers)
+        need = math.ceil(asked * GAINS)
+        found, _ = _solved_in_cases(objective, progress, steps, need, solver, lost)
         if found.chosen is None or progress.spent:
             break
-        short = demand.at_least - objective.score(found.chosen).ap
+        short = demand.at_least - float(reached(objective.row(found.chosen)[None])[0])
         if short <= MET:
             answer = found.chosen
             break
         asked += max(0.002, ASKED_MORE * short)
     if answer is None:
-        most = swap.search(objective, progress.budget, seed=seed, starts=2, evaluations=20_000)
-        answer = list(most.best.subset) if most.best.ap >= demand.at_least - MET else None
+        most = swap.search(
+            _demanding(objective, shares, demand), progress.budget, seed=seed, starts=2, evaluations=20_000
+        )
+        chosen = list(most.best.subset)
+        enough = reached(objective.row(chosen)[None])[0] >= demand.at_least - MET
+        answer = chosen if chosen and enough else None
+    said = ""
     if answer is not None:
-        answer = _pruned(objective, answer, demand.at_least)
+        answer = _pruned(objective, answer, demand.at_least, reached)
+        least = float(reached(objective.row(answer)[None])[0])
+        said = "" if demand.plain else f"; by the surrogate it is AP {least:.4f} in the worst case"
     price = 0 if answer is None else unit.each.total(answer)
     solved = Solved(answer, price, min(relaxed.bound, price) if answer else relaxed.bound, False)
     solved = solved._replace(optimal=answer is not None and solved.bound >= price)
-    return _result(objective, progress, solved, unit.unit, f"reaches AP {demand.at_least:g}")
+    return _result(objective, progress, solved, unit.unit, what, said=said)
+
+
+def _in_shares(objective: Objective, surrogate: Surrogate, demand: Demand) -> list[Surrogate]:
+    """The surrogate of each share of the traffic."""
+    seen = objective.visibility
+    if seen is None:
+        raise ValueError("parts and levels of traffic need to know what each candidate sees: pass visibility=see(...)")
+    seen = seen.of_classes(objective.classes.labels)
+    return [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
+
+
+def _demanding(objective: Objective, shares: Sequence[Surrogate], demand: Demand) -> Objective:
+    """The objective as the demand looks at sets."""
+    if demand.plain:
+        return objective
+    scored_by = DemandFidelity(objective.scored_by, shares, demand)
+    return Objective.of(
+        objective.candidates, scored_by, objective.scheme, objective.weights, site=objective.site,
+        visibility=objective.visibility, codec=objective.codec, most_price=objective.most_price,
+    )  # fmt: skip
+
+
+def _solved_in_cases(
+    objective: Objective,
+    progress: Progress,
+    levels: Levels,
+    need: int,
+    solver: tuple[int, int, int],
+    lost: list[Bool[np.ndarray, " C"]],
+    *,
+    until: float = 1.0,
+) -> tuple[Solved, UnitPrices]:
+    """`_solved`, where a sensor may fail in the cases that bind, which join those in `lost`. solver: seed, workers, and
+    how many fail; until: share of the time. No set is cheaper than the bound, however far it came; only an answer that
+    lacks no case is one."""
+    seed, workers, failing = solver
+    bound = 0
+    while True:
+        found, unit = _solved(objective, progress, levels, need, seed, workers, lost=lost, until=until)
+        bound = max(bound, found.bound)
+        if found.chosen is None:
+            return found._replace(bound=bound), unit
+        chosen = found.chosen
+        cases = [
+            gone for gone in _failures(objective, chosen) if failing and not any((gone == each).all() for each in lost)
+        ]
+        missing = [gone for gone in cases if levels.worth([c for c in chosen if not gone[c]]) < need]
+        if not missing:
+            return found._replace(bound=min(bound, found.figure)), unit
+        if progress.limits.elapsed >= until * progress.limits.seconds:
+            return Solved(None, 0, bound, False), unit
+        lost += missing
+
+
+def _failures(objective: Objective, chosen: list[int]) -> list[Bool[np.ndarray, " C"]]:
+    """For each sensor of a set the candidates that no set has any more when it fails: all of its pole, where that
+    carries one sensor, else it alone."""
+    mount, places = objective.candidates.mount, objective.candidates.places
+    each = np.arange(len(mount))
+    return [mount == mount[c] if places[mount[c]] == 1 else each == c for c in chosen]
+
+
+def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
+    """The steps of several surrogates of the same candidates, each of which has parties of its own."""
+    each = [levels_of(surrogate, above=above) for surrogate in surrogates]
+    known, threshold, gain = (
+        np.concatenate([getattr(one, name) for one in each], axis=1) for name in ("known", "threshold", "gain")
+    )
+    parties = np.zeros((sum(len(one.parties) for one in each), known.shape[1]), np.bool_)
+    row = column = 0
+    for one in each:
+        k, objects = one.parties.shape
+        parties[row : row + k, column : column + objects] = one.parties
+        row, column = row + k, column + objects
+    return Levels(known, threshold, gain, parties)
 
 
 def levels_of(surrogate: Surrogate, *, above: bool) -> Levels:
@@ -164,22 +248,31 @@ def levels_of(surrogate: Surrogate, *, above: bool) -> Levels:
 
 
 def _solved(
-    objective: Objective, progress: Progress, levels: Levels, need: int, seed: int, workers: int, *, failing: int = 0
+    objective: Objective,
+    progress: Progress,
+    levels: Levels,
+    need: int,
+    seed: int,
+    workers: int,
+    *,
+    failing: int = 0,
+    lost: Sequence[Bool[np.ndarray, " C"]] = (),
+    until: float = 1.0,
 ) -> tuple[Solved, UnitPrices]:
-    """The cheapest set that is worth the need, in what is left of the time."""
+    """The cheapest set that is worth the need, in what is left of a share of the time."""
     prices = objective.candidates.prices
     unit = max(float(prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     each = Prices.in_units(objective, unit)
-    left = max(0.1, progress.limits.seconds - progress.limits.elapsed)
+    left = max(0.1, until * progress.limits.seconds - progress.limits.elapsed)
     found = solve(
         levels, objective.candidates.mount, progress.budget, may_stand=objective.allowed([]), at_least=need,
         prices=each.alone, shared=each.shared, poles=Poles.of(objective), money=Prices.of(objective), seconds=left,
-        workers=workers, seed=seed, failing=failing,
+        workers=workers, seed=seed, failing=failing, lost=lost,
     )  # fmt: skip
     return found, UnitPrices(each, unit)
 
 
-def _pruned(objective: Objective, chosen: list[int], at_least: float) -> list[int]:
+def _pruned(objective: Objective, chosen: list[int], at_least: float, reached: Reached) -> list[int]:
     """The set without sensors that are not needed, or with cheaper ones in their place, as long as it gets cheaper."""
     prices = objective.candidates.prices
     while True:
@@ -191,13 +284,15 @@ def _pruned(objective: Objective, chosen: list[int], at_least: float) -> list[in
         sets: Bool[np.ndarray, "n C"] = np.zeros((len(options), len(prices)), np.bool_)
         for row, members in zip(sets, options, strict=True):
             row[members] = True
-        sets = sets[objective.scores(sets).ap >= at_least - MET]
+        sets = sets[reached(sets) >= at_least - MET]
         if not len(sets):
             return sorted(chosen)
         chosen = np.flatnonzero(sets[objective.price(sets).argmin()]).tolist()
 
 
-def _result(objective: Objective, progress: Progress, found: Solved, unit: float, what: str) -> Result:
+def _result(
+    objective: Objective, progress: Progress, found: Solved, unit: float, what: str, *, said: str = ""
+) -> Result:
     """The result, and what is proven of its price."""
     bound = found.bound * unit
     if found.chosen is None:
@@ -206,6 +301,6 @@ def _result(objective: Objective, progress: Progress, found: Solved, unit: float
     progress.settle(sorted(found.chosen))
     price = float(objective.price(progress.best[None])[0])
     bound = price if found.optimal else min(bound, price)
-    note = f"{what} for {price:g}, and no set that does costs less than {bound:g}"
+    note = f"{what} for {price:g}, and no set that does costs less than {bound:g}{said}"
     kind: Literal["optimal", "bound"] = "optimal" if found.optimal else "bound"
     return progress.result("cheapest", Certificate(kind, price, bound, 1.0 if found.optimal else 0.0, note, "price"))

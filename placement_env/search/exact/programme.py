@@ -12,6 +12,7 @@ that what it proves impossible is impossible; steps that cut it in the middle ar
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -86,7 +87,7 @@ def levels_of_hits(
     ends = np.append(HIT_STEPS, 1.0) * model.ceiling
     values = ends if above else np.concatenate([[0.0], (ends[1:] + ends[:-1]) / 2])
     thresholds = np.maximum.accumulate(np.concatenate([[1], np.maximum(edges, 1)]))
-    per_object = GAINS // max(1, count)
+    per_object = -(-GAINS // max(1, count)) if above else GAINS // max(1, count)
     gains = np.diff(np.concatenate([[0.0], values]))
     whole = (np.ceil if above else np.rint)(gains * per_object).astype(np.int64)
     own = np.ones((1, count), np.bool_) if parties is None else parties
@@ -110,13 +111,15 @@ def solve(
     seed: int = 0,
     effort: float | None = None,
     failing: int = 0,
+    lost: Sequence[Bool[np.ndarray, " C"]] = (),
 ) -> Solved:
     """The set of most worth, or where `at_least` is given the cheapest by `prices` that is worth so much; of equally
     cheap ones that of fewest sensors.
 
     shared: what of each price is that of a mount that may carry several, None for nothing; poles: places and links,
     None for one place on each mount; money: what all may cost; start: a set to begin from; effort: see `cpsat.search`;
-    failing: 1 for the worth that is left whichever sensor of the set fails (levels of threshold 1 alone).
+    failing: 1 for the worth that is left whichever sensor of the set fails (levels of threshold 1 alone); lost: for the
+    worth that is left without these candidates, the least of several cases, of levels of any threshold.
     """
     cp = cp_model()
     model = cp.CpModel()
@@ -129,7 +132,11 @@ def solve(
     model.add(cp.LinearExpr.sum(built) <= budget)
     if money is not None:
         model.add(money.expression(model, built) <= money.most)
-    worths = (_surviving if failing else _reached)(model, built, levels, may_stand)
+    if failing:
+        worths = _surviving(model, built, levels, may_stand)
+    else:
+        cases = [may_stand & ~gone for gone in lost] or [may_stand]
+        worths = [worth for case in cases for worth in _reached(model, built, levels, case)]
     if at_least is None:
         least = model.new_int_var(0, max(0, levels.whole), "")
         for worth in worths:
@@ -149,7 +156,8 @@ def solve(
         return Solved(None, 0, _price_of(max(0, lowest), budget, prices), status == "INFEASIBLE")
     chosen = [c for c, x in enumerate(built) if solver.boolean_value(x)]
     if at_least is None:
-        figure = levels.surviving(chosen) if failing else levels.worth(chosen)
+        left = [[c for c in chosen if not gone[c]] for gone in lost] or [chosen]
+        figure = levels.surviving(chosen) if failing else min(map(levels.worth, left))
         bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
         return Solved(chosen, figure, bound, bound == figure)
     figure = len(chosen) if cost is None else cost.total(chosen)

@@ -2,15 +2,17 @@
 
 The searches of a portfolio run for each number or amount; the entrants of each race among each other, those of an
 amount also with the winner of the amount before, and the winners are judged together on the third part of traffic, with
-the same resamples, so that their AP compare.
+the same resamples, so that their AP compare. A checkpoint keeps how far searches are and who won the races that have
+ended; what was detected is in the cache.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from placement_env.analysis.intervals import interval_about
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants
 from placement_env.search.portfolio.evaluators import Evaluator, race_order
 from placement_env.search.portfolio.portfolio import (
@@ -32,7 +34,7 @@ from placement_env.search.portfolio.portfolio import (
     found_entrants,
 )
 from placement_env.search.portfolio.schedule import Schedule
-from placement_env.search.progress import Limits
+from placement_env.search.progress import Limits, rows_of
 from toolkit.arrays import Bool, Float64
 
 AMOUNTS = 12  # of money, at most, for which sets are searched
@@ -71,6 +73,18 @@ class _Winner:
     confidence: float
     money: float
 
+    @property
+    def kept(self) -> list[Any]:
+        """Of a checkpoint."""
+        members = np.flatnonzero(self.row).tolist()
+        return [members, list(self.searches), self.predicted, self.confidence, self.money]
+
+    @staticmethod
+    def of(kept: Sequence[Any], candidates: int) -> _Winner:
+        """From what a checkpoint kept."""
+        members, searches, *figures = kept
+        return _Winner(rows_of([members], candidates)[0], tuple(searches), *map(float, figures))
+
 
 def budget_curve(
     objective: Objective,
@@ -106,8 +120,10 @@ def budget_curve(
     search = partial(found_entrants, effort=effort, seed=seed, progress=progress)
     sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
     groups = list(paid if amounts else sized)
-    winners: list[_Winner] = []
-    for n, (money, found) in enumerate(groups):
+    races = checkpoint.part("races")
+    kept: KeptState = races.load() or {"ended": 0, "winners": []}
+    winners = [_Winner.of(each, len(objective.candidates)) for each in kept["winners"]]
+    for n, (money, found) in enumerate(groups[kept["ended"] :], kept["ended"]):
         timed = schedule.racing(racing, len(groups) - n)
         before = [winners[-1].row] if amounts and winners else []
         sets = np.array([*found.sets, *before])
@@ -116,7 +132,8 @@ def budget_curve(
         first = int(ran.ranking[0])
         if not (before and np.array_equal(sets[first], before[0])):
             predicted = float(found.predicted[first])
-            winners.append(_Winner(sets[first], found.searches[first], predicted, ran.confidence, money))
+            winners.append(_Winner(sets[first], found.searches[first], predicted, float(ran.confidence), float(money)))
+        races.save({"ended": n + 1, "winners": [each.kept for each in winners]})
     if not winners:
         return ()
     rows = np.array([each.row for each in winners])
@@ -194,7 +211,7 @@ def _of_amounts(
     """The entrants of each amount of money for which there is a set."""
     for money in sorted(amounts):
         limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
-        found = search(limited, checkpoint=checkpoint.part(f"{money:g}"))
+        found = search(limited, checkpoint=checkpoint.part(f"{money!r}"))
         if len(found.sets):
             yield money, found
 

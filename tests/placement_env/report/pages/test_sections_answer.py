@@ -97,3 +97,16 @@ def test_two_figures_of_the_chosen_set_are_explained(example):
 
 def test_without_a_requirement_the_answer_is_not_about_one(example):
     assert requirement_section(replace(example.plan, verdict=Verdict(None, "The best."))).title == "The answer"
+
+
+def test_what_sets_are_compared_by_is_said(example):
+    chosen = example.plan.chosen
+    plain = chosen_section(example.plan, example.site, example.ground)
+    assert "that the question asks for" not in plain.conclusion
+    least, less = (replace(chosen.judged, ap=ap, low=ap, high=ap) for ap in (0.5, 0.7))
+    over = replace(example.plan, chosen=replace(chosen, over_levels=less))
+    said = chosen_section(over, example.site, example.ground).conclusion
+    assert "AP 0.700 (0.700–0.700, 412 vehicles) over the levels of traffic that the question asks for" in said
+    both = replace(example.plan, chosen=replace(chosen, over_levels=less, left=least))
+    said = chosen_section(both, example.site, example.ground).conclusion
+    assert "AP 0.500 (0.500–0.500, 412 vehicles) of what is left with the failures and over the levels" in said

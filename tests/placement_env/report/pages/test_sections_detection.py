@@ -66,3 +66,14 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.800")
     assert best.blocks[1].caption == "A sensor sends 300 kbit of a frame under late fusion."
     assert schemes_section(replace(example.plan, schemes=())).conclusion == "No other scheme of fusion was judged."
+
+
+def test_levels_of_traffic_have_a_table_of_their_own(example):
+    rows = (BreakdownRow("thin traffic", judged(0.97)), BreakdownRow("dense traffic", judged(0.9)))
+    plain, section = detection_section(example.plan), detection_section(replace(example.plan, by_level=rows))
+    assert plain.conclusion == section.conclusion
+    assert len(section.blocks) > len(plain.blocks)
+    said = [
+        block.caption for block in section.blocks if getattr(block, "caption", "").startswith("By level of traffic")
+    ]
+    assert said[0].startswith("By level of traffic, AP runs from 0.900 at “dense traffic” to 0.970 at “thin traffic”")

@@ -12,6 +12,7 @@ from placement_env.report.planning.breakdown import (
     by_approach,
     by_class,
     by_group,
+    by_level,
     by_range,
     by_zone,
     fused_cloud,
@@ -107,3 +108,14 @@ def test_groups_at_several_thresholds_are_means(street):
     (whole,) = by_group(replace(scored, others=()), ["all"], everything[0], 0)
     (half,) = by_group(blind, ["all"], everything[0], 0)
     assert half.judged.ap == pytest.approx(whole.judged.ap / 2)
+
+
+def test_levels_of_traffic(street, scored):
+    assert by_level(scored, street.judge, (0, 2)) == ()
+    judge = Judge(street.detected, 0, Counting.of(0.7, 0, 2), (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7])))
+    thin, dense = by_level(scored, judge, (0, 2))
+    assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
+    assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
+    assert thin.mean_points == dense.mean_points == 75 / 4
+    (whole,) = street.judge.judge(np.array([[1, 0, 1, 0]], bool))
+    assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)

@@ -7,6 +7,7 @@ from placement_env.analysis.tally import Tally
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.judging import Judge, mean_judgement
 from toolkit.objects import Detections
@@ -150,3 +151,78 @@ def test_what_is_left_when_one_fails(street, combine, ap):
 
 def test_nothing_is_left_to_say_where_nothing_fails(street):
     assert street.judge.left(np.array([[1, 0, 0, 1]], bool)) is None
+
+
+@pytest.fixture
+def rush(street):
+    """Sensor 0 sees nothing in the last four frames, which are the dense ones."""
+
+    class Rush(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 0 and k >= 4 else None]
+
+    renders = Rush(street.site, street.detected.renders.sensors)
+
+    def judge(counting):
+        return Judge(Detected(renders, street.detected.detector, "early"), 0, counting, (np.arange(4), np.arange(4, 8)))
+
+    return judge
+
+
+@pytest.mark.parametrize(
+    ("failing", "levels", "over", "left"),
+    [
+        (0, "worst", 0.5, None),
+        (0, "mean", 0.625, None),
+        (1, "worst", 0.5, 0.0),
+        (1, "mean", 0.625, 0.25),
+    ],
+)
+def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over, left):
+    """Of four cars 0 and 1 find three, and two where 0 is blind; without 1 it is two and none, without 0 two."""
+    judge = rush(Counting.of(0.7, Failing(failing), TrafficLevels(2, levels)))
+    sets = np.array([[1, 1, 0, 0], [0, 1, 0, 0]], bool)
+    assert [each.ap for each in judge.judge(sets)] == [0.625, 0.5]
+    both, alone = judge.over_levels(sets)
+    assert (both.ap, both.low, both.high, both.recall) == (over, over, over, over)
+    assert alone.ap == 0.5
+    assert (both.vehicles, both.frames) == ((16, 4) if levels == "worst" else (32, 8))
+    thin, dense = judge.by_level((0, 1))
+    assert (thin.ap, dense.ap, dense.vehicles, dense.frames) == (0.75, 0.5, 16, 4)
+    found = judge.left(sets)
+    assert (found and [each.ap for each in found]) == (None if left is None else [left, 0.0])
+    raced = judge.evaluator().evaluate(sets[:1], np.arange(8))
+    assert raced.ap == pytest.approx([over if left is None else left], abs=1e-5)
+    assert np.quantile(raced.resamples, [0.025, 0.975]) == pytest.approx([raced.ap[0]] * 2)
+
+
+def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street):
+    counting = Counting.of(0.7, 0, TrafficLevels(2))
+    judge = rush(counting)
+    mixed = Judge(judge.detected, 0, counting, (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
+    (both,) = mixed.over_levels(np.array([[1, 1, 0, 0]], bool))  # type: ignore[misc]
+    first, second = mixed.by_level((0, 1))
+    assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
+    assert both.low == min(first.low, second.low) == 0.5
+    assert both.high <= min(first.high, second.high)
+
+
+def test_a_level_with_nothing_to_find_says_nothing(street):
+    class Late(type(street.detected.renders)):  # type: ignore[misc]
+        """There is a walker alone in the first four frames, and nobody sees anything."""
+
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if k < 4 else None]
+
+        def objects(self, k):
+            there = super().objects(k)
+            return there[4:] if k < 4 else there
+
+    renders = Late(street.site, street.detected.renders.sensors)
+    detected = Detected(renders, street.detected.detector, "early")
+    judge = Judge(detected, 0, Counting.of(0.7, 0, TrafficLevels(2)), (np.arange(4), np.arange(4, 8)))
+    first, second = judge.by_level((1,))
+    assert first is None
+    (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
+    assert over.ap == second.ap == 0.5
+    assert Judge(detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.renders import Renders
 from placement_env.report.planning.files import plan_json
@@ -194,6 +195,27 @@ def test_mean_iou_and_a_failure_decide_and_are_said(planned, cache):
     assert any("as in COCO" in sentence for sentence in made.assumptions)
     assert {option.left is None for option in made.considered if option.judged} == {False}
     assert all(option.left is None for option in planned.plan.considered)
+
+
+def test_levels_of_traffic_decide_and_are_said(planned, cache):
+    made = plan(replace(QUESTION, sensors=1, levels=TrafficLevels(2), min_ap=0.01), cache=cache).plan
+    chosen = made.chosen
+    assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
+    assert [row.name for row in made.by_level] == ["thin traffic", "dense traffic"]
+    assert np.sum([row.judged.frames for row in made.by_level]) == 5
+    assert chosen.over_levels.ap == min(row.judged.ap for row in made.by_level)
+    assert chosen.judged.vehicles == np.sum([row.judged.vehicles for row in made.by_level])
+    assert "at the worst of 2 levels of traffic" in made.verdict.sentence
+    assert made.verdict.met is (chosen.over_levels.ap >= 0.01)
+    assert any("compared is that at the worst of 2 levels" in sentence for sentence in made.why)
+    assert {option.over_levels is None for option in made.considered if option.judged} == {False}
+    assert planned.plan.by_level == ()
+    assert planned.plan.chosen.over_levels is None
+    alone = {option.sensors: option.predicted for option in planned.plan.considered}
+    both = [(each.predicted, alone[each.sensors]) for each in made.considered if each.sensors in alone]
+    assert both
+    assert all(worst <= all_traffic for worst, all_traffic in both)
+    assert any(worst < all_traffic for worst, all_traffic in both)  # searched over levels, not taken from the cache
 
 
 def test_another_iou_is_not_answered_from_the_cache_of_one(planned, cache):

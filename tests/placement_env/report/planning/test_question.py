@@ -33,6 +33,7 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"iou": 0.0}, "iou must lie in"),
         ({"iou": (0.7, 0.7)}, "several different ones"),
         ({"failing": 3}, "0, 1 or 2 sensors may fail, got 3"),
+        ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
         ({"sensors": 2, "failing": 2}, "of 2 sensors nothing is left when 2 fail"),
         ({"search_frames": 0}, "search_frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),

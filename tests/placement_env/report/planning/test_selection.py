@@ -109,3 +109,15 @@ def test_sets_are_compared_by_what_is_left_when_sensors_fail(street):
     sets = np.array([[1, 1, 0, 0], [1, 1, 0, 1]], bool)
     picked = select(street.objective, Entrants(sets, np.zeros(2), ((), ()), 2), judge)
     assert [(o.judged.ap, o.left.ap) for o in picked.options] == [(0.75, 0.5), (0.75, 0.5)]
+
+
+def test_sets_are_compared_over_levels_of_traffic(street):
+    even = replace(option(0.8, 0.7, 0.9, price=2.0), over_levels=option(0.75, 0.7, 0.8).judged)
+    uneven = replace(option(0.95, 0.9, 1.0, price=1.0), over_levels=option(0.2, 0.1, 0.3).judged)
+    assert choose((uneven, even), None) == (1, "best")
+    assert replace(even, left=option(0.1, 0.0, 0.2).judged).counted.ap == 0.1
+    parts = (np.arange(4), np.arange(4, 8))
+    judge = Judge(street.detected, 0, Counting.of(0.7, 0, 2), parts)
+    picked = select(street.objective, Entrants(np.array([[1, 1, 0, 0]], bool), np.zeros(1), ((),), 1), judge)
+    (only,) = picked.options
+    assert (only.judged.vehicles, only.over_levels.vehicles, only.over_levels.ap, only.left) == (32, 16, 0.75, None)

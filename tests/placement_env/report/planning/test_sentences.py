@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
-from placement_env.report.planning.sentences import assumptions, money, unknown, verdict_of, why
+from placement_env.report.planning.sentences import assumptions, money, of_what, unknown, verdict_of, why
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
@@ -26,6 +27,28 @@ OPTION = PlanOption(("a", "b"), 2.0, 500.0, 1000.0, 0.93, FINAL, ("greedy", "swa
 )
 def test_money(amount, currency, words):
     assert money(amount, currency) == words
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({}, ""),
+        ({"levels": 3}, ", at the worst of 3 levels of traffic,"),
+        (
+            {"levels": TrafficLevels(2, "mean"), "failing": 1},
+            ", what is left in the worst case when 1 sensor fails, in the mean over 2 levels of traffic,",
+        ),
+    ],
+)
+def test_what_an_ap_is_of(asked, words):
+    question = Question(site=SITE, **asked)
+    assert of_what(question) == words
+    assert f"120 frames){words} at IoU 0.7" in verdict_of(question, OPTION, FINAL, ()).sentence
+    said = why(question, (OPTION,), OPTION, "best", considered=9, fidelity="surrogate", near=0, schemes=(), failures=())
+    compared = [each for each in said if each.startswith("The AP by which sets are compared is ")]
+    assert len(compared) == bool(words)
+    if asked == {"levels": 3}:
+        assert compared == ["The AP by which sets are compared is that at the worst of 3 levels of traffic."]
 
 
 def test_verdicts():

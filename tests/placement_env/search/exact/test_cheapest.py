@@ -6,7 +6,7 @@ import pytest
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.hits.hit_model import HitModel
 from placement_env.fidelity.surrogate import Surrogate
-from placement_env.fidelity.visibility import Visibility
+from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
 from placement_env.search.exact import cheapest
 from placement_env.subsets import all_subsets
@@ -99,6 +99,58 @@ def test_by_a_surrogate_the_answer_reaches_it_and_no_set_is_cheaper_than_the_bou
         assert found.certificate.gap == pytest.approx(found.best.price - found.certificate.bound)
 
 
+CONDITIONS = [{"failing": 1}, {"levels": 2}, {"parts": 2}, {"failing": 1, "levels": 2}]
+
+
+@pytest.mark.parametrize("asked", CONDITIONS)
+def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked):
+    """What the answer leaves is counted here frame by frame, not by the demand's own means."""
+    seed = 3 + CONDITIONS.index(asked)
+    objective = junction("surrogate", seed)
+    seen = objective.visibility
+    there = np.bincount(seen.frame)
+    order = np.argsort(there, kind="stable") if "levels" in asked else np.arange(8)
+    halves = [np.sort(half) for half in np.split(order, 2)] if {"levels", "parts"} & set(asked) else [np.arange(8)]
+    by = [Surrogate(of_frames(seen, half), "early", MODEL) for half in halves]
+
+    def reached(row):
+        left = [row]
+        if "failing" in asked:
+            left = [np.where(np.arange(10) == gone, False, row) for gone in np.flatnonzero(row)]
+        return min(float(each(case[None]).ap[0]) for each in by for case in left)
+
+    worst = max(reached(row) for row in all_subsets(10)[1:] if row.sum() <= 4 and objective.feasible(row[None])[0])
+    for ap in (0.6 * worst, 0.9 * worst):
+        least = cheapest_of_all(objective, 4, lambda row, ap=ap: reached(row) >= ap)
+        found = cheapest.search(objective, 4, at_least=ap, **asked)
+        known = found.certificate
+        assert reached(objective.row(found.best.subset)) >= ap - 1e-6
+        assert 0 < known.bound <= least + 1e-9 <= found.best.price + 2e-9
+        assert found.best.price <= 1.3 * least
+        assert f"AP {reached(objective.row(found.best.subset)):.4f} in the worst case" in known.note
+    none = cheapest.search(objective, 4, at_least=min(1.0, worst + 0.2), **asked)
+    assert none.best.subset == ()
+    assert ("whichever sensor fails" in none.certificate.note) == ("failing" in asked)
+
+
+def test_a_bound_under_failures_is_no_less_than_without(junction):
+    objective = junction("surrogate", 5)
+    plain, failing = (cheapest.search(objective, 4, at_least=0.3, failing=each) for each in (0, 1))
+    assert len(failing.best.subset) >= 2
+    assert plain.certificate.bound < failing.certificate.bound
+
+
+def test_steps_of_several_shares_have_parties_of_their_own(junction):
+    surrogate = junction("surrogate", 1).scored_by
+    halves = [surrogate.in_frames(np.arange(4)), surrogate.in_frames(np.arange(4, 8))]
+    both = cheapest.levels_of_shares(halves, above=True)
+    each = [cheapest.levels_of(half, above=True) for half in halves]
+    assert both.parties.shape == (2, 64)
+    assert (both.parties.sum(axis=0) == 1).all()
+    for chosen in ([0], [1, 4], [0, 3, 9]):
+        assert both.worth(chosen) == min(one.worth(chosen) for one in each)
+
+
 def test_money_and_impossible_demands(junction):
     objective = junction("coverage", 1, most_price=1.0)
     found = cheapest.search(objective, 4, at_least=0.99)
@@ -109,8 +161,6 @@ def test_money_and_impossible_demands(junction):
 
 
 def test_it_refuses_what_it_cannot_prove(junction, make):
-    with pytest.raises(ValueError, match="constraints of --fidelity coverage"):
-        cheapest.search(junction("surrogate"), 2, failing=1)
     with pytest.raises(ValueError, match="must lie above 0 and up to 1, got 90"):
         cheapest.search(junction("coverage"), 2, at_least=90.0)
     with pytest.raises(ValueError, match="0 or 1 sensor may fail here, got failing=2"):

@@ -55,6 +55,36 @@ def test_equals_trying_all(seed, budget, failing):
     assert len(cheapest.chosen) == fewest
 
 
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_what_is_left_without_some_equals_trying_all(seed):
+    levels, mount, rng = some(seed)
+    lost = [mount == 0, mount == 1]
+    prices = rng.integers(1, 9, 6)
+
+    def left(chosen):
+        return min(levels.worth([c for c in chosen if not gone[c]]) for gone in lost)
+
+    sets = list(every(mount, 3))
+    need = max(1, max(map(left, sets)) // 2)
+    found = solve(levels, mount, 3, may_stand=np.ones(6, bool), at_least=need, prices=prices, lost=lost)
+    able = [int(prices[chosen].sum()) for chosen in sets if left(chosen) >= need]
+    if not able:
+        assert (found.chosen, found.optimal) == (None, True)
+        return
+    assert left(found.chosen) >= need
+    assert (found.figure, found.bound, found.optimal) == (min(able), min(able), True)
+    most = solve(levels, mount, 3, may_stand=np.ones(6, bool), lost=lost)
+    assert (most.figure, most.optimal) == (max(map(left, sets)), True)
+
+
+def test_steps_above_are_worth_no_less_whatever_the_count():
+    """A millionth has no whole number of parts for each of 7 objects: the parts are rounded up."""
+    model = HitModel("early", 0.7, -6.0, 1.8, 1.0, 0.8, 0.3, "made up")
+    above = levels_of_hits(np.full((1, 7), 1e5), model, above=True)
+    assert above.worth([0]) >= GAINS
+
+
 def test_what_survives_a_failure():
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3

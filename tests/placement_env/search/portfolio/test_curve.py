@@ -1,9 +1,12 @@
 """The best AP of every number of sensors."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from placement_env.objective import Objective
+from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.evaluators import DetectorEvaluator
 
@@ -88,3 +91,58 @@ def test_too_many_amounts_are_spread_evenly(street, make):
     with pytest.raises(ValueError, match="budget must be a whole number"):
         amounts_up_to(many, 0, 10.0)
     assert amounts_up_to(many, 2, 0.1) == ()
+
+
+class Mortal(DetectorEvaluator):
+    """Is killed when it is asked for the so-many-th time."""
+
+    lives: list[int]
+
+    def __init__(self, detected, lives):
+        super().__init__(detected)
+        object.__setattr__(self, "lives", [lives])
+
+    def evaluate(self, sets, frames, progress=None):
+        self.lives[0] -= 1
+        if self.lives[0] < 0:
+            raise KeyboardInterrupt
+        return super().evaluate(sets, frames, progress)
+
+
+@pytest.mark.parametrize("amounts", [(), (11.0, 22.0, 33.0)])
+def test_killed_again_and_again_it_gives_the_same_curve(street, tmp_path, amounts):
+    evaluator = DetectorEvaluator(street.detected)
+    whole = budget_curve(street.objective, 3, amounts=amounts, evaluators=(evaluator, evaluator))
+    assert len(whole) == 3
+    answers: tuple[Any, ...] = ()
+    ended = []
+    for lives in range(100):
+        try:
+            mortal = Mortal(street.detected, max(2, lives))
+            kept = Checkpoint(tmp_path, every=0.0)
+            answers = budget_curve(
+                street.objective, 3, amounts=amounts, evaluators=(mortal, evaluator), checkpoint=kept
+            )
+            break
+        except KeyboardInterrupt:
+            ended.append((Checkpoint(tmp_path, part="search.races").load() or {"ended": 0})["ended"])
+    assert answers == whole
+    assert sorted(ended) == ended
+    assert ended[-1] in (1, 2)
+    asked = Mortal(street.detected, 0)  # no race is run twice
+    again = budget_curve(street.objective, 3, amounts=amounts, evaluators=(asked, evaluator), checkpoint=kept)
+    assert again == whole
+
+
+def test_the_states_of_amounts_are_their_own(street):
+    names = []
+
+    class Noting(Checkpoint):
+        def part(self, name):
+            names.append(name)
+            return super().part(name)
+
+    evaluator = DetectorEvaluator(street.detected)
+    amounts = (22.0, 22.0000001)
+    budget_curve(street.objective, 2, amounts=amounts, evaluators=(evaluator, evaluator), checkpoint=Noting(None))
+    assert {"22.0", "22.0000001", "races"} <= set(names)
