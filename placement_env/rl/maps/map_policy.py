@@ -35,7 +35,7 @@ SHIPPED_POLICY = Path(__file__).parent / "map_policy.safetensors"
 FORMAT_OF_POLICY = "coview MapNetwork 1"
 LEVELS = np.linspace(np.log(LEAST_EVIDENCE), 25.0, 8192)  # of log evidence, at which hits are tabled
 NO_ROOM = 1e-9  # kbit that are left at least of a link, so that there is a logarithm
-AT_ONCE = 4096  # candidates that the network looks at together
+PREDICTED_AT_ONCE = 4096  # candidates that the network looks at together
 SWAPS = 2  # times that every sensor is reconsidered
 
 
@@ -134,10 +134,8 @@ class MapPolicy:
         channels = torch.from_numpy(known.plan.channels[known.plan.used])
         view, features = torch.from_numpy(known.view), torch.from_numpy(known.features)
         with torch.no_grad():
-            parts = [
-                self.network.prospects(channels, *part)
-                for part in zip(torch.split(view, AT_ONCE), torch.split(features, AT_ONCE), strict=True)
-            ]
+            blocks = (torch.split(each, PREDICTED_AT_ONCE) for each in (view, features))
+            parts = [self.network.prospects(channels, *part) for part in zip(*blocks, strict=True)]
         evidence, log_kbit, log_spread = (
             torch.cat([getattr(part, name) for part in parts]).numpy()
             for name in ("evidence", "log_kbit", "log_spread")

@@ -175,7 +175,7 @@ def test_a_pole_is_paid_once(policy, junction, known):
 
 def test_many_candidates_are_looked_at_in_parts(policy, known, monkeypatch):
     whole = policy.predicted(known)
-    monkeypatch.setattr(map_policy, "AT_ONCE", 5)
+    monkeypatch.setattr(map_policy, "PREDICTED_AT_ONCE", 5)
     parts = policy.predicted(known)
     for name in ("evidence", "weight", "log_kbit", "log_spread"):
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-5)

@@ -88,7 +88,12 @@ def test_links_do_not_limit_boxes(policy, junction):
 
 def test_the_map_is_looked_at_once(policy, objective, made_up, monkeypatch):
     looked = []
-    monkeypatch.setattr(map_starts, "outlook", lambda *given: looked.append(given) or outlook(*given))
+
+    def noted(*given):
+        looked.append(given)
+        return outlook(*given)
+
+    monkeypatch.setattr(map_starts, "outlook", noted)
     starts = MapStarts(policy)
     for budget in (1, 2):
         starts(objective, budget)
