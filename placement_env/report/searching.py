@@ -215,6 +215,8 @@ def _objective(order: SearchOrder, fidelity: FidelityName, progress: Stages | No
 
 def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) -> dict[str, Any]:
     """What a portfolio needs to know beside the objective."""
+    from placement_env.rl.maps.map_starts import MapStarts
+
     made = objective.preparation
     if made is None:
         raise ValueError("a portfolio needs an objective made from a site: Objective(site, ...)")
@@ -227,6 +229,7 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
         "race_frames": min(RACE_FRAMES, order.frames),
         "final_frames": min(JUDGED_FRAMES, order.frames),
         "preparation": replace(made, errors=errors, surrogate=surrogate),
+        "proposer": MapStarts.shipped(),
         "progress": progress,
     }
 

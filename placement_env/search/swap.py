@@ -8,7 +8,7 @@ set is a local optimum under such changes. Then it starts again from a random se
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,15 +46,17 @@ def search(
     evaluations: int | None = None,
     starts: int | None = None,
     start: Iterable[int | str] | None = None,
+    also: Sequence[Iterable[int | str]] = (),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets drawn from `seed`.
+    """The best local optimum of several starts: greedy's set first, or the one of `start`, then those of `also`, then
+    sets drawn from `seed`.
 
-    start: candidates by index or name, such as the answer of another search; those that do not fit the budget, their
-    links or the money beside those before them are left out. starts: how many; None for as many as the limits allow, or
-    `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local optimum"
-    where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a candidate
-    that there is not.
+    start, also: candidates by index or name, such as answers of other searches; those that do not fit the budget, their
+    links or the money beside those before them are left out. starts: how many in all; None for as many as the limits
+    allow, or `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local
+    optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a
+    candidate that there is not.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
@@ -77,7 +79,10 @@ def search(
             if progress.spent and number:
                 break
             before = progress.reward if number else -np.inf
-            begins = neighbourhood.sample(rng) if number else _first(progress, start)
+            if number <= len(also):
+                begins = _fitting(progress, also[number - 1]) if number else _first(progress, start)
+            else:
+                begins = neighbourhood.sample(rng)
             climb = _begun(progress, number, before, begins)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
@@ -92,10 +97,13 @@ def search(
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
     """What fits of a given set, else greedy's."""
-    if start is None:
-        return _greedy(progress)
+    return _greedy(progress) if start is None else _fitting(progress, start)
+
+
+def _fitting(progress: Progress, given: Iterable[int | str]) -> list[int]:
+    """The members of a set that fit beside those before them."""
     fitting: list[int] = []
-    for member in np.flatnonzero(progress.objective.row(start)).tolist():
+    for member in np.flatnonzero(progress.objective.row(given)).tolist():
         if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
             fitting.append(member)
     return fitting

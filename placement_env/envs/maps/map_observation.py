@@ -62,7 +62,7 @@ def observed(
     row[:, 0], row[:, 1] = candidates.prices / (candidates.prices + 1), megabit / (megabit + 1)
     row[list(chosen), 2] = 1
     row[:, 3] = terms.allowed(chosen) & (len(chosen) < terms.budget)
-    left = terms.most_price - float(candidates.prices[list(chosen)].sum())
+    left = terms.most_price - terms.price(chosen)
     money = 1.0 if np.isinf(left) else left / (left + 8)
     whole: list[Any] = [
         1 - len(chosen) / terms.budget, terms.budget / (terms.budget + 8), steps_left, money,

@@ -146,7 +146,7 @@ class SensorMapEnv(gym.Env[Any, Any]):
         slot, before = int(action), self._reward
         stops = slot == self.config.slots
         illegal = not stops and not self.action_masks()[slot]
-        refused = not stops and not illegal and not bool(objective.linked[slot])
+        refused = not stops and not illegal and not bool(objective.allowed(self.chosen)[slot])
         self._steps += 1
         if refused:
             self._refused[slot] = True

@@ -12,8 +12,9 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.drawing import LEAST_PRICE, MOST_PRICE, with_mounts
+from placement_env.candidates.places import added_prices, room_beside
 from placement_env.checks import check_range
-from placement_env.objective import AP_ONLY, Weights
+from placement_env.objective import AP_ONLY, ROUNDING, Weights
 from toolkit.arrays import Bool, Float64
 
 LEAST_LINK, MOST_LINK = 500.0, 8000.0  # kbit per frame of a link that is drawn
@@ -39,13 +40,25 @@ class Terms:
         return Terms(budget, candidates, np.zeros(len(candidates), np.bool_), weights, most_price)
 
     def allowed(self, chosen: Sequence[int]) -> Bool[np.ndarray, " C"]:
-        """Which candidates may join as far as is known without looking: not failed, on a free mount, for what is left
-        of the money."""
-        mount = self.candidates.mount
+        """Which candidates may join as far as is known without looking: not failed, on a mount with room for another
+        sensor, for what is left of the money."""
+        row = self.row(chosen)
+        price = self.price(chosen) + added_prices(self.candidates, row)
+        free = room_beside(self.candidates, row) & ~self.failed
+        return np.asarray(free & (price <= self.most_price * (1 + ROUNDING)))
+
+    def price(self, chosen: Sequence[int]) -> float:
+        """What a set costs: its sensors, and each of its mounts once."""
         members = np.asarray(chosen, np.int64)
-        free = ~self.failed & ~np.isin(mount, mount[members])
-        left = self.most_price - float(self.candidates.prices[members].sum())
-        return np.asarray(free & (self.candidates.prices <= left + 1e-9))
+        count = np.bincount(self.candidates.mount[members], minlength=len(self.candidates.mounts))
+        paid_again = np.maximum(count - 1, 0) @ self.candidates.mount_prices
+        return float(self.candidates.prices[members].sum() - paid_again)
+
+    def row(self, chosen: Sequence[int]) -> Bool[np.ndarray, " C"]:
+        """A set as a row of booleans."""
+        row = np.zeros(len(self.candidates), np.bool_)
+        row[np.asarray(chosen, np.int64)] = True
+        return row
 
 
 def drawn_terms(

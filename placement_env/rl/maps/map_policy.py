@@ -1,7 +1,8 @@
 """`MapPolicy`: a trained map network that answers at once which sensors to place, before anything is simulated.
 
 It goes as greedy search does and then swaps one sensor at a time, both by what the network predicts. Of a candidate
-whose link may not carry what it sends, the predicted gain counts as far as that is likely.
+whose link may not carry what it sends, the predicted gain counts as far as that is likely; where it is known what is
+sent, it is known whether the link carries that, beside what other sensors of its mount send.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +21,10 @@ import torch
 from models.weight_files import check_tensors, digest_of, read_tensors
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.outlook.outlook import Outlook, outlook
+from placement_env.candidates.places import ROUNDED, added_prices
 from placement_env.checks import check_whole
 from placement_env.envs.maps.terms import Terms
-from placement_env.rl.maps.link_check import links_carry
+from placement_env.rl.maps.link_check import sent_when_empty
 from placement_env.rl.maps.map_network import LEAST_EVIDENCE, MapNetwork
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.runtime.files import write_bytes
@@ -31,6 +34,8 @@ from toolkit.sites.site import Site
 SHIPPED_POLICY = Path(__file__).parent / "map_policy.safetensors"
 FORMAT_OF_POLICY = "coview MapNetwork 1"
 LEVELS = np.linspace(np.log(LEAST_EVIDENCE), 25.0, 8192)  # of log evidence, at which hits are tabled
+NO_ROOM = 1e-9  # kbit that are left at least of a link, so that there is a logarithm
+PREDICTED_AT_ONCE = 4096  # candidates that the network looks at together
 SWAPS = 2  # times that every sensor is reconsidered
 
 
@@ -74,7 +79,7 @@ class MapPolicy:
         begun = time.perf_counter()
         known = outlook(site, terms.candidates)
         if look:
-            answer = self.answer_checked(known, terms, links_carry(site, terms.candidates))
+            answer = self.answer_checked(known, terms, sent_when_empty(site, terms.candidates))
         else:
             answer = self.answer_to(known, terms)
         return replace(answer, seconds=time.perf_counter() - begun)
@@ -83,33 +88,35 @@ class MapPolicy:
         self,
         known: Outlook,
         terms: Terms,
-        carries: Callable[[tuple[int, ...]], Sequence[bool] | Bool[np.ndarray, " k"]],
+        sends: Callable[[tuple[int, ...]], Float64[np.ndarray, " k"]],
         *,
         swaps: int = SWAPS,
     ) -> MapAnswer:
-        """An answer whose links carry what its sensors send. carries: asked of the members of an answer, and of no
-        other candidate, which of their links do; the others have failed, and it answers again."""
-        failed = terms.failed.copy()
+        """An answer whose links carry what its sensors send. sends: asked of the members of an answer, once of each and
+        of no other candidate, how many kbit they send in a frame; with that it answers again, until it knows all of its
+        members."""
+        sent = np.full(len(terms.candidates), np.nan)
         while True:
-            answer = self.answer_to(known, replace(terms, failed=failed), swaps=swaps)
-            fits = np.asarray(carries(answer.members), np.bool_)
-            if fits.all():
+            answer = self.answer_to(known, terms, swaps=swaps, sent=sent)
+            fresh = tuple(member for member in answer.members if np.isnan(sent[member]))
+            if not fresh:
                 return answer
-            failed[np.array(answer.members)[~fits]] = True
+            sent[list(fresh)] = sends(fresh)
 
-    def answer_to(self, known: Outlook, terms: Terms, *, swaps: int = SWAPS) -> MapAnswer:
-        """An answer where the outlook is known already. Raises ValueError for terms of other candidates."""
+    def answer_to(
+        self,
+        known: Outlook,
+        terms: Terms,
+        *,
+        swaps: int = SWAPS,
+        sent: Float64[np.ndarray, " C"] | None = None,
+    ) -> MapAnswer:
+        """An answer where the outlook is known already. sent: kbit of a frame by each candidate as far as that is
+        known, NaN where the network has to guess it. Raises ValueError for terms of other candidates."""
         if len(terms.candidates) != len(known.view):
             raise ValueError(f"terms are of {len(terms.candidates)} candidates, the outlook of {len(known.view)}")
         predicted = self.predicted(known)
-        chosen: list[int] = []
-        while len(chosen) < terms.budget and (best := predicted.best(chosen, terms)) is not None:
-            chosen.append(best)
-        for place in list(range(len(chosen))) * swaps:
-            others = chosen[:place] + chosen[place + 1 :]
-            best = predicted.best(others, terms)
-            chosen = chosen if best is None else [*chosen[:place], best, *chosen[place + 1 :]]
-        return MapAnswer(tuple(sorted(chosen)), float(predicted.ap_of(chosen)))
+        return (predicted if sent is None else replace(predicted, sent=sent)).answer(terms, swaps=swaps)
 
     def shortlist(self, known: Outlook, terms: Terms, count: int) -> Int64[np.ndarray, " count"]:
         """The `count` candidates that are predicted to add most, alone or to a prefix of the answer, ascending: what a
@@ -124,11 +131,18 @@ class MapPolicy:
 
     def predicted(self, known: Outlook) -> Predicted:
         """What the network makes of candidates once for all sets."""
+        channels = torch.from_numpy(known.plan.channels[known.plan.used])
+        view, features = torch.from_numpy(known.view), torch.from_numpy(known.features)
         with torch.no_grad():
-            channels = torch.from_numpy(known.plan.channels[known.plan.used])
-            seen = self.network.prospects(channels, torch.from_numpy(known.view), torch.from_numpy(known.features))
-        evidence, weight, log_kbit, log_spread = (each.numpy() for each in seen)
-        return Predicted(evidence, weight, log_kbit, log_spread, self._hits, self._false_alarms)
+            blocks = (torch.split(each, PREDICTED_AT_ONCE) for each in (view, features))
+            parts = [self.network.prospects(channels, *part) for part in zip(*blocks, strict=True)]
+        evidence, log_kbit, log_spread = (
+            torch.cat([getattr(part, name) for part in parts]).numpy()
+            for name in ("evidence", "log_kbit", "log_spread")
+        )
+        weight = parts[0].weight.numpy()
+        unknown = np.full(len(log_kbit), np.nan)
+        return Predicted(evidence, weight, log_kbit, log_spread, self._hits, self._false_alarms, unknown)
 
     def save(self, path: str | Path) -> None:
         """Write a safetensors file, whole or not at all. Raises ValueError where a weight is not finite."""
@@ -158,7 +172,8 @@ class MapPolicy:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """`Prospects` as arrays, with which sets are valued quickly: a vehicle's chance to be hit is looked up."""
+    """`Prospects` as arrays, with which sets are valued quickly: a vehicle's chance to be hit is looked up. sent: kbit
+    of a frame by each candidate where that is known, NaN where it is guessed."""
 
     evidence: Float32[np.ndarray, "C Q"]
     weight: Float32[np.ndarray, " Q"]
@@ -166,6 +181,7 @@ class Predicted:
     log_spread: Float32[np.ndarray, " C"]
     hits: Float32[np.ndarray, " levels"]
     false_alarms: float
+    sent: Float64[np.ndarray, " C"]
 
     def ap(self, evidence: Float32[np.ndarray, "*n Q"]) -> Float32[np.ndarray, "*n"]:
         """AP by the evidence of each cell."""
@@ -177,21 +193,45 @@ class Predicted:
         """AP of a set; 0 of none."""
         return float(self.ap(self._sum(chosen))) if len(chosen) else 0.0
 
+    @cached_property
+    def kbit(self) -> Float64[np.ndarray, " C"]:
+        """What each candidate sends in a frame, its expected value where that is guessed."""
+        guessed = np.exp(self.log_kbit.astype(np.float64) + np.exp(2 * self.log_spread) / 2)
+        return np.where(np.isnan(self.sent), guessed, self.sent)
+
     def gains(self, chosen: Sequence[int], terms: Terms) -> Float64[np.ndarray, " C"]:
         """What each candidate adds to the reward of a set, as far as its link is likely to carry it."""
         weights, candidates = terms.weights, terms.candidates
-        kbit = np.exp(self.log_kbit.astype(np.float64) + np.exp(2 * self.log_spread) / 2)
-        sent = float(kbit[list(chosen)].sum())
+        sent = float(self.kbit[list(chosen)].sum())
         before = self.ap_of(chosen) - weights.comm * sent / max(1, len(chosen))
-        after = self.ap(self._sum(chosen) + self.evidence) - weights.comm * (sent + kbit) / (len(chosen) + 1)
-        return self.carried(candidates) * (after - before - weights.price * candidates.prices)
+        after = self.ap(self._sum(chosen) + self.evidence) - weights.comm * (sent + self.kbit) / (len(chosen) + 1)
+        price = added_prices(candidates, terms.row(chosen))
+        return self.carried(candidates, chosen) * (after - before - weights.price * price)
 
-    def carried(self, candidates: Candidates) -> Float64[np.ndarray, " C"]:
-        """How likely the link of each candidate carries what it sends."""
+    def carried(self, candidates: Candidates, chosen: Sequence[int] = ()) -> Float64[np.ndarray, " C"]:
+        """How likely the link of each candidate carries what it sends beside what members of a set send over it: 0 or
+        1 where that is known."""
         from scipy.special import ndtr
 
-        room = np.log(candidates.capacity) - self.log_kbit
-        return np.asarray(ndtr(room / np.exp(self.log_spread)), np.float64)
+        members = list(chosen)
+        count = len(candidates.mounts)
+        load = np.bincount(candidates.mount[members], self.kbit[members], minlength=count)[candidates.mount]
+        room = np.maximum(candidates.capacity - load, NO_ROOM)
+        guessed = ndtr((np.log(room) - self.log_kbit) / np.exp(self.log_spread))
+        rounded = np.where(load > 0, ROUNDED, 0.0)  # as feasible sets may exceed a shared link
+        known = load + self.sent <= candidates.capacity * (1 + rounded)
+        return np.where(np.isnan(self.sent), guessed, known).astype(np.float64)
+
+    def answer(self, terms: Terms, *, swaps: int = SWAPS) -> MapAnswer:
+        """The set that is chosen on terms."""
+        chosen: list[int] = []
+        while len(chosen) < terms.budget and (best := self.best(chosen, terms)) is not None:
+            chosen.append(best)
+        for place in list(range(len(chosen))) * swaps:
+            others = chosen[:place] + chosen[place + 1 :]
+            best = self.best(others, terms)
+            chosen = chosen if best is None else [*chosen[:place], best, *chosen[place + 1 :]]
+        return MapAnswer(tuple(sorted(chosen)), self.ap_of(chosen))
 
     def best(self, chosen: Sequence[int], terms: Terms) -> int | None:
         """The candidate that adds most, None where none may join or none adds anything."""

@@ -33,6 +33,7 @@ from placement_env.search.portfolio.portfolio import (
     evaluators_of,
     found_entrants,
 )
+from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, rows_of
 from toolkit.arrays import Bool, Float64
@@ -101,6 +102,7 @@ def budget_curve(
     neighbours: int = ENTRANTS,
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
+    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
@@ -117,7 +119,7 @@ def budget_curve(
     racing, final = evaluators or evaluators_of(objective, preparation, judge, parts, seed=seed)
     each = schedule.searching(SEARCHES * (len(amounts) or most))
     effort = Effort((most,) if amounts else tuple(range(1, most + 1)), each, evaluations, neighbours)
-    search = partial(found_entrants, effort=effort, seed=seed, progress=progress)
+    search = partial(found_entrants, effort=effort, seed=seed, progress=progress, proposer=proposer)
     sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
     groups = list(paid if amounts else sized)
     races = checkpoint.part("races")
@@ -202,7 +204,7 @@ def _of_sizes(
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
         searches = tuple(found.searches[row] for row in rows)
-        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered)
+        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered, found.notes)
 
 
 def _of_amounts(

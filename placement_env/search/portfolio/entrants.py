@@ -2,9 +2,10 @@
 
 No fast score is right everywhere, and a search goes where its score is wrong. So different searches answer by different
 scores: greedy and swap by the objective, swap by perception entropy (Ma, Liu, Li), CP-SAT by coverage where OR-Tools is
-installed, every set where the candidates are few, and where prices differ a thrifty search for sets that cost less. To
-their answers come neighbours: the best by the objective, and those that no other beats in the objective's reward,
-perception entropy and coverage at once.
+installed, every set where the candidates are few, and where prices differ a thrifty search for sets that cost less.
+Where a set is proposed to them, swap starts from it too, and it is an entrant itself. To their answers come neighbours:
+the best by the objective, and those that no other beats in the objective's reward, perception entropy and coverage at
+once.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from placement_env.objective import Objective, Stages, Weights
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.portfolio.proposals import Proposals, Proposer
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Float64
@@ -37,30 +39,33 @@ EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
+NOBODY = Proposals()
 FRONT_OF = 400  # neighbours of an answer, the best by reward, of which the front is looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Entrants:
     """sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the
-    searches; searches: those that answered with each; considered: how many sets were scored in all."""
+    searches; searches: those that answered with each, and who proposed it; considered: how many sets were scored in
+    all; notes: why no set was proposed to the searches, none where one was, or nobody was asked."""
 
     sets: Bool[np.ndarray, "n C"]
     predicted: Float64[np.ndarray, " n"]
     searches: tuple[tuple[str, ...], ...]
     considered: int
+    notes: tuple[str, ...] = ()
 
     def arrays(self) -> Arrays:
         """What a cache keeps of them."""
         names = np.array([json.dumps(each) for each in self.searches], np.str_)
-        return self.sets, self.predicted, names, np.array([self.considered])
+        return self.sets, self.predicted, names, np.array([self.considered]), np.array([json.dumps(self.notes)])
 
     @staticmethod
     def of(arrays: Arrays) -> Entrants:
         """From what `arrays` gave."""
-        sets, predicted, names, considered = arrays
+        sets, predicted, names, considered, notes = arrays
         searches = tuple(tuple(json.loads(str(each))) for each in names)
-        return Entrants(sets, predicted, searches, int(considered[0]))
+        return Entrants(sets, predicted, searches, int(considered[0]), tuple(json.loads(str(notes[0]))))
 
 
 @dataclass(frozen=True)
@@ -82,17 +87,20 @@ def kept_entrants(
     *,
     depends_on: str,
     seed: int = 0,
+    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
     """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
-    beside its candidates and settings, such as the traffic."""
-    code = code_digest(__name__)
-    key = key_of("entrants", code, depends_on, objective.provenance, objective.most_price, vars(effort), seed)
+    beside its candidates and settings, such as the traffic; proposer: who proposes sets to the searches."""
+    proposals = Proposals.of(proposer, objective, effort.sizes)
+    asked = (objective.provenance, objective.most_price, vars(effort), seed, proposals.origin)
+    key = key_of("entrants", code_digest(__name__), depends_on, *asked)
     kept = None if cache is None else cache.get([key])[0]
     if kept is not None:
         return Entrants.of(kept)
-    found = entrants(objective, effort, seed=seed, progress=progress, checkpoint=checkpoint)
+    settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
+    found = entrants(objective, effort, proposals=proposals, **settings)
     if cache is not None:
         cache.put({key: found.arrays()})
     return found
@@ -103,18 +111,23 @@ def entrants(
     effort: Effort,
     *,
     seed: int = 0,
+    proposals: Proposals = NOBODY,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """The entrants of all sizes; none where nothing may be built. checkpoint: keeps the answer of each search that has
-    ended, and how far the one on its way is."""
+    """The entrants of all sizes; none where nothing may be built. proposals: sets that are entrants of their sizes, and
+    from which swap starts after greedy's; checkpoint: keeps the answer of each search that has ended, and how far the
+    one on its way is, for the same proposals."""
+    if proposals.sets:
+        checkpoint = checkpoint.part(key_of(proposals.origin).hex()[:16])
     ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, list[str]] = {}
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0
     for done, size in enumerate(effort.sizes, 1):
         own: list[bytes] = []
-        for name, run in _searches(objective, size, effort, seed, checkpoint):
+        swapped = _Swapped(size, effort, seed, proposals.starts(size), checkpoint)
+        for name, run in _searches(objective, swapped):
             part = f"{size} {name}"
             if part not in ended:
                 result = run()
@@ -135,26 +148,49 @@ def entrants(
         considered += count
         for row in near:
             rows.setdefault(np.packbits(row).tobytes(), row)
+        for row in map(objective.row, proposals.starts(size)):
+            if objective.feasible(row[None])[0]:
+                rows.setdefault(np.packbits(row).tobytes(), row)
+                answers.setdefault(np.packbits(row).tobytes(), []).append(proposals.name)
         if progress is not None:
             progress("searching", done, len(effort.sizes))
     if not rows:
-        return Entrants(np.zeros((0, len(objective.candidates)), bool), np.zeros(0), (), considered)
+        none = np.zeros((0, len(objective.candidates)), bool)
+        return Entrants(none, np.zeros(0), (), considered, proposals.notes)
     keys = list(rows)
     sets = np.array([rows[key] for key in keys])
     order = np.argsort(sets.sum(axis=1), kind="stable")
     searches = tuple(tuple(dict.fromkeys(answers.get(keys[i], ()))) for i in order)
-    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
+    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered, proposals.notes)
 
 
-def _searches(
-    objective: Objective, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
-) -> Iterator[tuple[str, Callable[[], Result]]]:
-    """The searches for at most `size` sensors, by name."""
+@dataclass(frozen=True)
+class _Swapped:
+    """Swap for at most `size` sensors, from greedy's set, `starts` and drawn ones."""
+
+    size: int
+    effort: Effort
+    seed: int
+    starts: tuple[tuple[int, ...], ...]
+    checkpoint: Checkpoint
+
+    def __call__(self, objective: Objective, part: str) -> Result:
+        """By an objective. part: name of its state."""
+        effort = self.effort
+        most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
+        return swap.search(
+            objective, self.size, seed=self.seed, starts=swap.STARTS, also=self.starts, seconds=effort.seconds,
+            evaluations=most, checkpoint=self.checkpoint.part(f"{self.size}.{part}"),
+        )  # fmt: skip
+
+
+def _searches(objective: Objective, swapped: _Swapped) -> Iterator[tuple[str, Callable[[], Result]]]:
+    """The searches for as many sensors as swap has, by name."""
+    size, effort, seed = swapped.size, swapped.effort, swapped.seed
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     count = len(objective.candidates)
     if count <= exhaustive.LARGEST and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS:
         yield "exhaustive", partial(exhaustive.search, objective, size, **limits)
-    swapped = partial(_swapped, size=size, effort=effort, seed=seed, checkpoint=checkpoint)
     yield "greedy", partial(greedy.search, objective, size, **limits)
     yield "swap", partial(swapped, objective, "swap")
     by_entropy = entropy_objective(objective)
@@ -167,16 +203,6 @@ def _searches(
     if np.ptp(prices) > 0:
         thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
         yield "thrifty swap", partial(swapped, thrifty, "thrifty")
-
-
-def _swapped(
-    objective: Objective, part: str, *, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
-) -> Result:
-    most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
-    return swap.search(
-        objective, size, seed=seed, starts=swap.STARTS, seconds=effort.seconds, evaluations=most,
-        checkpoint=checkpoint.part(f"{size}.{part}"),
-    )  # fmt: skip
 
 
 def entropy_objective(objective: Objective) -> Objective | None:

@@ -24,6 +24,7 @@ from placement_env.racing import Contest, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
 from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, evaluator_of, race_order
+from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, Result
@@ -51,6 +52,7 @@ def search(
     neighbours: int = ENTRANTS,
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
+    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
@@ -62,9 +64,10 @@ def search(
     each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
     fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
     neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
-    must be of a site; evaluators: of race and assessment, in place of all these; checkpoint: keeps
-    how far the searches are (what race and assessment detect is in the cache). Raises ValueError where these do not
-    fit.
+    must be of a site; evaluators: of race and assessment, in place of all these; proposer: of a set that
+    races too, and from which swap starts as well, such as `placement_env.rl.maps.map_starts.MapStarts`; where it has
+    none, the certificate's note says why; checkpoint: keeps how far the searches are (what race and assessment detect
+    is in the cache). Raises ValueError where these do not fit.
     """
     check_whole("budget", budget, least=1)
     if not 0 < confidence < 1:
@@ -74,31 +77,31 @@ def search(
     frames = schedule.frames(race_frames), schedule.frames(final_frames)
     racing, final = evaluators or evaluators_of(objective, preparation, judge, frames, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, neighbours)
-    found = found_entrants(objective, effort, seed, progress, checkpoint)
+    found = found_entrants(objective, effort, seed, progress, checkpoint, proposer=proposer)
     limits.count = found.considered
     if not len(found.sets):
-        return _without(objective, found.considered, limits, "no search found a set that may be built and pays")
+        return _without(objective, found, limits, "no search found a set that may be built and pays")
     timed = schedule.racing(racing)
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most, progress=progress)
     if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
         note = f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs"
-        return _without(objective, found.considered, limits, note)
+        return _without(objective, found, limits, note)
     winner = objective.score(np.flatnonzero(found.sets[ran.ranking[0]]))
     limits.record(winner.reward)
     searched = limits.elapsed
     assessment = _assessed(objective, found, ran, (final, schedule), asked=confidence, progress=progress)
     note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
-    certificate = Certificate("none", winner.reward, note=note)
+    certificate = Certificate("none", winner.reward, note="; ".join((note, *found.notes)))
     history = limits.history(winner.reward)
     return Result("portfolio", winner, history, certificate, found.considered, searched, assessment=assessment)
 
 
-def _without(objective: Objective, considered: int, limits: Limits, note: str) -> Result:
+def _without(objective: Objective, found: Entrants, limits: Limits, note: str) -> Result:
     """The answer that nothing is to be built."""
     best = objective.score([])
-    certificate = Certificate("none", best.reward, note=note)
-    return Result("portfolio", best, limits.history(best.reward), certificate, considered, limits.elapsed)
+    certificate = Certificate("none", best.reward, note="; ".join((note, *found.notes)))
+    return Result("portfolio", best, limits.history(best.reward), certificate, found.considered, limits.elapsed)
 
 
 def contest(
@@ -154,13 +157,24 @@ def evaluators_of(
 
 
 def found_entrants(
-    objective: Objective, effort: Effort, seed: int, progress: Stages | None, checkpoint: Checkpoint = NOWHERE
+    objective: Objective,
+    effort: Effort,
+    seed: int,
+    progress: Stages | None,
+    checkpoint: Checkpoint = NOWHERE,
+    *,
+    proposer: Proposer | None = None,
 ) -> Entrants:
     """The entrants, from the cache of the objective's preparation where it keeps them."""
     made = objective.preparation
     cache = None if made is None else made.disk_cache
     depends_on = "" if made is None else made.traffic.digest()
-    settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
+    settings: dict[str, Any] = {
+        "seed": seed,
+        "proposer": proposer,
+        "progress": progress,
+        "checkpoint": checkpoint,
+    }
     return kept_entrants(objective, effort, cache, depends_on=depends_on, **settings)
 
 

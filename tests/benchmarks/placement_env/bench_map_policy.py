@@ -8,8 +8,8 @@ Searches look at 24 frames of traffic of their own (seed + 500000, kept in FOLDE
 took); every set is judged by the surrogate on the 16 frames of the junction's files, which no search saw. A sensor
 whose link does not carry what it sends is left out of a set. Seconds are of the process.
 
-"links seen" is the policy that is told, of the sensors it answers with alone, whose links do not carry them, and
-answers again; "look s" is what it takes to find out, by rendering the empty site from these sensors once.
+"links seen" is the policy that is told, of the sensors it answers with alone, what they send, and answers again; "look
+s" is what it takes to find out, by rendering the empty site from these sensors once.
 map: the set that covers most traffic by the map's own figures, without a network. shortlist: greedy search over the 48
 candidates that the policy likes best, places that are not among them never looked from.
 --traffic: fits what `placement_env.candidates.outlook.ground_plan.TRAFFIC` says.
@@ -130,7 +130,7 @@ def tried(seed: int, asked, policy, budgets) -> list[dict]:
             "policy, no swaps": list(plain.members),
             "policy": list(swapped.members),
             "policy, links seen": list(
-                policy.answer_checked(known, terms, lambda some: searched.linked[list(some)]).members
+                policy.answer_checked(known, terms, lambda some: searched.sent[list(some)]).members
             ),
             "shortlist": over_some(junction, visibility, some, budget),
             "greedy": chosen,

@@ -67,12 +67,13 @@ def ways(make):
     return {
         "annealing": (partial(annealing.search, pool, 3, seed=1, evaluations=900), 7),
         "swap": (partial(swap.search, pool, 4, seed=2, starts=6), 4),
+        "swap from others": (partial(swap.search, pool, 4, seed=2, starts=5, also=[[0, 5], [20, 9, 3]]), 4),
         "nsga2": (partial(nsga2.search, pool, 4, seed=3, evaluations=700, population=24), 5),
         "cmaes": (posed(cmaes.improve, make, evaluations=200), 4),
     }
 
 
-@pytest.mark.parametrize("name", ["annealing", "swap", "nsga2", "cmaes"])
+@pytest.mark.parametrize("name", ["annealing", "swap", "swap from others", "nsga2", "cmaes"])
 def test_killed_again_and_again_it_gives_the_same_answer(make, tmp_path, name):
     if name in ("nsga2", "cmaes"):
         pytest.importorskip({"nsga2": "pymoo", "cmaes": "cma"}[name])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -58,6 +60,21 @@ def test_what_a_link_does_not_carry_is_refused_and_not_known_before(env, plain):
     assert not info["action_mask"][0]
     assert observation["candidates"][0, -1] == 0
     assert info["action_mask"][1]
+
+
+@pytest.mark.parametrize(("room", "refused"), [(1.0, False), (-1.0, True)])
+def test_sensors_share_a_mount_and_its_link(env, plain, room, refused):
+    env.reset(options={"seed": 0, "terms": plain})
+    sent = env.placed()[0].sent
+    assert plain.candidates.mount[:4].tolist() == [0, 0, 0, 0]
+    some = with_mounts(plain.candidates, [1.0] * 3, [float(sent[0] + sent[1]) + room] * 3, [0.5])
+    some = replace(some, mounts=tuple(replace(mount, max_sensors=2) for mount in some.mounts))
+    env.reset(options={"seed": 0, "terms": Terms.plain(some, 3)})
+    env.step(0)
+    _, _, _, _, info = env.step(1)
+    assert (info["refused"], info["illegal"]) == (refused, False)
+    assert info["price"] == (1.5 if refused else 2.0)
+    assert info["action_mask"][:4].tolist() == ([0, 0, 1, 1] if refused else [0, 0, 0, 0])
 
 
 def test_what_may_not_be_done_changes_nothing(env, plain):

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,23 @@ def test_who_may_join():
     assert terms.allowed([2]).tolist() == [True, False, False, False, True, True, False, False]  # 3 left
     assert not terms.allowed([7]).tolist()[2]
     assert Terms(2, SOME, failed, most_price=3 + 1e-12).allowed([2]).tolist()[:2] == [True, False]
+
+
+def test_a_mount_carries_several_and_is_paid_once():
+    mounts = tuple(replace(mount, max_sensors=n) for mount, n in zip(SOME.mounts, (2, 1, 2, 1), strict=True))
+    some = replace(SOME, mounts=mounts, axes=replace(SOME.axes, prices=(0.5,)))  # mounts cost 1, 2, 3, 4
+    terms = Terms.plain(some, 9, most_price=5.0)
+    assert terms.price([]) == 0
+    assert terms.price([0, 1]) == 2.0
+    assert terms.price([0, 1, 4]) == 5.5
+    assert terms.allowed([0]).tolist() == [False, True, True, True, True, True, False, False]  # 3.5 left
+    assert terms.allowed([0, 1]).tolist() == [False, False, True, True, False, False, False, False]  # 3 left
+    assert terms.allowed([2]).tolist() == [True, True, False, False, False, False, False, False]  # 2.5 left
+    assert terms.row([0, 5]).tolist() == [True, False, False, False, False, True, False, False]
+    exact = Terms.plain(some, 9, most_price=2.0)
+    assert exact.allowed([0])[1]
+    assert not Terms.plain(some, 9, most_price=2.0 - 1e-6).allowed([0])[1]
+    assert Terms.plain(some, 9, most_price=2.0 - 1e-10).allowed([0])[1]  # rounding
 
 
 def test_terms_are_drawn_within_bounds():

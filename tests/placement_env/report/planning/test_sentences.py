@@ -90,6 +90,7 @@ def test_assumptions_follow_the_question():
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
+    assert "start from the map" not in plain
     only = Question(site=SITE, classes=Classes(("vehicle", "cyclist", "pedestrian", "heavy"), (3.0, 1.0, 1.0, 3.0)))
     other = " ".join(assumptions(only, search_fidelity="coverage", detector="Reader", worth_sampled=True))
     assert "No AP is asked for" not in other
@@ -99,6 +100,17 @@ def test_assumptions_follow_the_question():
     assert "AP is of pedestrian alone, centred" in third
     assert "searches went by coverage" in other
     assert "With so many sensors" in other
+
+
+def test_why_searches_made_no_start_from_the_map_is_said():
+    said = assumptions(
+        Question(site=SITE),
+        search_fidelity="surrogate",
+        detector="x",
+        worth_sampled=False,
+        notes=("no start from the map: there is none",),
+    )
+    assert "Searches made no start from the map: there is none." in said
 
 
 def test_how_bits_are_counted_is_said():

@@ -1,11 +1,11 @@
 import numpy as np
+import pytest
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.drawing import with_mounts
 from placement_env.candidates.pool import pool
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
-from placement_env.rl.maps.link_check import TRAFFIC_SHARE, links_carry
+from placement_env.rl.maps.link_check import TRAFFIC_SHARE, sent_when_empty
 from toolkit.objects import Objects
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sites.site import Mount, Site, Solid
@@ -20,15 +20,13 @@ def candidates() -> Candidates:
     return pool(SITE, heights=(5.0,), headings=1, tilts=(0.2,), models=(DepthCamera(width=80, height=60),))
 
 
-def test_links_carry_what_the_empty_site_sends():
+def test_what_is_sent_of_the_empty_site():
     some = candidates()
     nobody = Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64), 0.0)
     kbit = see(Traffic(SITE, (), (nobody,)), some).sent[:, 0] * 96 / 1000
     assert kbit.min() > 1
-    enough = (kbit * TRAFFIC_SHARE + 0.01).tolist()
-    assert links_carry(SITE, with_mounts(some, [1.0] * 3, enough, [0.0]))((0, 1, 2)).all()
-    narrow = [enough[0], kbit[1] * TRAFFIC_SHARE - 0.01, enough[2]]
-    check = links_carry(SITE, with_mounts(some, [1.0] * 3, narrow, [0.0]))
-    assert check((0, 1, 2)).tolist() == [True, False, True]
-    assert check((1,)).tolist() == [False]
-    assert check(()).tolist() == []
+    assert TRAFFIC_SHARE == 1.05
+    sent = sent_when_empty(SITE, some)
+    assert sent((0, 1, 2)) == pytest.approx(1.05 * kbit)
+    assert sent((1,)) == pytest.approx(1.05 * kbit[[1]])
+    assert sent(()).tolist() == []

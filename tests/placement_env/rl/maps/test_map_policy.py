@@ -9,6 +9,7 @@ from placement_env.candidates.drawing import with_mounts
 from placement_env.candidates.outlook.outlook import outlook
 from placement_env.envs.maps.terms import Terms
 from placement_env.objective import Weights
+from placement_env.rl.maps import map_policy
 from placement_env.rl.maps.imitation import Teaching, imitate
 from placement_env.rl.maps.lessons import lesson_of
 from placement_env.rl.maps.map_network import MapNetwork
@@ -91,20 +92,93 @@ def test_a_link_counts_as_far_as_it_is_likely_to_carry(policy, junction, known):
         )
 
 
-def test_links_are_asked_of_the_answer_alone(policy, junction, known):
+def test_what_is_sent_is_asked_of_the_answer_alone_and_once(policy, junction, known):
     terms, asked = wide(junction), []
     refused = policy.answer_to(known, terms).members[:1]
 
-    def carries(members):
+    def sends(members):
         asked.append(members)
-        return [member not in refused for member in members]
+        return np.array([1e10 if member in refused else 1.0 for member in members])
 
-    answer = policy.answer_checked(known, terms, carries)
+    answer = policy.answer_checked(known, terms, sends)
     assert len(asked) == 2
     assert asked[0] == policy.answer_to(known, terms).members
-    assert asked[1] == answer.members
+    assert set(asked[1]) == set(answer.members) - set(asked[0])
     assert not set(refused) & set(answer.members)
-    assert policy.answer_checked(known, terms, lambda members: [False] * len(members)).members == ()
+    assert policy.answer_checked(known, terms, lambda members: np.full(len(members), 1e10)).members == ()
+
+
+def test_known_kbit_are_within_the_link_or_not(policy, junction, known):
+    """By the network the links carry the sensors with a chance of about a half; then it is known."""
+    guess = np.exp(policy.predicted(known).log_kbit.astype(float))
+    narrow = with_mounts(junction.candidates, [1.0] * 4, [300.0, 600.0, 900.0, 1200.0], [0.0])
+    sent = np.where(np.arange(12) % 3 == 0, np.nan, narrow.capacity + np.tile([0.0, 0.0, 1e-3], 4))
+    predicted = replace(policy.predicted(known), sent=sent)
+    carried = predicted.carried(narrow)
+    assert carried[1::3].tolist() == [1.0] * 4
+    assert carried[2::3].tolist() == [0.0] * 4
+    assert carried[0::3].tolist() == policy.predicted(known).carried(narrow)[0::3].tolist()
+    assert predicted.kbit[1::3].tolist() == [300.0, 600.0, 900.0, 1200.0]
+    spread = np.exp(2 * predicted.log_spread[0::3].astype(float)) / 2
+    assert predicted.kbit[0::3] == pytest.approx(guess[0::3] * np.exp(spread), rel=1e-5)
+
+
+def several(junction, places: int, link: float, price: float = 1.0):
+    """Candidates whose mounts carry so many sensors over a link, each at half the price of a mount."""
+    priced = with_mounts(junction.candidates, [price] * 4, [link] * 4, [price / 2])
+    return replace(priced, mounts=tuple(replace(mount, max_sensors=places) for mount in priced.mounts))
+
+
+@pytest.mark.parametrize("places", [1, 2, 3])
+def test_a_pole_carries_as_many_as_it_says(policy, junction, known, places):
+    some = several(junction, places, 1e9)
+    terms = Terms.plain(some, 12)
+    count = np.bincount(some.mount[list(policy.answer_to(known, terms).members)], minlength=4)
+    assert count.max() == places
+    pairs = {
+        pair: policy.predicted(known).ap_of(pair)
+        for pair in combinations(range(12), 2)
+        if places > 1 or some.mount[pair[0]] != some.mount[pair[1]]
+    }
+    best = policy.answer_to(known, Terms.plain(some, 2), swaps=6)
+    for gone in best.members:  # no other beside one of the two is better
+        assert max(ap for pair, ap in pairs.items() if gone in pair) <= best.ap + 1e-6
+
+
+def test_sensors_on_a_pole_share_its_link(policy, junction, known):
+    sent = np.full(12, 100.0)
+    for link, places in ((99.0, 0), (199.0, 1), (200.0, 2), (299.0, 2), (300.0, 3)):
+        some = several(junction, 3, link)
+        answer = policy.answer_to(known, Terms.plain(some, 12), sent=sent)
+        assert np.bincount(some.mount[list(answer.members)], minlength=4).max() == places, link
+        checked = policy.answer_checked(known, Terms.plain(some, 12), lambda members: sent[list(members)])
+        assert np.bincount(some.mount[list(checked.members)], minlength=4).max() <= places, link
+    first = int(np.flatnonzero(some.mount == 0)[0])
+    guessed = policy.predicted(known)
+    alone, beside = guessed.carried(some), guessed.carried(some, [first])
+    assert (beside[some.mount == 0] < alone[some.mount == 0]).all()
+    assert (beside[some.mount != 0] == alone[some.mount != 0]).all()
+
+
+def test_a_pole_is_paid_once(policy, junction, known):
+    some = several(junction, 3, 1e9, price=2.0)  # a pole costs 2 and a sensor 1
+    for money, most in ((2.9, 0), (3.0, 1), (4.0, 2), (5.0, 3), (6.9, 3)):
+        terms = Terms.plain(some, 12, most_price=money)
+        answer = policy.answer_to(known, terms, swaps=0)
+        assert terms.price(answer.members) <= money
+        assert len(answer.members) <= most
+        assert (len(answer.members) > 0) == (most > 0)
+    gains = policy.predicted(known).gains([0], Terms.plain(some, 2, weights=Weights(price=0.01)))
+    free = policy.predicted(known).gains([0], Terms.plain(some, 2))
+    assert free - gains == pytest.approx(np.where(some.mount == some.mount[0], 0.01, 0.03), abs=1e-6)
+
+
+def test_many_candidates_are_looked_at_in_parts(policy, known, monkeypatch):
+    whole = policy.predicted(known)
+    monkeypatch.setattr(map_policy, "PREDICTED_AT_ONCE", 5)
+    parts = policy.predicted(known)
+    for name in ("evidence", "weight", "log_kbit", "log_spread"):
+        assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-5)
 
 
 def test_kbit_counts_per_sensor(policy, junction, known):

@@ -9,6 +9,7 @@ from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated
+from placement_env.search.portfolio.proposals import Proposal
 
 VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
 
@@ -77,6 +78,40 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(de
     assert [len(sets) for sets, _ in final.asked] == [2]
     assert {stage[0] for stage in stages} == {"searching", "racing", "judging"}
     assert found.certificate.note == f"raced by the detector: of the {said.entrants} entrants, not of all sets"
+
+
+class Proposing:
+    """Proposes the second and the third sensor, or says why not."""
+
+    name = "map policy"
+
+    def __init__(self, note=""):
+        self.note = note
+
+    def __call__(self, objective, budget):
+        return Proposal((), self.note) if self.note else Proposal((1, 2)[:budget])
+
+
+def test_a_proposal_races_with_the_answers_of_searches(deceived):
+    found = portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), neighbours=0, proposer=Proposing())
+    assert found.best.subset == (1, 2)
+    assert [(each.searches, each.subset) for each in found.assessment.contenders] == [
+        (("map policy",), (1, 2)),
+        (("exhaustive", "greedy", "swap", "thrifty swap"), (0, 1)),
+    ]
+    assert found.assessment.entrants == 2
+    without = portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), neighbours=0)
+    assert (without.best.subset, without.assessment.entrants) == ((0, 1), 1)
+
+
+def test_why_nothing_is_proposed_is_said_once(deceived, street):
+    asked = {"evaluators": (Truth(), Truth()), "proposer": Proposing("no start from the map: there is none")}
+    found = portfolio.search(deceived, 2, **asked)
+    assert found.certificate.note.endswith("entrants, not of all sets; no start from the map: there is none")
+    poor = Objective.of(street.candidates, Deceived(), "late", most_price=1.0)
+    assert portfolio.search(poor, 2, **asked).certificate.note == (
+        "no search found a set that may be built and pays; no start from the map: there is none"
+    )
 
 
 def test_what_sets_cost_counts_in_the_race(street):
