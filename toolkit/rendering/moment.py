@@ -18,8 +18,6 @@ from toolkit.arrays import Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
 from toolkit.geometry import LEVEL, Slope
 
-NO_TRIANGLE = np.iinfo(np.uint32).max  # what Open3D says of a line that meets no triangle
-
 
 class Footprints(NamedTuple):
     """What bodies cover of the ground and how high they reach. points: corners of the convex footprints, world frame,
@@ -40,14 +38,15 @@ class Moment:
     def __init__(
         self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0, *, slope: Slope = LEVEL
     ) -> None:
-        self.boxes, self._threads, self._slope = boxes, threads, np.array(slope)
+        self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
         self._place(bodies)
         vertices = [self._into_world(body.vertices, row) for row, body in enumerate(bodies)]
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
-        self._object = np.repeat(np.arange(len(bodies), dtype=np.int32), [len(each) for each in triangles])
+        sizes = [len(each) for each in triangles]
+        self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])  # -1 for no triangle
         self._scene = None
-        if len(self._object):
+        if sum(sizes):
             self._scene = scene_of(np.concatenate(vertices), np.concatenate(triangles), threads)
 
     def __len__(self) -> int:
@@ -59,9 +58,8 @@ class Moment:
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
-        triangle = found["primitive_ids"].numpy()
-        some = triangle != NO_TRIANGLE
-        return np.where(some, self._object[np.where(some, triangle, 0)], np.int32(-1)), found["t_hit"].numpy()
+        after = found["primitive_ids"].numpy() + np.uint32(1)  # 0 for no triangle
+        return self._object.take(after), found["t_hit"].numpy()
 
     def _place(self, bodies: Sequence[Body]) -> None:
         yaw = self.boxes[:, 6]

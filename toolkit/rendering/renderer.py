@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float32, Float64, Int32, Int64
+from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
 from toolkit.geometry import LEVEL, invert, levelling, pose, transform
@@ -133,6 +133,11 @@ class Renderer:
         """How many times its direction each line (start, direction; world frame) goes until it meets what stands still,
         infinite where it does not."""
         return self._lengths(self._still, lines)
+
+    def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Bool[np.ndarray, " n"]:
+        """Which ways (start, and from there to the end; world frame) meet what stands still: half the work of
+        `cast_still`, which finds how far off too."""
+        return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
         """All that moves in a snapshot, in one scene. Raises ValueError where a box is not the box of its body."""

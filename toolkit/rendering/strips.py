@@ -50,7 +50,7 @@ class Counted(NamedTuple):
     radius: float
 
 
-class _Windows(NamedTuple):
+class Sectors(NamedTuple):
     """Where an object may be seen, of pairs of viewpoint and object: azimuth of the first column and width of each
     (rad), how many columns, and about how many rad lie between the rays of one."""
 
@@ -60,6 +60,10 @@ class _Windows(NamedTuple):
     width: Float64[np.ndarray, " p"]
     columns: Int64[np.ndarray, " p"]
     step: Float64[np.ndarray, " p"]
+
+    def take(self, pairs: Int64[np.ndarray, " q"]) -> Sectors:
+        """Those of some pairs."""
+        return Sectors(*(each.take(pairs) for each in self))
 
 
 class _Columns(NamedTuple):
@@ -82,7 +86,17 @@ def strips_of(
 ) -> Strips:
     """What is seen of a moment's objects from viewpoints. renderer: of the site, for what stands still; fine: which
     objects are looked at on the `STRIP_WIDTH`, the others `COARSE`."""
-    windows = _windows(moment.ground, viewpoints, fine)
+    return strips_in(renderer, moment, viewpoints, counted, sectors_of(moment.ground, viewpoints, fine))
+
+
+def strips_in(
+    renderer: Renderer,
+    moment: Moment,
+    viewpoints: Float64[np.ndarray, "V 3"],
+    counted: Counted,
+    windows: Sectors,
+) -> Strips:
+    """What is seen in sectors of the objects they belong to, sector after sector; the rest as of `strips_of`."""
     columns = _columns(moment.ground, viewpoints, windows)
     rays = _Rays(renderer, moment, viewpoints, counted, windows)
     return joined([_strips(rays, windows, some) for some in _portions(columns)])
@@ -95,10 +109,11 @@ def joined(parts: list[Strips]) -> Strips:
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def _windows(ground: Footprints, viewpoints: np.ndarray, fine: np.ndarray) -> _Windows:
+def sectors_of(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
+    """Where each object may be seen, viewpoint after viewpoint; fine: as of `strips_of`."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
-        return _Windows(whole, whole, real, real, whole, real)
+        return Sectors(whole, whole, real, real, whole, real)
     begin, sizes = ground.first[:-1], np.diff(ground.first)
     middle = np.add.reduceat(ground.points, begin, axis=0) / sizes[:, None] - viewpoints[:, None, :2]
     offset = ground.points - viewpoints[:, None, :2]
@@ -117,10 +132,10 @@ def _windows(ground: Footprints, viewpoints: np.ndarray, fine: np.ndarray) -> _W
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
     viewpoint, item = np.indices(first.shape).reshape(2, -1)
     width = (last - first) / columns
-    return _Windows(viewpoint, item, start.ravel(), width.ravel(), columns.ravel(), 2 * grid.ravel())
+    return Sectors(viewpoint, item, start.ravel(), width.ravel(), columns.ravel(), 2 * grid.ravel())
 
 
-def _columns(ground: Footprints, viewpoints: np.ndarray, windows: _Windows) -> _Columns:
+def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _Columns:
     """Columns of the upright prisms that stand on the rectangles round the footprints."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
@@ -136,7 +151,7 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: _Windows) -> _
 
 
 def _crossed(
-    ground: Footprints, viewpoints: np.ndarray, windows: _Windows, window: np.ndarray, azimuth: np.ndarray
+    ground: Footprints, viewpoints: np.ndarray, windows: Sectors, window: np.ndarray, azimuth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far off a ray of each column, seen from above, enters its rectangle and leaves it."""
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
@@ -168,7 +183,7 @@ class _Rays:
     """Casts rays of windows and says what each shows of the window's object: 0 where it is not seen."""
 
     def __init__(
-        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, counted: Counted, windows: _Windows
+        self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, counted: Counted, windows: Sectors
     ) -> None:
         self._renderer, self._moment, self._counted = renderer, moment, counted
         self._item = windows.item.astype(np.int32)
@@ -188,17 +203,17 @@ class _Rays:
         if not len(own):
             return shows
         lines, length = lines.take(own, axis=0), length.take(own)
-        across = length * flat.take(own)
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
+        kinds = np.where(length * flat.take(own) > self._counted.radius, np.uint8(BEYOND), np.uint8(WITHIN))
+        kinds[~self._counted.crop.holds(points)] = OUTSIDE
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
-        seen = self._renderer.cast_still(lines) + np.float32(NEAR) > length
-        kinds = np.where(across > self._counted.radius, BEYOND, WITHIN)
-        kinds = np.where(self._counted.crop.holds(points), kinds, OUTSIDE)
-        shows[own] = kinds * seen
+        lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
+        kinds[self._renderer.still_hides(lines)] = 0
+        shows[own] = kinds
         return shows
 
 
-def _strips(rays: _Rays, windows: _Windows, columns: _Columns) -> Strips:
+def _strips(rays: _Rays, windows: Sectors, columns: _Columns) -> Strips:
     window, azimuth, rows = columns.window, columns.azimuth.astype(np.float32), columns.rows
     first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)

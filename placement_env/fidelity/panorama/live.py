@@ -24,7 +24,8 @@ from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, centred_in
 from toolkit.rendering.moment import Moment
-from toolkit.rendering.strips import Counted, Strips, joined, strips_of
+from toolkit.rendering.strips import Counted, Strips, joined
+from toolkit.rendering.successive import SuccessiveStrips
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.model import SensorModel
@@ -104,10 +105,10 @@ class LiveView:
         if not places:
             return []
         site, first, parts = self.traffic.site, 0, []
-        counted = Counted(Crop.of(site), site.hybrid_radius)
+        successive = SuccessiveStrips(self._renderer, np.array(places), Counted(Crop.of(site), site.hybrid_radius))
         for k, snapshot in enumerate(self.traffic.snapshots):
             fine = centred_in(snapshot.objects.boxes, site.area)
-            strips = strips_of(self._renderer, self._moment(k), np.array(places), counted, fine)
+            strips = successive.of(self._moment(k), fine)
             parts.append(strips._replace(item=strips.item + np.int32(first)))
             first += len(fine)
         whole = joined(parts)

@@ -17,7 +17,8 @@ from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Bool, Float64
 from toolkit.points import Crop, centred_in
-from toolkit.rendering.strips import Counted, strips_of
+from toolkit.rendering.strips import Counted
+from toolkit.rendering.successive import SuccessiveStrips
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.model import SensorModel
@@ -83,11 +84,8 @@ class _Look:
 
     def _frame(self, k: int) -> Seen:
         site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
-        counted = Counted(Crop.of(site), site.hybrid_radius)
         boxes = snapshot.objects.boxes
-        strips = strips_of(
-            renderer, renderer.moment(snapshot), self._views.viewpoints, counted, centred_in(boxes, site.area)
-        )
+        strips = self._strips.of(renderer.moment(snapshot), centred_in(boxes, site.area))
         sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
         seen = look_through(self._views, sight, self._stills, self._alone, (len(boxes), 1))
         return seen._replace(points=seen.points[:, scored(snapshot.objects, site, self.labels)])
@@ -95,6 +93,11 @@ class _Look:
     @cached_property
     def _views(self) -> Views:
         return Views.of(self.sensors)
+
+    @cached_property
+    def _strips(self) -> SuccessiveStrips:
+        counted = Counted(Crop.of(self.traffic.site), self.traffic.site.hybrid_radius)
+        return SuccessiveStrips(renderer_of(self.traffic), self._views.viewpoints, counted)
 
     @cached_property
     def _stills(self) -> dict[SensorModel, Still]:

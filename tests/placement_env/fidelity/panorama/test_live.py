@@ -11,7 +11,7 @@ from placement_env.fidelity.panorama.live import LiveView
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
 from toolkit.geometry import pose
-from toolkit.rendering.strips import strips_of
+from toolkit.rendering.successive import SuccessiveStrips
 from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -81,13 +81,13 @@ def test_between_two_heights_it_is_interpolated(view):
 
 def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     asked = []
-    made = strips_of
+    made = SuccessiveStrips.of
 
-    def counted(renderer, moment, places, crop, fine):
-        asked.append(places[:, 2].round(6).tolist())
-        return made(renderer, moment, places, crop, fine)
+    def counted(self, moment, fine):
+        asked.append(self._viewpoints[:, 2].round(6).tolist())
+        return made(self, moment, fine)
 
-    monkeypatch.setattr(live, "strips_of", counted)
+    monkeypatch.setattr(SuccessiveStrips, "of", counted)
     view = LiveView(traffic)
     view.see(hung((0, 4.3, 0.7, 0.3, 0)))
     assert asked == [[4.1, 4.6, 5.1]] * 2  # the foot stands at 0.1
@@ -108,7 +108,7 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypa
     cache, some = Cache(tmp_path / "cache.sqlite"), hung((0, 4.3, 0.7, 0.3, 0), (0, 5.0, 0.1, 0.2, 0))
     first = LiveView(traffic, cache=cache).see(some)
     assert len(cache) == 3
-    monkeypatch.setattr(live, "strips_of", None)
+    monkeypatch.setattr(SuccessiveStrips, "of", None)
     again = LiveView(traffic, cache=cache).see(some)
     for one in (again, view.see(some)):
         np.testing.assert_array_equal(one.points, first.points)

@@ -10,6 +10,7 @@ from placement_env.fidelity.panorama import panoramas
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
+from toolkit.rendering.successive import SuccessiveStrips
 from toolkit.runtime.cache import Cache
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -55,6 +56,14 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
     assert same(again((0, 2)), job((0, 2)))
 
 
+def test_frames_looked_at_before_make_no_difference(small_traffic):
+    first, second, *_ = small_traffic.snapshots
+    traffic = replace(small_traffic, snapshots=(first, first, second, first))
+    job = panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))
+    for block in ((0, 4), (2, 4), (1, 2)):
+        assert same(job(block), panoramas._Look(traffic, tuple(SENSORS), (VEHICLE,))(block))
+
+
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
     other = Sensor("other", CAMERA, look((22.0, 16.0, 5.0), -2.4, 0.1))
     together = look_round(small_traffic, [other, *SENSORS[::-1]], (VEHICLE,))
@@ -69,7 +78,7 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
-    monkeypatch.setattr(panoramas, "strips_of", fail)
+    monkeypatch.setattr(SuccessiveStrips, "of", fail)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), cache=cache), seen)
     turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
     others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])
