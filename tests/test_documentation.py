@@ -84,7 +84,7 @@ def test_options_in_running_text_exist(page, extension):
     for name, rest in re.findall(r"`coview ([a-z]+) ([^`]*--[^`]*)`", text):
         below = extension("commands").subcommands(parser(name)).values()
         known = {option for each in (parser(name), *below) for option in each._option_string_actions}
-        assert set(re.findall(r"--[a-z-]+", rest)) <= known, name
+        assert set(re.findall(r"--[a-z0-9-]+", rest)) <= known, name
 
 
 def test_a_wrong_command_line_is_seen():
