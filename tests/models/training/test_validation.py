@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from models.network.voxelnet import VoxelNet
+from models.training import validation as module
 from models.training.log import LOG, curves
 from models.training.loop import train
-from models.training.presets import PRESETS, config_for
-from models.training.validation import average_precision, validation
+from models.training.presets import ANYWHERE, PRESETS, config_for
+from models.training.validation import AREAS_KEPT, average_precision, detector_by_area, validation
 from toolkit.objects import VEHICLE, Detections
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
@@ -71,3 +72,21 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
     network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
     assert average_precision(network, packed) == {"AP@0.7": 0.0, "AP@0.8": 0.0, "AP@0.9": 0.0, **heavy}
+
+
+def test_detectors_are_kept_for_a_few_areas_alone(monkeypatch):
+    made = []
+
+    def at_work(network, **settings):
+        made.append(network.config.area)
+        return len(made)
+
+    monkeypatch.setattr(module, "VoxelNetDetector", at_work)
+    detector_in = detector_by_area(VoxelNet(config_for(ANYWHERE, "general")))
+    areas = [(0.0, 0.0, 8.0 * k, 8.0) for k in range(1, AREAS_KEPT + 2)]
+    first = [detector_in(area) for area in areas]
+    assert made == areas
+    assert [detector_in(area) for area in areas[1:]] == first[1:]
+    assert made == areas
+    detector_in(areas[0])
+    assert made == [*areas, areas[0]]
