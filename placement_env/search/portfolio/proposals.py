@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from placement_env.objective import Objective
 
@@ -21,6 +21,7 @@ class Proposal(NamedTuple):
     note: str = ""
 
 
+@runtime_checkable
 class Proposer(Protocol):
     """Who proposes. The same objective and budget have the same proposal."""
 

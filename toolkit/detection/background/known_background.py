@@ -52,7 +52,7 @@ class KnownBackground:
         found = self.detector(points)
         return found[self.somebody(found, points)]
 
-    def somebody(self, found: Detections, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
         """Which detections hold enough points, and one at least, that are not background."""
         if not len(found):
             return np.zeros(0, bool)

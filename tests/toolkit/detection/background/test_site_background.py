@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background.background import Background
 from toolkit.detection.background.site_background import empty_sweeps, recording_background, site_background
 from toolkit.frame import Frame
@@ -64,12 +65,17 @@ def test_of_a_recording_it_is_the_site_s_scenery_or_else_what_is_seen_behind_all
     assert learnt.holds(levelled(again, site.relief.slope)).mean() > 0.97
 
 
-class Recorded(list):
+class Recorded(CoopDataset):
     """Stands for a recording: its frames, and its site."""
 
     def __init__(self, frames, site):
-        super().__init__(frames)
-        self.site = site
+        self.frames, self.site = frames, site
+
+    def __len__(self):
+        return len(self.frames)
+
+    def __getitem__(self, index):
+        return self.frames[index]
 
 
 def test_what_is_far_off_or_overhead_is_not_kept():
