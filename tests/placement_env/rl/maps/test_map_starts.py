@@ -55,22 +55,16 @@ def test_all_that_limits_a_set_is_kept_to(policy, junction, objective):
         assert limited.price(limited.row(members)[None])[0] <= most
         assert len(members) == int(most)
     assert starts(objective.weighed(Weights(price=9.0)), 4) == ((), "")
+
+    def mounted_on(mounts):
+        candidates, seen = replace(junction.candidates, mounts=mounts), junction.visibility
+        return Objective.of(candidates, objective.scored_by, site=junction.site, visibility=seen)
+
     mounts = tuple(replace(each, max_sensors=2, capacity=1e6) for each in junction.candidates.mounts)
-    several = Objective.of(
-        replace(junction.candidates, mounts=mounts),
-        objective.scored_by,
-        site=junction.site,
-        visibility=junction.visibility,
-    )
-    members = starts(several, 12).members
+    members = starts(mounted_on(mounts), 12).members
     assert np.bincount(mount[list(members)]).max() == 2
     narrow = tuple(replace(each, capacity=1.5 * float(objective.sent.max())) for each in mounts)
-    shared = Objective.of(
-        replace(junction.candidates, mounts=narrow),
-        objective.scored_by,
-        site=junction.site,
-        visibility=junction.visibility,
-    )
+    shared = mounted_on(narrow)
     members = starts(shared, 12).members
     assert shared.feasible(shared.row(members)[None])[0]
 
