@@ -40,7 +40,23 @@ def contested(found: Detections, config: VoxelNetConfig) -> Detections:
         return found
     own = {label_index(name): row for row, name in enumerate(config.labels)}
     rows = np.array(config.rivalry)[[own[int(label)] for label in found.labels]]
-    score = np.clip(found.scores, _NEVER_SURE, 1 - _NEVER_SURE)
-    lost = (rows[:, 2:] * strongest_rivals(found, config)).sum(axis=1)
-    logits = rows[:, 0] * np.log(score / (1 - score)) + rows[:, 1] - lost
-    return Detections(found.boxes, 1 / (1 + np.exp(-logits)), found.labels)
+    return Detections(found.boxes, left_of(found.scores, strongest_rivals(found, config), rows), found.labels)
+
+
+def left_of(
+    scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
+) -> Float[np.ndarray, " n"]:
+    """What rivals leave of scores, by slope, intercept and the weights of labels (K = L + 2), a row for each score or
+    one for all."""
+    return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
+
+
+def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Log odds, of scores cut to 1e-6 from 0 and 1 as the detector cuts them."""
+    cut = np.clip(scores, _NEVER_SURE, 1 - _NEVER_SURE)
+    return np.log(cut / (1 - cut))
+
+
+def sigmoid(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The inverse of `logit`."""
+    return 1 / (1 + np.exp(-values))

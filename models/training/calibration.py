@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from models.config import VoxelNetConfig
-from models.network.rivals import strongest_rivals
+from models.network.rivals import left_of, logit, sigmoid, strongest_rivals
 from models.network.voxelnet import VoxelNet
 from models.training.packed import PackedFrames
 from models.training.validation import detections_of
@@ -79,20 +79,25 @@ def calibrated_on(network: VoxelNet, frames: PackedFrames, *, count: int | None 
     bare = rebuilt(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judged(bare, frames, count, seed)
-    pairs = [_platt_of(judged, LABELS.index(label)) for label in labels]
+    scores, of, hits = _columns(judged)
+    counts = hits != UNCOUNTED
+    pairs = []
+    for label in labels:
+        own = counts & (of == LABELS.index(label))
+        pairs.append(platt(scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0))
     calibrated = rebuilt(bare, calibration=tuple(pairs))
     sure = [_rescored(found, calibrated.config) for found, _ in judged]
     rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
-    scores, of, hits = _columns([(found, hit) for found, (_, hit) in zip(sure, judged, strict=True)])
+    scores = Detections.merge(sure).scores
     rows, thresholds = [], []
     for label in labels:
-        own = (of == LABELS.index(label)) & (hits != UNCOUNTED)
+        own = counts & (of == LABELS.index(label))
         true = hits[own] == TRUE
         enough = len(labels) > 1 and own.sum() >= FEWEST
         row = with_rivals(scores[own], rivals[own], true) if enough else (1.0, 0.0, *np.zeros(len(labels)).tolist())
-        odds = row[0] * logit(scores[own]) + row[1] - rivals[own] @ row[2:]
+        left = left_of(scores[own], rivals[own], np.array([row]))
         rows.append(row)
-        thresholds.append(round(max(LEAST_SURE, lowest_threshold(sigmoid(odds), true, PRECISION)), 3))
+        thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
     return rebuilt(calibrated, rivalry=tuple(rows) if len(labels) > 1 else (), thresholds=tuple(thresholds))
 
 
@@ -120,26 +125,8 @@ def _columns(judged: list[tuple[Detections, np.ndarray]]) -> tuple[np.ndarray, n
     return found.scores, found.labels, np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
 
 
-def _platt_of(judged: list[tuple[Detections, np.ndarray]], number: int) -> tuple[float, float]:
-    """`platt` on the detections of a class, where there are enough."""
-    scores, labels, hits = _columns(judged)
-    own = (labels == number) & (hits != UNCOUNTED)
-    return platt(scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0)
-
-
 def _rescored(found: Detections, config: VoxelNetConfig) -> Detections:
     """Detections with calibrated scores."""
     by_label = {LABELS.index(label): pair for label, pair in zip(config.labels, config.calibration, strict=True)}
     slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
     return Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels)
-
-
-def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Log odds, of scores cut to 1e-6 from 0 and 1 as the detector cuts them."""
-    cut = np.clip(scores, 1e-6, 1 - 1e-6)
-    return np.log(cut / (1 - cut))
-
-
-def sigmoid(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The inverse of `logit`."""
-    return 1 / (1 + np.exp(-values))

@@ -14,7 +14,6 @@ It needs no labels and no training, only a look at the empty site, and is the ba
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import compress, pairwise
@@ -71,10 +70,7 @@ class ClusterDetector:
     @property
     def digest(self) -> str:
         """SHA-256 of what its detections depend on: the empty site and its settings."""
-        seen, digest = self.background, hashlib.sha256(repr((self.cell, self.reach, self.fewest)).encode())
-        for part in (seen.origin, seen.voxel, seen.occupied, seen.cell, seen.ground):
-            digest.update(repr(np.shape(part)).encode() + np.ascontiguousarray(part).tobytes())
-        return digest.hexdigest()
+        return self.background.digest_with(repr((self.cell, self.reach, self.fewest)).encode())
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect; points: (n, 3), world frame. Those that are not finite are left out."""

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from models.detector import calibrated
+from models.network.rivals import logit, sigmoid
 from models.network.voxelnet import VoxelNet
 from models.training import calibration
 from models.training.calibration import (
@@ -13,10 +14,8 @@ from models.training.calibration import (
     MOST_LOST,
     PRECISION,
     calibrated_on,
-    logit,
     lowest_threshold,
     platt,
-    sigmoid,
     with_rivals,
 )
 from models.training.presets import config_for

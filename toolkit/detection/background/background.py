@@ -14,6 +14,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float64
 
+VOXEL = 0.15  # m
 MOST_VOXELS = 1 << 28
 
 
@@ -32,7 +33,7 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Float[np.ndarray, "n 3"], voxel: float = 0.15, cell: float = 1.0) -> Background:
+    def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
         """From the points of the empty site, best of several sweeps with their noise."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
@@ -56,7 +57,11 @@ class Background:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all it holds."""
-        said = hashlib.sha256()
+        return self.digest_with(b"")
+
+    def digest_with(self, settings: bytes) -> str:
+        """SHA-256 of settings and all it holds, for what depends on both."""
+        said = hashlib.sha256(settings)
         for part in (self.origin, self.voxel, self.occupied, self.cell, self.ground):
             said.update(repr(np.shape(part)).encode() + np.ascontiguousarray(part).tobytes())
         return said.hexdigest()

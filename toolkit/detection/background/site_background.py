@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background.background import Background
+from toolkit.detection.background.background import VOXEL, Background
 from toolkit.frame import empty_scene
 from toolkit.geometry import levelled
 from toolkit.mesh import Mesh
@@ -16,7 +16,6 @@ from toolkit.points import Crop, frame_points
 from toolkit.rendering.static_scene import scenery
 from toolkit.sites.site import Site
 
-VOXEL = 0.15  # m
 PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
 _SWEEPS = 4  # of the empty scene, each with noise of its own
 _FLOOR = -1.0  # m: the ground may lie a little below its own plane
@@ -28,7 +27,7 @@ def recording_background(recording: CoopDataset) -> Background:
     it, four times over with their noise: who parks there all the time is background then."""
     if recording.site.solids:
         return site_background(recording.site)
-    return Background.learn(np.concatenate(list(empty_sweeps(recording))), VOXEL)
+    return Background.learn(np.concatenate(list(empty_sweeps(recording))))
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
@@ -48,7 +47,7 @@ def site_background(site: Site) -> Background:
     near = _near(levelled(mesh.vertices, slope)[mesh.triangles], crop)
     surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]))
     points = [levelled(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
-    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), VOXEL)
+    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]))
 
 
 def _near(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
