@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,13 +21,14 @@ from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_of, digest_with, load_weights
-from toolkit.arrays import Float, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 from toolkit.boxes import iou_bev, nms
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.runtime.memory import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
+_SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more than the second
 
 
 class VoxelNetDetector:
@@ -122,23 +124,27 @@ def candidates(
     """Per cloud, the boxes of the best anchors above the threshold of a label, and their score for each label, 0 where
     it is not above that."""
     count = len(config.anchor_labels)
-    scores = label_scores(prediction, config)
-    residuals = per_anchor(prediction.residuals, count)
-    direction = (
-        None if prediction.direction_logits is None else per_anchor(prediction.direction_logits, count)[..., 0] > 0
+    logits, residuals = (per_anchor(each, count) for each in (prediction.class_logits, prediction.residuals))
+    quality, direction = (
+        None if each is None else per_anchor(each, count)[..., 0]
+        for each in (prediction.quality_logits, prediction.direction_logits)
     )
-    own = torch.eye(len(config.labels), device=scores.device)[list(config.anchor_labels)]
-    least = torch.tensor(thresholds, dtype=scores.dtype, device=scores.device)
-    least = least[list(config.anchor_labels)][:, None] if config.kinds else least
+    label = torch.tensor(config.anchor_labels, device=logits.device)
+    own = torch.eye(len(config.labels), device=logits.device)
+    least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
     found = []
-    for item, score in enumerate(torch.where(scores > least, scores, torch.zeros_like(scores))):
-        best = score.amax(-1).view(-1)
+    for item, some in enumerate(hopeful(logits, least, config)):
+        cell = torch.nonzero(some, as_tuple=True)
+        at = label[cell[2]]
+        scores = _scores(logits[item][cell], None if quality is None else quality[item][cell][:, None], at, config)
+        scores = torch.where(scores > (least[at][:, None] if config.kinds else least), scores, 0.0)
+        best = scores.amax(-1)
         chosen = torch.nonzero(best > 0)[:, 0]
         if len(chosen) > MOST_CANDIDATES:
             chosen = chosen[torch.topk(best[chosen], MOST_CANDIDATES).indices]
-        cell = torch.unravel_index(chosen, score.shape[:3])
-        turned = None if direction is None else direction[item][cell]
-        by_label = score[cell] * own[cell[2]] if config.kinds else score[cell]
+        scores, at, cell = scores[chosen], at[chosen], tuple(axis[chosen] for axis in cell)
+        turned = None if direction is None else direction[item][cell] > 0
+        by_label = scores * own[at] if config.kinds else scores
         found.append((decode(residuals[item][cell], anchors[cell], turned), by_label))
     return found
 
@@ -147,21 +153,56 @@ def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor
     """How sure the network is of each label at each anchor, 0 to 1; where anchors are of one class, of that alone."""
     count = len(config.anchor_labels)
     logits = per_anchor(prediction.class_logits, count)
+    quality = None if prediction.quality_logits is None else per_anchor(prediction.quality_logits, count)
+    return _scores(logits, quality, torch.tensor(config.anchor_labels, device=logits.device), config)
+
+
+def _scores(
+    logits: Float[Tensor, "*n K"], quality: Float[Tensor, "*n 1"] | None, label: Int64[Tensor, "*m"],
+    config: VoxelNetConfig,
+) -> Float[Tensor, "*n L"]:  # fmt: skip
+    """`label_scores` of anchors of these labels (of all anchors, or of those of a cell)."""
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]
     scores = torch.sigmoid(logits)
-    if prediction.quality_logits is not None and config.quality_power:
-        scores = scores * torch.sigmoid(per_anchor(prediction.quality_logits, count)) ** config.quality_power
-    return calibrated(scores, config)
+    if quality is not None and config.quality_power:
+        scores = scores * torch.sigmoid(quality) ** config.quality_power
+    return calibrated(scores, label, config)
 
 
-def calibrated(scores: Float[Tensor, "B H W A L"], config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
+def calibrated(
+    scores: Float[Tensor, "*n L"], label: Int64[Tensor, "*m"], config: VoxelNetConfig
+) -> Float[Tensor, "*n L"]:
     """Scores that say which share of the detections of that score are true, by the configuration's calibration."""
     if not config.calibration:
         return scores
-    by_label = torch.tensor(config.calibration, dtype=scores.dtype, device=scores.device)
-    slope, intercept = by_label[list(config.anchor_labels)].T[..., None] if config.kinds else by_label.T
+    slope, intercept = _calibration(label, config, scores)
     return torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
+
+
+def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[Tensor, Tensor]:
+    """Slope and intercept for anchors of these labels."""
+    by_label = torch.tensor(config.calibration, dtype=like.dtype, device=like.device)
+    slope, intercept = by_label[label].T[..., None] if config.kinds else by_label.T
+    return slope, intercept
+
+
+def hopeful(
+    logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
+) -> Bool[Tensor, "B H W A"]:
+    """Anchors, hardly any, that can have a score above the least of a label: a glance at their class alone.
+
+    A predicted IoU only lowers a score. Whoever is left out would be, with all that is known of it.
+    """
+    if config.head == "published":
+        return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
+    label = torch.tensor(config.anchor_labels, device=logits.device)
+    bound = torch.logit(least[label][:, None] if config.kinds else least)
+    if config.calibration:
+        slope, intercept = _calibration(label, config, logits)
+        bound = (bound - intercept) / slope
+    bound = torch.where(bound > math.log(1e-6), bound.clamp(max=_SURE_LOGIT), -torch.inf)
+    return (logits > bound - _ROUNDING).any(-1)
 
 
 def suppressed(

@@ -178,7 +178,7 @@ def _counts(distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray) -> Float
 def _near_points(points: np.ndarray, boxes: np.ndarray) -> list[Float[np.ndarray, "k 3"]]:
     """Per box the points on it and about it, in its own frame: u ahead and v left of its middle, t above its floor."""
     points = points[np.isfinite(points).all(axis=1)]
-    points = points[np.argsort(points[:, 0], kind="stable")]
+    points = points[np.argsort(points[:, 0])]
     reach = NEAREST + STEP * BINS  # of the counts, beyond a face
     around = np.hypot(boxes[:, 3] / 2 + reach, boxes[:, 4] / 2 + reach)
     first, last = (np.searchsorted(points[:, 0], boxes[:, 0] + sign * around) for sign in (-1, 1))

@@ -184,10 +184,12 @@ def folded_columns(
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
     """`start` of each column and, added to it, the products of its voxels with the weights of their levels."""
-    by_level = torch.argsort(level, stable=True)
-    groups = torch.split(features[by_level], torch.bincount(level, minlength=len(weight)).tolist())
+    if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
+        by_level = torch.argsort(level, stable=True)
+        features, column = features[by_level], column[by_level]
+    groups = torch.split(features, torch.bincount(level, minlength=len(weight)).tolist())
     products = torch.cat([rows @ weights for rows, weights in zip(groups, weight, strict=True)])
-    return start.index_add(0, column[by_level], products)
+    return start.index_add(0, column, products)
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:

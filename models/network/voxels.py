@@ -53,15 +53,12 @@ def voxelise(
         raise ValueError(f"points must have shape (n, 3), got {tuple(cloud.shape)}")
     cloud = cloud[_inside(cloud, config)]
     key = _keys(cloud, config)
-    nx, ny, nz = config.grid_shape
-    occupied = torch.zeros(nx * ny * nz, dtype=torch.bool, device=cloud.device)
-    occupied[key] = True
-    voxel = torch.cumsum(occupied, 0, dtype=torch.int32)[key].long() - 1
+    occupied, voxel = torch.unique(key, return_inverse=True)  # sorts: less work than a map of all voxels
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
         keep = _thinned(voxel, crowded, config.max_points, rng)
         cloud, voxel = cloud[keep], voxel[keep]
-    return Voxels(cloud, voxel, _cells(torch.nonzero(occupied)[:, 0], config))
+    return Voxels(cloud, voxel, _cells(occupied, config))
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:

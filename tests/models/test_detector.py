@@ -8,7 +8,15 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig, road_users
-from models.detector import VoxelNetDetector, averaged, candidates, label_scores, load_detector, suppressed
+from models.detector import (
+    MOST_CANDIDATES,
+    VoxelNetDetector,
+    averaged,
+    candidates,
+    label_scores,
+    load_detector,
+    suppressed,
+)
 from models.network.anchors import anchors, encode, faces_back
 from models.network.rivals import LEAST_RIVAL, contested
 from models.network.voxelnet import Prediction, VoxelNet
@@ -248,6 +256,35 @@ def test_candidates_of_a_class_have_scores_of_that_class_alone():
     assert len(scores) > 2
     assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
     assert (scores[:, 2] > 0.9).all()
+
+
+CONFIGS = {
+    "one class": CONFIG,
+    "one class, calibrated": dataclasses.replace(CONFIG, calibration=((1.4, -0.6),)),
+    "classes": CLASSES,
+    "classes, calibrated": dataclasses.replace(CLASSES, calibration=((1.5, 0.4), (0.7, -1.0), (9.0, 3.0), (0.1, 0.2))),
+    "published": dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area),
+}
+
+
+@pytest.mark.parametrize("least", [0.0, 1e-7, 0.05, 0.6, 0.9999, 1.0])
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
+    """Beside scores of every anchor and label, as `label_scores` has them, one that is not a number among them."""
+    config = CONFIGS[name]
+    shape, torch_rng = config.map_shape, torch.Generator().manual_seed(7)
+    count = len(config.anchor_labels)
+    widths = (count * config.classes, count * config.residuals, count, count)
+    maps = [6 * torch.randn(2, width, *shape, generator=torch_rng) for width in widths]
+    maps[0][0, 0, 3, 3] = torch.nan
+    prediction = Prediction(*maps) if config.head == "quality" else Prediction(*maps[:2])
+    scores = label_scores(prediction, config)
+    thresholds = [least] * len(config.labels)
+    found = candidates(prediction, anchors(config), config, thresholds)
+    for item, (_, by_label) in enumerate(found):
+        above = torch.where(scores[item] > least, scores[item], 0).amax(-1).flatten()
+        expected = above.sort(descending=True).values[:MOST_CANDIDATES]
+        torch.testing.assert_close(by_label.amax(-1).sort(descending=True).values, expected[expected > 0])
 
 
 def test_a_box_is_no_mean_of_other_classes():

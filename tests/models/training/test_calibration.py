@@ -157,7 +157,8 @@ def test_the_detector_calibrates_as_the_fit_does():
 
     config = replace(config, calibration=((2.0, -1.0), (0.5, 0.25)))
     scores = torch.tensor([0.1, 0.5, 0.9]).repeat(2, 1, 1, 1).permute(0, 1, 3, 2)[..., None].reshape(2, 1, 1, 3, 1)
-    after = calibrated(scores, config)
+    label = torch.tensor(config.anchor_labels)
+    after = calibrated(scores, label, config)
     expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
     np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
-    assert torch.equal(calibrated(scores, replace(config, calibration=())), scores)
+    assert torch.equal(calibrated(scores, label, replace(config, calibration=())), scores)
