@@ -38,10 +38,9 @@ def site_detector(name: str, site: Site) -> Detector:
     +background: of the site's scenery."""
     bare, known = of_background(name)
     if known:
-        from toolkit.detection.background.known_background import KnownBackground
-        from toolkit.detection.background.site_background import site_background
+        from toolkit.detection.background.site_background import knowing
 
-        return KnownBackground(site_detector(bare, site), site_background(site))
+        return knowing(site_detector(bare, site), site)
     if name == "cluster":
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:

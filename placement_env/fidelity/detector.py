@@ -287,7 +287,8 @@ class Detected:
     def _depends_on(self) -> str:
         """A digest of what all values depend on."""
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
-        code = code_digest(__name__, *(each.__module__ for each in (self.detector, self.scheme, self.codec)))
+        within = getattr(self.detector, "detector", self.detector)  # of one that knows its background
+        code = code_digest(__name__, *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)))
         return key_of(*parts, code).hex()
 
     @cached_property

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
 
 
+GENERAL = "general"  # the network that no site has trained
+
+
 def site_candidates(
     site: Site, candidates: Candidates | Literal["pool"] | Callable[[Site], Candidates] | None
 ) -> Candidates:
@@ -172,14 +175,13 @@ class Preparation:
         return Surrogate(self.visibility, self.scheme, self.hit_models, **settings)
 
     def _detected(self) -> Fidelity:
-        from models.detector import load_detector
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
         renders = Renders(self.traffic, self.candidates, self.disk_cache, errors=self.errors)
         detector = self.detector
         if detector is None:
-            detector = load_detector(self.network, area=self.site.area)
+            detector = shipped_detector(self.network, self.site)
         return Detected(
             renders, detector, self.scheme, codec=self.codec, iou=self.iou, memo=self.disk_cache,
             workers=self.workers, ray=self.ray, classes=self.classes,
@@ -255,9 +257,19 @@ def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
         )
 
 
+def shipped_detector(network: str, site: Site) -> Detector:
+    """A shipped network as it detects at a site. The general one was not trained there and would take some hedge for
+    somebody in every frame, so it knows the site empty."""
+    from models.detector import load_detector
+    from toolkit.detection.background.site_background import knowing
+
+    detector = load_detector(network, area=site.area)
+    return knowing(detector, site) if network == GENERAL else detector
+
+
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or "general"."""
+    """Which shipped network detects what these sensors see: the site's, trained with its own sensors, or `GENERAL`."""
     from models.detector import SHIPPED
 
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
-    return site.name if own else "general"
+    return site.name if own else GENERAL

@@ -85,7 +85,7 @@ def plan(
         candidates: pool, paper for the site's own sensors, or a GeoJSON file of poles.
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
-        detector: As in coview evaluate, but for cluster; a shipped network when left out.
+        detector: As in coview evaluate, but for cluster; left out a shipped one.
         errors: Of the sensors, as in coview evaluate, when sets are compared and the answer is judged.
         frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
         confidence: At which a comparison ends: that no set of as many sensors is better by more than 0.01.

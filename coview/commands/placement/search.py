@@ -107,7 +107,7 @@ def search(
             With --at-least it is reached at each.
         levels_by: The level of least AP counts, or the mean of their AP.
         parts: With --at-least: in each of so many consecutive parts of the traffic.
-        detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped network.
+        detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped one.
         errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
         frames: Of simulated traffic that is searched; portfolio has up to 96 more to race on and 120 to judge by.
         iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.

@@ -19,6 +19,7 @@ from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Selection, judged_front, near_optimal
 from placement_env.search.portfolio.entrants import Entrants
+from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 
@@ -125,5 +126,5 @@ def best_first(options: Sequence[PlanOption]) -> tuple[PlanOption, ...]:
 
 def detector_in_words(judge: Judge, network: str | None) -> str:
     """Its kind, and which of the shipped networks it is."""
-    kind = type(judge.detected.detector).__name__
+    kind: str = detector_origin(judge.detected.detector)["detector"]
     return kind if network is None else f"{kind} (shipped network {network!r})"

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.detector import VoxelNetDetector, load_detector
 from placement_env.fidelity import preparation, visibility
-from placement_env.fidelity.preparation import Preparation, check_errors_for
+from placement_env.fidelity.preparation import GENERAL, Preparation, check_errors_for, network_for, shipped_detector
+from toolkit.detection.background.known_background import KnownBackground
+from toolkit.detection.background.site_background import knowing
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detections
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sites.files import load_site
 
 
 class Nothing:
@@ -89,6 +93,16 @@ def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_ca
     lidar = small_candidates.sensors[3]
     short = replace(small_candidates.select([3]), sensors=(replace(lidar, model=replace(lidar.model, max_range=15.0)),))
     assert live(rendering="panorama", candidates=short) is None
+
+
+def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_trained():
+    site = load_site("tjunction")
+    own, general = (shipped_detector(name, site) for name in ("tjunction", GENERAL))
+    assert isinstance(own, VoxelNetDetector)
+    assert isinstance(general, KnownBackground)
+    assert general.digest == knowing(load_detector("general", area=site.area), site).digest
+    assert network_for(site, site.sensors) == "tjunction"
+    assert network_for(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
 
 
 def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):

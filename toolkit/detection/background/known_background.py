@@ -15,6 +15,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float
 from toolkit.boxes import count_points
 from toolkit.detection.background.background import Background
+from toolkit.detection.provenance import detector_origin
 from toolkit.objects import Detections, Detector
 
 LEAST_NEW = 0.2  # share of the points in a box that the background does not hold, from which on somebody is in it
@@ -35,6 +36,11 @@ class KnownBackground:
     def __post_init__(self) -> None:
         if not 0 < self.least <= 1:
             raise ValueError(f"least must be a share above 0, at most 1, got {self.least}: such as {LEAST_NEW}")
+
+    @property
+    def __name__(self) -> str:
+        """What results call it: kind of the detector, and that it knows its background."""
+        return f"{detector_origin(self.detector)['detector']}+background"
 
     @property
     def labels(self) -> tuple[str, ...]:

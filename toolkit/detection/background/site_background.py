@@ -9,9 +9,11 @@ import numpy as np
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background.background import VOXEL, Background
+from toolkit.detection.background.known_background import KnownBackground
 from toolkit.frame import empty_scene
 from toolkit.geometry import levelled
 from toolkit.mesh import Mesh
+from toolkit.objects import Detector
 from toolkit.points import Crop, frame_points
 from toolkit.rendering.static_scene import scenery
 from toolkit.sites.site import Site
@@ -37,6 +39,11 @@ def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
             yield levelled(points, recording.site.relief.slope)
+
+
+def knowing(detector: Detector, site: Site) -> KnownBackground:
+    """A detector that knows a site empty, by its scenery."""
+    return KnownBackground(detector, site_background(site))
 
 
 def site_background(site: Site) -> Background:

@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.detection.background.background import Background
 from toolkit.detection.background.known_background import LEAST_NEW, KnownBackground
+from toolkit.detection.provenance import detector_origin
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, known_labels
 
 WALL = np.array([6.0, 0, 1.0, 4, 0.6, 1.8, 0])
@@ -44,6 +45,10 @@ def seen(new, old=200):
     """The empty site, so many of its points in the car's box, and new ones there."""
     inside = np.tile([[0.5, 0.2, 0.1]], (old, 1))
     return np.concatenate([on(WALL, 500, 1), inside, on(CAR, new, 2)]).astype(np.float32)
+
+
+def test_results_say_that_it_knows_its_background(background):
+    assert detector_origin(KnownBackground(Fixed(), background))["detector"] == "Fixed+background"
 
 
 def test_what_stands_there_is_left_out_and_who_came_stays(background):
