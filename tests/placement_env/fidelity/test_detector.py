@@ -11,6 +11,8 @@ from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.renders import Renders
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
+from toolkit.detection.background.background import Background
+from toolkit.detection.background.known_background import KnownBackground
 from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall
@@ -176,6 +178,14 @@ def test_code_that_changed_is_run_again(tmp_path, monkeypatch):
         detector = Guess()
         Detected(Seen(Recording(frames=2)), detector, "late", memo=tmp_path / "memo")(SETS[[1, 2]])
         assert detector.calls == calls
+
+
+def test_the_code_of_a_detector_that_knows_its_background_counts(monkeypatch):
+    background = Background.learn(np.random.default_rng(0).uniform(-1, 1, (50, 3)))
+    asked = []
+    monkeypatch.setattr("placement_env.fidelity.detector.code_digest", lambda *modules: asked.append(modules) or "")
+    Detected(Seen(Recording()), KnownBackground(Guess(), background), "late")(SETS[1:2])
+    assert {KnownBackground.__module__, Guess.__module__} < set(asked[0])
 
 
 def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
