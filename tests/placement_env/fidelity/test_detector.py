@@ -201,13 +201,13 @@ def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
 
 
 def test_hits_give_the_ap_again_and_name_objects():
-    detected = Detected(Seen(Recording()), Guess(), "early")
+    detected = Detected(Seen(Recording()), Guess(), "early").at(0.7, also=[0.55])
     for subset in SETS[[0, 3, 15]]:
         hits = detected.hits(subset)
         estimates = detected.estimates(subset[None])
         objects = sum(detected.scored(k).sum() for k in range(3))
-        assert hits.hit.shape == hits.score.shape == (3, objects)
-        for hit, score, alarms, iou in zip(*hits, IOUS, strict=True):
+        assert hits.hit.shape == hits.score.shape == (4, objects)
+        for hit, score, alarms, iou in zip(*hits, (0.55, *IOUS), strict=True):
             scores = np.concatenate([score[hit], alarms])
             is_hit = np.arange(len(scores)) < hit.sum()
             assert average_precision(precision_recall(scores, is_hit, int(objects))) == pytest.approx(
