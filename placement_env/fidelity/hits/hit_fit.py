@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
     from toolkit.runtime.cache import Cache
 
-FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and ceiling and floor, as a logit and a logarithm
+FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # and ceiling, floor: a logit, a logarithm
 NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
@@ -77,7 +77,7 @@ def fit(
     scheme = scheme_of(scheme)
     fitting = _Fitting(observed, scheme, iou, source, label)
     norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
-    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
+    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
     everything = [_Weights(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
     best, model = min((fitting.fitted(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ class _Fitting:
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
         return [
-            _probability(evidence, each.subsets, model)
+            _probability(evidence, each.subsets, each.visibility.boxes, model)
             for evidence, each in zip(self._evidence, self._observed, strict=True)
         ]
 
@@ -282,9 +282,9 @@ def _misfit(model: HitModel, scheme: Scheme, observed: Sequence[Observed]) -> fl
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
-def _probability(evidence: Evidence, subsets: np.ndarray, model: HitModel) -> np.ndarray:
+def _probability(evidence: Evidence, subsets: np.ndarray, boxes: np.ndarray, model: HitModel) -> np.ndarray:
     sums = MemberSums(evidence.rows(model, np.float64))(subsets)
-    return model.probability(*evidence.joined(sums, model))
+    return model.probability(*evidence.joined(sums, model)) * model.of_size(boxes)
 
 
 def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:
