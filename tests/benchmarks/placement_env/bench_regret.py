@@ -26,7 +26,7 @@ sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 
 from regret_sites import Place, places  # noqa: E402
 
-SEARCHED, RACED, JUDGED = 60, 48, 100  # frames
+SEARCHED, RACED, JUDGED = 60, 96, 100  # frames
 RANDOM, NEAR = 1, 0  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
 DRAWS = 200  # resamples that are kept of each set
 IOUS = (0.7, 0.8, 0.9)
