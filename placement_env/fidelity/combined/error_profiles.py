@@ -172,7 +172,7 @@ class ProfileByFrames(ProfileFidelity):
         return self._over([cast(ByFrames, each).partial(subsets, frames) for each in self._fidelities])
 
 
-def over_profiles(fidelities: Sequence[Fidelity], errors: ErrorProfiles) -> Fidelity:
+def over_profiles(fidelities: Sequence[Fidelity], errors: ErrorProfiles) -> ProfileFidelity:
     """Of fidelities at one profile each, what counts over all of them."""
     made = ProfileByFrames if all(isinstance(each, ByFrames) for each in fidelities) else ProfileFidelity
     return made(fidelities, errors)

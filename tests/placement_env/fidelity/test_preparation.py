@@ -96,7 +96,12 @@ def test_several_profiles_share_traffic_and_detector_and_what_single_ones_have_k
 
 def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_candidates, monkeypatch):
     read = []
-    monkeypatch.setattr(preparation, "shipped_detector", lambda network, site: read.append(network) or Nothing())
+
+    def shipped(network, site):
+        read.append(network)
+        return Nothing()
+
+    monkeypatch.setattr(preparation, "shipped_detector", shipped)
     made = replace(
         prepared(small_traffic, small_candidates, None, errors=ErrorProfiles((TYPICAL, POOR))), detector=None
     )

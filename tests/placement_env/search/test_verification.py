@@ -103,15 +103,13 @@ def test_ap_at_each_error_profile(dear):
     assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
     assert both.score([0, 3]).ap == min(said.values())
     assert ap_at_profiles(dear, (0, 3)) == ap_at_profiles(both, ()) == {}
-    assert (
-        verified(dear, both, np.array([0, 3])).accurate.max()
-        == both.scores(verified(dear, both, np.array([0, 3])).sets).reward.max()
-    )
+    ranking = verified(dear, both, np.array([0, 3]))
+    assert both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
 
 
 def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):
     both = Objective.of(dear.candidates, over_profiles([dear.scored_by, dear.scored_by], errors_of(["paper", "poor"])))
-    both.preparation = SimpleNamespace(at_profiles=("paper", "poor"))
+    vars(both)["preparation"] = SimpleNamespace(at_profiles=("paper", "poor"))
     asked = []
 
     def pose_scorer(preparation, fidelity, weights):

@@ -1,5 +1,7 @@
 """A fidelity by its name, at several thresholds and with failures."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -78,7 +80,7 @@ def test_profiles_are_combined_last(monkeypatch, iou, failing, combine, paper, p
     errors = ErrorProfiles((PAPER_ERRORS, POOR), combine)
     made = Objective("tjunction", 1, fidelity="table", iou=0.7).preparation.changed(errors=errors, detector=object())
     monkeypatch.setattr(Preparation, "fidelity", fidelity)
-    counted = Counting.of(iou, failing).fidelity(made, "detector")
+    counted: Any = Counting.of(iou, failing).fidelity(made, "detector")
     both = np.array([[True, True]])
     assert counted(both).ap == pytest.approx([ap], abs=2e-6)
     assert {name: each.ap[0] for name, each in counted.at_each(both).items()} == pytest.approx(

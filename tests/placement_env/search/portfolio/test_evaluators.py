@@ -1,6 +1,7 @@
 """Sets on some frames: the AP that the fidelity says of them, and resamples drawn alike for all sets."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -190,7 +191,7 @@ def test_levels_are_those_of_the_traffic_that_is_judged(prepared):
 def hazy(street):
     """The street's evaluator, and one at which sensor 1 sees nothing in the first block and sensor 0 nothing at all."""
 
-    class Hazy(type(street.detected.renders)):
+    class Hazy(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
             return super().clouds(k, c)[: 0 if c == 0 or (c == 1 and k < 4) else None]
 
@@ -233,8 +234,9 @@ def test_the_evaluator_over_error_profiles_has_failures_and_levels_within(prepar
     over = evaluator_of(several, "detector", seed=7)
     assert isinstance(over, ProfileEvaluator)
     assert over.errors == several.errors
-    assert [each.seed for each in over.evaluators] == [7, 7]
-    assert [each.detected.renders.errors for each in over.evaluators] == [PAPER_ERRORS, POOR]
-    counted = evaluator_of(several, "detector", counting=Counting.of(0.7, 1, 2))
+    made: tuple[Any, ...] = over.evaluators
+    assert [each.seed for each in made] == [7, 7]
+    assert [each.detected.renders.errors for each in made] == [PAPER_ERRORS, POOR]
+    counted: Any = evaluator_of(several, "detector", counting=Counting.of(0.7, 1, 2))
     assert [type(each) for each in counted.evaluators] == [RobustEvaluator] * 2
     assert [type(each.evaluator) for each in counted.evaluators] == [LevelEvaluator] * 2
