@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.classes import VEHICLES
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective
+from toolkit.objects import Detections
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 
 
@@ -47,6 +49,13 @@ def test_what_was_seen_is_seen_once():
     assert made[0].traffic is made[1].traffic
 
 
+class Blind:
+    digest = "blind"
+
+    def __call__(self, points, /):
+        return Detections.empty()
+
+
 WORTH = {("paper", 0.7): (0.8, 0.2), ("paper", 0.9): (0.4, 0.2), ("poor", 0.7): (0.3, 0.5), ("poor", 0.9): (0.3, 0.3)}
 
 
@@ -65,7 +74,7 @@ def test_profiles_are_combined_last(monkeypatch, iou, failing, combine, paper, p
     """A set is worth the sum of its two sensors: failures and thresholds first, at each profile by itself."""
 
     class Sum:
-        name, classes = "detector", None
+        name, classes = "detector", VEHICLES
 
         def __init__(self, worth):
             self.worth = np.array(worth)
@@ -78,7 +87,7 @@ def test_profiles_are_combined_last(monkeypatch, iou, failing, combine, paper, p
         return Sum(WORTH[self.errors.name, self.iou])
 
     errors = ErrorProfiles((PAPER_ERRORS, POOR), combine)
-    made = Objective("tjunction", 1, fidelity="table", iou=0.7).preparation.changed(errors=errors, detector=object())
+    made = Objective("tjunction", 1, fidelity="table", iou=0.7).preparation.changed(errors=errors, detector=Blind())
     monkeypatch.setattr(Preparation, "fidelity", fidelity)
     counted: Any = Counting.of(iou, failing).fidelity(made, "detector")
     both = np.array([[True, True]])
