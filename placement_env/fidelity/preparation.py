@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 GENERAL = "general"  # the network that no site has trained
-KEPT = ("traffic", "disk_cache", "visibility", "network")  # whatever the IoU threshold and the errors
+KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # whatever the IoU threshold and the errors
 
 
 def site_candidates(
@@ -151,7 +151,7 @@ class Preparation:
     def changed(self, **settings: Any) -> Preparation:
         """The same with another IoU threshold, or other errors; what was seen is seen once."""
         other = replace(self, **settings)
-        vars(other).update({name: vars(self)[name] for name in KEPT if name in vars(self)})
+        vars(other).update({name: vars(self)[name] for name in KEPT_WITH if name in vars(self)})
         return other
 
     @property
