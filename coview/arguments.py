@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from placement_env.classes import Classes
+    from placement_env.fidelity.combined.error_profiles import Errors
 
 Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 Combine = Literal["mean", "worst"]
@@ -60,6 +61,14 @@ def check_errors(name: str) -> None:
     from toolkit.sensors.errors.profiles import profile_named
 
     profile_named(name)
+
+
+def sensor_errors(names: Sequence[str], combine: Combine) -> Errors:
+    """The error profile, or profiles, that --errors and --errors-by mean. Raise ValueError, which lists what there is,
+    where one is none."""
+    from placement_env.fidelity.combined.error_profiles import errors_of
+
+    return errors_of(tuple(names), combine)
 
 
 def counted_classes(

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from placement_env.envs.pose import SensorPoseEnv as SensorPoseEnv
     from placement_env.envs.select import SensorSelectEnv as SensorSelectEnv
     from placement_env.envs.subset import SensorSubsetEnv as SensorSubsetEnv
+    from placement_env.fidelity.combined.error_profiles import ErrorProfiles as ErrorProfiles
     from placement_env.fidelity.combined.robust import Failing as Failing
     from placement_env.fidelity.coverage import Coverage as Coverage
     from placement_env.fidelity.detector import Detected as Detected
@@ -104,6 +105,7 @@ else:
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),
             "envs.subset": ("SensorSubsetEnv",),
+            "fidelity.combined.error_profiles": ("ErrorProfiles",),
             "fidelity.combined.robust": ("Failing",),
             "fidelity.coverage": ("Coverage",),
             "fidelity.detector": ("Detected",),

@@ -21,6 +21,7 @@ import numpy as np
 from placement_env.candidates.places import added_prices, fit_together, room_beside
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
+from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
 from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
 from placement_env.subsets import index_of
@@ -30,8 +31,7 @@ from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import Scheme, codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -106,9 +106,9 @@ class Objective:
     several, whose mean AP does; failing: sensors that fail, what is left of a set counts; levels: of traffic, whose
     worst AP counts; cache: folder where what was rendered and detected is kept, None for nowhere; workers, ray:
     processes, or address of a Ray cluster, that render and detect; most_price: that a set may cost, inf for any;
-    errors: of the sensors, a profile or its name, known to fidelity "detector" alone; classes: of road users that
-    count, `placement_env.classes.Classes` or names; surrogate, table: files for these fidelities, None for the shipped
-    ones; rendering: how it is found out what candidates see, as of `placement_env.fidelity.visibility.see`.
+    errors: of the sensors, a profile or its name, or several, whose worst AP counts, known to fidelity "detector"
+    alone; classes: of road users that count, `placement_env.classes.Classes` or names; surrogate, table: files for
+    these fidelities, None for the shipped ones; rendering: how what candidates see is found out, as of `see`.
 
     `Objective.of` makes one from parts. Raises ValueError for a scheme or fidelity that there is not.
     """
@@ -136,7 +136,7 @@ class Objective:
         ray: str | None = None,
         progress: Stages | None = None,
         most_price: float = math.inf,
-        errors: ErrorProfile | str = PAPER_ERRORS,
+        errors: AskedErrors = PAPER_ERRORS,
         classes: Classes | Iterable[str] = VEHICLES,
         surrogate: str | Path | None = None,
         table: str | Path | None = None,
@@ -146,7 +146,7 @@ class Objective:
         from placement_env.fidelity.preparation import Preparation, check_errors_for, site_candidates
 
         check_fidelity(fidelity)
-        check_errors_for(profile_of(errors), fidelity)
+        check_errors_for(errors_of(errors), fidelity)
         check_whole("frames", frames, least=1)
         self.counting = Counting.of(iou, failing, levels)
         site = load_site(site) if isinstance(site, str) else site
@@ -162,7 +162,7 @@ class Objective:
             workers=workers,
             ray=ray,
             detector=detector,
-            errors=profile_of(errors),
+            errors=errors_of(errors),
             classes=classes_of(classes),
             surrogate=surrogate,
             table=table,

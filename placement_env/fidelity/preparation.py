@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.combined.error_profiles import Errors, over_profiles, profiles_in, several
 from placement_env.fidelity.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.objects import Detector, check_known
-from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 GENERAL = "general"  # the network that no site has trained
+KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # whatever the IoU threshold and the errors
 
 
 def site_candidates(
@@ -62,7 +63,7 @@ class Preparation:
     workers: int = 1
     ray: str | None = None
     detector: Detector | None = None
-    errors: ErrorProfile = PAPER_ERRORS
+    errors: Errors = PAPER_ERRORS
     classes: Classes = VEHICLES
     surrogate: str | Path | None = None
     table: str | Path | None = None
@@ -147,6 +148,21 @@ class Preparation:
         )
         return there
 
+    def changed(self, **settings: Any) -> Preparation:
+        """The same with another IoU threshold, or other errors; what was seen is seen once."""
+        other = replace(self, **settings)
+        vars(other).update({name: vars(self)[name] for name in KEPT_WITH if name in vars(self)})
+        return other
+
+    @property
+    def at_profiles(self) -> tuple[Preparation, ...]:
+        """The same at each error profile by itself, by one detector; itself where there is one profile."""
+        if several(self.errors) is None:
+            return (self,)
+        kept = (self.traffic, self.disk_cache, self.network)  # made now, for all of them
+        detector = shipped_detector(kept[-1], self.site) if self.detector is None else self.detector
+        return tuple(self.changed(errors=each, detector=detector) for each in profiles_in(self.errors))
+
     def check(self, name: str) -> None:
         """Raises ValueError where the fidelity of that name cannot score these candidates so; renders nothing."""
         check_fidelity_for(
@@ -155,9 +171,13 @@ class Preparation:
         )  # fmt: skip
 
     def fidelity(self, name: str) -> Fidelity:
-        """The fidelity of that name. Raises ValueError for errors that it does not know."""
+        """The fidelity of that name, over the error profiles where there are several. Raises ValueError for errors that
+        it does not know."""
         check_fidelity(name)
         check_errors_for(self.errors, name)
+        over = several(self.errors)
+        if over is not None:
+            return over_profiles([each.fidelity(name) for each in self.at_profiles], over)
         made = {
             "coverage": self._coverage, "surrogate": self._surrogate, "detector": self._detected, "table": self._table
         }  # fmt: skip
@@ -178,7 +198,8 @@ class Preparation:
         from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
-        renders = Renders(self.traffic, self.candidates, self.disk_cache, errors=self.errors)
+        (errors,) = profiles_in(self.errors)
+        renders = Renders(self.traffic, self.candidates, self.disk_cache, errors=errors)
         detector = self.detector
         if detector is None:
             detector = shipped_detector(self.network, self.site)
@@ -249,9 +270,9 @@ def surrogate_models(
     return tuple(chosen_model(models, predicted_as(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
-def check_errors_for(errors: ErrorProfile, fidelity: str) -> None:
+def check_errors_for(errors: Errors, fidelity: str) -> None:
     """Raises ValueError where sensors have errors beyond their own noise and the fidelity scores as if they had not."""
-    if fidelity != "detector" and not only_own_noise(errors):
+    if fidelity != "detector" and not all(map(only_own_noise, profiles_in(errors))):
         raise ValueError(
             f"errors {errors.name!r} are known to fidelity detector alone, got {fidelity!r}: say --fidelity detector"
         )

@@ -76,7 +76,9 @@ class PlanOption:
     predicts and what the detector says (None: not judged). searches: those that answered with it; mean_ap: at IoU 0.7,
     0.8 and 0.9, in the traffic it was judged on; over_levels: what the detector says of it over levels of traffic, the
     worst of them or their mean, None where the plan asks for none; left: what it says of what is left of it when
-    sensors fail, over the levels where there are such, None where the plan asks for no failures."""
+    sensors fail, over the levels where there are such, None where the plan asks for no failures; over_errors: what it
+    says of it over error profiles, the worst of them or their mean, with failures and levels where there are such, None
+    where the plan asks for one profile. The other figures are at the first profile."""
 
     sensors: tuple[str, ...]
     price: float
@@ -88,19 +90,22 @@ class PlanOption:
     mean_ap: float | None = None
     left: Judgement | None = None
     over_levels: Judgement | None = None
+    over_errors: Judgement | None = None
 
     @property
     def counted(self) -> Judgement | None:
         """By which sets are compared: what is left where failures are asked for, else the intact set, over levels of
-        traffic where such are asked for."""
+        traffic and error profiles where such are asked for."""
+        if self.over_errors is not None:
+            return self.over_errors
         intact = self.judged if self.over_levels is None else self.over_levels
         return intact if self.left is None else self.left
 
 
 @dataclass(frozen=True)
 class BreakdownRow:
-    """One zone, range, approach or level of traffic: its figures with the chosen set; `judged` is None without any
-    vehicle."""
+    """One zone, range, approach, level of traffic or error profile: its figures with the chosen set; `judged` is None
+    without any vehicle."""
 
     name: str
     judged: Judgement | None
@@ -237,6 +242,7 @@ class Plan:
     by_range: tuple[BreakdownRow, ...] = ()
     by_approach: tuple[BreakdownRow, ...] = ()
     by_level: tuple[BreakdownRow, ...] = ()
+    by_errors: tuple[BreakdownRow, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
     class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()

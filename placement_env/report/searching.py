@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.classes import VEHICLES, classes_of
+from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of, several
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
@@ -23,8 +24,10 @@ from placement_env.report.search_answer import ANSWER_FILES, write_answer
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
 from placement_env.search.description import (
     described_assessment,
+    described_by_errors,
     described_doubts,
     described_empty,
+    described_profiles,
     described_score,
     described_sensors,
 )
@@ -33,15 +36,14 @@ from placement_env.search.methods import METHODS, check_search, search_of
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
-from placement_env.search.verification import verified_best
+from placement_env.search.verification import ap_at_profiles, verified_best
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.runtime.json_files import finite
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 PORTFOLIO = "portfolio"
@@ -52,9 +54,10 @@ UNFINISHED = ".parts"  # after the name of a folder: where the search for it is 
 class SearchOrder:
     """What is to be searched, and how. method: of `placement_env.search.methods`; verify: fidelity by which an answer
     and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
-    sensors, for what detects; limits: seconds and evaluations; demand: what a method beside these is asked for;
-    currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up to the
-    budget, or for every amount of money where it is limited, by a portfolio; settings: of `Objective` beside these.
+    sensors, for what detects, as of `Objective`; limits: seconds and evaluations; demand: what a method beside these is
+    asked for; currency: of prices, "" for those of one ordinary pole; curve: the best set of every number of sensors up
+    to the budget, or for every amount of money where it is limited, by a portfolio; settings: of `Objective` beside
+    these.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """
@@ -70,7 +73,7 @@ class SearchOrder:
     confidence: float = 0.95
     weights: Weights = field(default_factory=Weights)
     frames: int = 200
-    errors: ErrorProfile | str = PAPER_ERRORS
+    errors: AskedErrors = PAPER_ERRORS
     detector: Detector | None = None
     surrogate: Path | None = None
     table: Path | None = None
@@ -157,7 +160,7 @@ def question_of(order: SearchOrder) -> dict[str, Any]:
         "codec": codec.digest,
         "weights": asdict(order.weights),
         "counting": counting.origin,
-        "errors": profile_of(order.errors).origin,
+        "errors": errors_of(order.errors).origin,
         "detector": None if order.detector is None else detector_origin(order.detector),
         "classes": classes_of(settings.get("classes", VEHICLES)).origin,
         "most_price": settings.get("most_price", math.inf),
@@ -183,7 +186,9 @@ def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, prog
     if METHODS[order.method].resumes:
         own["checkpoint"] = checkpoint
     result = search_of(order.method)(objective, order.budget, seed=seed, **order.limits, **own)
-    summary, lines = _summary(objective, result), _lines(objective, result)
+    by_errors = ap_at_profiles(objective, result.best.subset, result.sensors)
+    summary = _summary(objective, result) | _over_errors(order, by_errors)
+    lines = [*_lines(objective, result), *described_by_errors(by_errors)]
     if not result.best.subset:
         why = result.certificate.note if order.demand else described_empty(objective)
         return Answered(summary, (f"no sensors: {why}",), False)
@@ -195,10 +200,21 @@ def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, prog
         summary["verified"] = _verified(objective, exact, checked)
         lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {objective.names[c]}" for c in chosen), described_score(checked)]
+        by_errors = ap_at_profiles(exact, chosen, result.sensors)
+        summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
+        lines += described_by_errors(by_errors)
     if out is not None:
         write_answer(out, objective, result, finite(summary), chosen=chosen)
         lines.append(f"written to {out}: {', '.join(ANSWER_FILES)}")
     return Answered(summary, tuple(line for line in lines if line), True)
+
+
+def _over_errors(order: SearchOrder, by_errors: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """What the summary says of several error profiles. by_errors: AP at each, where the search itself knew them."""
+    over = several(errors_of(order.errors))
+    if over is None or not order.detects:
+        return {}
+    return {"errors": over.origin} | ({"by_errors": dict(by_errors)} if by_errors else {})
 
 
 def _objective(order: SearchOrder, fidelity: FidelityName, progress: Stages | None) -> Objective:
@@ -222,7 +238,7 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
         raise ValueError("a portfolio needs an objective made from a site: Objective(site, ...)")
     detects = order.judge == "detector"
     surrogate = order.surrogate if order.judge == "surrogate" else None
-    errors = profile_of(order.errors) if detects else PAPER_ERRORS
+    errors = errors_of(order.errors) if detects else PAPER_ERRORS
     return {
         "confidence": order.confidence,
         "judge": order.judge,
@@ -245,7 +261,7 @@ def _curve(
         objective, order.budget, amounts=amounts, seed=seed, checkpoint=checkpoint, **order.limits, **own
     )
     rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
-    summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance}
+    summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance, **_over_errors(order)}
     if not points:
         return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
     of = "for each amount of money" if limited else "of each number of sensors"
@@ -256,6 +272,7 @@ def _curve(
             f"  {point.sensors} for {money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} to "
             f"{point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: {names}"
         )
+        lines += [f"    at each error profile: {described_profiles(point.by_errors)}"] if point.by_errors else []
     if out is not None:
         write_curve(out, objective, points, finite(summary), judge=order.judge, currency=order.currency)
         lines.append(f"written to {out}: {', '.join(CURVE_TABLES)}, and the site with each set")

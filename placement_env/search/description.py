@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from placement_env.candidates.aim import aims
 from placement_env.fidelity.protocol import Doubting
 from placement_env.objective import Objective, Score
-from placement_env.search.result import Assessment
+from placement_env.search.result import Assessment, ProfileAP
 from toolkit.sensors.sensor import Sensor
 
 
@@ -43,11 +43,24 @@ def described_assessment(assessment: Assessment) -> list[str]:
         f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
         f"{assessment.tolerance:g}{sure}",
     ]
+    if assessment.by_errors:
+        lines.append(f"  the {assessment.errors_by} over error profiles: {described_profiles(assessment.by_errors)}")
     return lines + [
         f"  {' and '.join(each.searches)}: AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f}), predicted "
         f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
         for each in assessment.contenders
     ]
+
+
+def described_profiles(by_errors: Sequence[ProfileAP]) -> str:
+    """AP at each error profile by itself."""
+    return ", ".join(f"{each.name} AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f})" for each in by_errors)
+
+
+def described_by_errors(by_errors: Mapping[str, float]) -> list[str]:
+    """A line of the AP at each error profile; none where there are none."""
+    said = ", ".join(f"{name} {ap:.4f}" for name, ap in by_errors.items())
+    return [f"AP at each error profile: {said}"] if said else []
 
 
 def described_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:

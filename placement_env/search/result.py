@@ -82,13 +82,24 @@ class Contender:
 
 
 @dataclass(frozen=True)
+class ProfileAP:
+    """AP of an answer at one error profile, by its name, with the interval."""
+
+    name: str
+    ap: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Assessment:
     """What traffic that neither searches nor race saw says of a portfolio's answer.
 
     by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
     objects, frames: by which it was judged; predicted: AP by the objective that was searched; confidence: that no
     entrant is better by more than `tolerance`, of what was `asked`; entrants: sets that raced; raced: frames that the
-    winner was raced on; contenders: the answer of each search.
+    winner was raced on; contenders: the answer of each search; by_errors: AP at each error profile by itself where
+    there were several, of which `ap` is the "worst" or the "mean", as `errors_by` says.
     """
 
     by: str
@@ -106,6 +117,8 @@ class Assessment:
     raced: int
     contenders: tuple[Contender, ...]
     expected: float = math.nan
+    by_errors: tuple[ProfileAP, ...] = ()
+    errors_by: str = ""
 
     @property
     def curse(self) -> float:
@@ -215,7 +228,9 @@ def _sensor(row: dict[str, Any]) -> Sensor:
 def _assessment(row: dict[str, Any]) -> Assessment:
     rows = [each | {name: tuple(each[name]) for name in ("searches", "subset")} for each in row["contenders"]]
     expected = _number(row.get("expected"), math.nan)
-    return Assessment(**row | {"expected": expected, "contenders": tuple(Contender(**each) for each in rows)})
+    by_errors = tuple(ProfileAP(**each) for each in row.get("by_errors", ()))
+    contenders = tuple(Contender(**each) for each in rows)
+    return Assessment(**row | {"expected": expected, "contenders": contenders, "by_errors": by_errors})
 
 
 def _each(made: Callable[[Any], Any], rows: list[Any]) -> tuple[Any, ...]:

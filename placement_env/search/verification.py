@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from placement_env.fidelity.combined.error_profiles import ProfileFidelity
 from placement_env.fidelity.protocol import ByFrames
 from placement_env.objective import Objective, Score
 from placement_env.racing import Verified, verify
 from placement_env.search.result import Result
 from toolkit.arrays import Bool, Int64
+from toolkit.sensors.sensor import Sensor
 
 
 def verified(
@@ -58,6 +61,22 @@ def rescored(accurate: Objective, result: Result) -> Score:
     if score is None:
         raise ValueError("the moved sensors may not be built: one sends more than its link carries here")
     return replace(score, subset=result.best.subset)
+
+
+def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()) -> dict[str, float]:
+    """AP of a set at each error profile by itself, by its name; none where the objective is of one profile. moved: its
+    sensors, where they do not stand where its candidates do."""
+    scored_by, made = objective.scored_by, objective.preparation
+    if not isinstance(scored_by, ProfileFidelity) or not subset:
+        return {}
+    if not moved or made is None:
+        row = objective.row(subset)[None]
+        return {name: float(each.ap[0]) for name, each in scored_by.at_each(row).items()}
+    from placement_env.search.cmaes import pose_scorer
+
+    scores = [pose_scorer(at, objective.fidelity, objective.weights)([tuple(moved)])[0] for at in made.at_profiles]
+    each = zip(scored_by.errors.names, scores, strict=True)
+    return {name: score.ap for name, score in each if score is not None}
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:

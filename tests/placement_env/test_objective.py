@@ -141,6 +141,8 @@ def test_what_does_not_fit() -> None:
         ({"fidelity": "guess"}, "fidelity"),
         ({"errors": "bad", "fidelity": "detector"}, "no error profile 'bad'"),
         ({"errors": "typical", "fidelity": "table"}, "errors 'typical' are known to fidelity detector alone"),
+        ({"errors": ["typical", "poor"]}, "errors 'typical and poor' are known to fidelity detector alone"),
+        ({"errors": ["poor", "poor"], "fidelity": "detector"}, "must be different ones, got poor, poor"),
     ],
 )
 def test_nonsense_is_refused_before_anything_is_rendered(options: dict[str, Any], message: str) -> None:

@@ -10,11 +10,11 @@ from tyro.conf import Positional
 from coview.arguments import (
     Combine,
     Label,
-    check_errors,
     check_least,
     check_schemes,
     check_share,
     counted_classes,
+    sensor_errors,
     site_file,
 )
 from coview.detectors import check_digest, site_detector
@@ -49,7 +49,8 @@ def plan(
     sensors: Path | None = None,
     keep_out: Path | None = None,
     detector: str | None = None,
-    errors: str = "paper",
+    errors: tuple[str, ...] = ("paper",),
+    errors_by: Literal["worst", "mean"] = "worst",
     frames: int | None = None,
     confidence: float = 0.95,
     seed: int = 0,
@@ -86,7 +87,9 @@ def plan(
         sensors: Catalogue of sensor models and their prices, TOML; the paper's camera at no price when left out.
         keep_out: GeoJSON file with areas where no sensor may stand.
         detector: As in coview evaluate, but for cluster; left out a shipped one.
-        errors: Of the sensors, as in coview evaluate, when sets are compared and the answer is judged.
+        errors: Of the sensors, as in coview evaluate, when sets are compared and the answer is judged: one profile, or
+            several, so that sets are compared, and required to reach --min-ap, by the AP over all of them.
+        errors_by: Of several profiles: the one of least AP counts, or the mean of their AP.
         frames: Of each of the three parts of traffic, for search, comparison, judgement; 60, 60, 120 when left out.
         confidence: At which a comparison ends: that no set of as many sensors is better by more than 0.01.
         seed: Of traffic, searches and intervals.
@@ -104,7 +107,6 @@ def plan(
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
     from toolkit.detection.link.codecs import codec_named
-    from toolkit.sensors.errors.profiles import profile_named
     from toolkit.sites.files import load_site
 
     for option, value, least in (
@@ -115,7 +117,7 @@ def plan(
     check_share("--confidence", confidence)
     thresholds = iou_range(iou)
     check_schemes([scheme])
-    check_errors(errors)
+    profiles = sensor_errors(errors, errors_by)
     counted = counted_classes(classes, class_weights, combine, small_iou)
     inputs = [*site_file(site), *site_file(candidates), *(path for path in (sensors, keep_out) if path is not None)]
     check_folder(out, holds="plan.json", inputs=inputs, overwrite=overwrite)
@@ -143,7 +145,7 @@ def plan(
         catalogue=None if sensors is None else load_sensor_catalogue(sensors),
         keep_out=() if keep_out is None else load_keep_out(keep_out, place),
         detector=own,
-        errors=profile_named(errors),
+        errors=profiles,
         seed=seed,
         confidence=confidence,
         **lengths,
@@ -163,7 +165,7 @@ def plan(
     lines += [
         f"  {row.name:<18} AP {row.judged.ap:.3f} ({row.judged.low:.3f} to {row.judged.high:.3f}), "
         f"{row.judged.vehicles} to find in {row.judged.frames} frames"
-        for row in planned.plan.by_level
+        for row in (*planned.plan.by_level, *planned.plan.by_errors)
         if row.judged is not None
     ]
     lines.append(f"written to {out}: {', '.join(path.name for path in written)}")

@@ -11,13 +11,13 @@ from tyro.conf import Positional
 from coview.arguments import (
     Combine,
     Label,
-    check_errors,
     check_least,
     check_positive,
     check_ray,
     check_schemes,
     check_share,
     counted_classes,
+    sensor_errors,
     site_file,
 )
 from coview.detectors import check_digest, site_detector
@@ -57,7 +57,8 @@ def search(
     levels: Literal[1, 2, 3, 4] = 1,
     levels_by: Literal["worst", "mean"] = "worst",
     detector: str | None = None,
-    errors: str = "paper",
+    errors: tuple[str, ...] = ("paper",),
+    errors_by: Literal["worst", "mean"] = "worst",
     frames: int = 200,
     iou: str = "0.7",
     classes: tuple[Label, ...] = ("vehicle",),
@@ -103,12 +104,12 @@ def search(
         at_least: AP, or share covered, to be reached: the answer is the cheapest set that does, and a proven bound.
         failing: Sensors that fail (0 to 2): what is left of a set counts; with --at-least up to 1, whichever it is.
         failures: What is left in the worst case, or in the mean over which fail.
-        levels: Of traffic, by how many road users are there at once: the AP of each by itself, in the race as well.
-            With --at-least it is reached at each.
+        levels: Of traffic, by how many road users are there: AP of each by itself, raced too; at each with --at-least.
         levels_by: The level of least AP counts, or the mean of their AP.
         parts: With --at-least: in each of so many consecutive parts of the traffic.
         detector: That scores, verifies or judges, as in coview evaluate, but for cluster; left out a shipped one.
-        errors: Of the sensors, as in coview evaluate, where the detector scores, verifies or judges.
+        errors: Of the sensors, as in coview evaluate, one profile or several, where the detector scores or judges.
+        errors_by: Of several profiles: the one of least AP counts, or the mean of their AP.
         frames: Of simulated traffic that is searched; portfolio has up to 96 more to race on and 120 to judge by.
         iou: At which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO.
         classes: Road users that count.
@@ -150,7 +151,7 @@ def search(
     check_share("--confidence", confidence)
     thresholds = iou_range(iou)
     check_schemes([scheme])
-    check_errors(errors)
+    profiles = sensor_errors(errors, errors_by)
     chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
     if (chosen == "cheapest") != (at_least is not None) or (at_least is None and parts > 1):
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
@@ -163,7 +164,7 @@ def search(
     detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
     if judge is not None and chosen != "portfolio":
         raise ValueError(f"--judge is for --method portfolio, got {chosen}: leave it out, or say --verify detector")
-    for option, given in (("--errors", errors != "paper"), ("--detector", detector is not None)):
+    for option, given in (("--errors", errors != ("paper",)), ("--detector", detector is not None)):
         if given and not detects:
             raise ValueError(f"{option} is for --fidelity, --verify or --judge detector: say one of them")
     check_ray(ray)
@@ -180,12 +181,11 @@ def search(
     own = None if detector is None else site_detector(detector, place)
     if own is not None and detector is not None and cache is not None:
         check_digest(detector, own, ": add one, or say --cache None")
-    worst = {"at_least": at_least, "failing": failing, "parts": parts, "levels": levels}
-    demand = {} if at_least is None else worst
+    demand = {} if at_least is None else {"at_least": at_least, "failing": failing, "parts": parts, "levels": levels}
     pool, currency = asked_pool(place, candidates, model, sensors)
     order = SearchOrder(
         site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
-        judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=errors,
+        judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=profiles,
         detector=own, surrogate=surrogate, table=table, limits={"seconds": seconds, "evaluations": evaluations},
         demand=demand, currency=currency, curve=curve,
         settings={

@@ -1,4 +1,4 @@
-"""A fidelity by its name as an objective counts it: IoU thresholds, sensors that fail, levels of traffic."""
+"""A fidelity by its name as an objective counts it: IoU thresholds, sensors that fail, levels of traffic, errors."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import over_profiles, several
 from placement_env.fidelity.combined.mean_iou import IoUs, iou_thresholds, mean_of
 from placement_env.fidelity.combined.robust import Failing, robust
 from placement_env.fidelity.combined.traffic_levels import ALL_TRAFFIC, LevelFidelity, TrafficLevels
-from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.preparation import Preparation, check_errors_for
 from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.traffic import Traffic, scored
 from placement_env.fidelity.visibility import of_frames
@@ -20,7 +21,6 @@ from toolkit.arrays import Int64
 from toolkit.objects import LABELS
 
 BY_LEVELS = ("coverage", "surrogate")
-KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # of preparations that differ in their threshold alone
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,14 @@ class Counting:
         """The same at each threshold; what was seen is seen once."""
         if len(self.ious) == 1:
             return (preparation,)
-        made = []
-        for iou in self.ious:
-            at = replace(preparation, iou=iou)
-            vars(at).update({name: vars(preparation)[name] for name in KEPT_WITH if name in vars(preparation)})
-            made.append(at)
-        return tuple(made)
+        return tuple(preparation.changed(iou=iou) for iou in self.ious)
 
     def fidelity(self, preparation: Preparation, name: str) -> Fidelity:
-        """The fidelity of that name, so counted."""
+        """The fidelity of that name, so counted; over several error profiles, at each of them."""
+        check_errors_for(preparation.errors, name)
+        over = several(preparation.errors)
+        if over is not None:
+            return over_profiles([self.fidelity(each, name) for each in preparation.at_profiles], over)
         made = self.preparations(preparation)
         whole = mean_of([each.fidelity(name) for each in made])
         if self.levels.count == 1:

@@ -180,7 +180,8 @@ def _asked_of(chosen: PlanOption) -> str:
     """Of what the AP is by which sets are compared; "" for that of the intact set in all traffic."""
     left = "" if chosen.left is None else "of what is left with the failures"
     over = "" if chosen.over_levels is None else "over the levels of traffic"
-    return " and ".join(each for each in (left, over) if each)
+    errors = "" if chosen.over_errors is None else "over the error profiles"
+    return " and ".join(each for each in (left, over, errors) if each)
 
 
 def _options(plan: Plan, options: Any) -> tuple[tuple[Column, ...], list[tuple[Cell, ...]]]:

@@ -1,4 +1,4 @@
-"""Sections on detection: AP by zone, range, lane approach, level of traffic and class, and what other schemes give."""
+"""Sections on detection: AP by zone, range, approach, level of traffic, errors and class, and what schemes give."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def detection_section(plan: Plan) -> Section:
     judged = [row for _, rows in parts for row in rows if row.judged is not None]
     if plan.chosen is None or not (judged or plan.by_class):
         return Section(key, title, NOTHING_CHOSEN if plan.chosen is None else "No vehicle was there to be detected.")
-    blocks = [block for name, rows in (*parts, ("level of traffic", plan.by_level)) for block in _part(name, rows)]
+    conditions = (("level of traffic", plan.by_level), ("error profile", plan.by_errors))
+    blocks = [block for name, rows in (*parts, *conditions) for block in _part(name, rows)]
     return Section(key, title, _weakest(judged), (*blocks, *_classes(plan)))
 
 

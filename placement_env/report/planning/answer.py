@@ -60,9 +60,11 @@ def answer(
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     left = next(iter(final.left(picked.sets[picked.chosen][None], progress=stage("failures")) or ()), None)
     over_levels = next(iter(final.over_levels(picked.sets[picked.chosen][None]) or ()), None)
+    over_errors = next(iter(final.over_errors(picked.sets[picked.chosen][None], progress=stage("errors")) or ()), None)
     final_option = replace(
-        option, judged=judged, left=left, over_levels=over_levels, kbit=kbit, kbit_per_sensor=kbit / len(members)
-    )
+        option, judged=judged, left=left, over_levels=over_levels, over_errors=over_errors, kbit=kbit,
+        kbit_per_sensor=kbit / len(members),
+    )  # fmt: skip
     short: tuple[str, ...] = ()
     counted = final_option.counted or judged
     if question.min_ap is not None and counted.ap < question.min_ap:
@@ -96,6 +98,7 @@ def answer(
         by_range=breakdown.by_range(scored, [candidates.sensors[c] for c in members], question.seed),
         by_approach=breakdown.by_approach(scored, question.site, question.seed),
         by_level=breakdown.by_level(scored, final, members),
+        by_errors=breakdown.by_errors(final, members),
         by_class=breakdown.by_class(final, members, LABELS),
         class_ap=final.by_class(members),
         worth=worth,

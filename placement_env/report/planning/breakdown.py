@@ -1,4 +1,4 @@
-"""Breakdown: AP and recall of the chosen set by zone, range, lane approach, and what of each class is seen.
+"""Breakdown: AP and recall of the chosen set by zone, range, lane approach, level, errors, and what of classes is seen.
 
 Vehicles and false alarms are sorted by where their boxes' centres are; a detection that hits belongs to the group of
 the vehicle it hit.
@@ -193,6 +193,22 @@ def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[Bre
         points = scored.points[np.isin(scored.truth_frame, part)]
         rows.append(BreakdownRow(name, judged, float(points.mean()) if len(points) else None))
     return tuple(rows)
+
+
+def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[BreakdownRow, ...]:
+    """At each error profile, with failures and levels where such count; no row where there is one profile."""
+    rows = zip(judge.by_errors(chosen).items(), (judge, *judge.others), strict=False)
+    return tuple(BreakdownRow(name, judged, mean_points(at, chosen)) for (name, judged), at in rows)
+
+
+def mean_points(judge: Judge, chosen: tuple[int, ...]) -> float | None:
+    """Points that a set has on a scored object, in the mean; None without any object."""
+    detected, points = judge.detected, [np.zeros(0, np.int64)]
+    for k in range(judge.frames):
+        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
+        points.append(points_on(fused_cloud(detected, chosen, k), boxes, detected.renders.site))
+    every = np.concatenate(points)
+    return float(every.mean()) if len(every) else None
 
 
 def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tuple[ClassSeen, ...]:

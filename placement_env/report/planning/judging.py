@@ -10,11 +10,13 @@ import numpy as np
 from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks, interval_about
 from placement_env.analysis.tally import Tally
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluator, counted_evaluator
+from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluator, ProfileEvaluator, counted_evaluator
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS
 
@@ -25,12 +27,16 @@ NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LA
 class Judge:
     """The detector on one part of the traffic. seed: of the bootstrap; counting: over which IoU thresholds the mean is
     taken, all of which it matches at, what fails, and which levels of traffic there are; None for its own threshold,
-    no failures and all traffic; parts: the frames of each level, none where all traffic is one."""
+    no failures and all traffic; parts: the frames of each level, none where all traffic is one; others: the same
+    detector at the error profiles after the first of `errors`, None where there is one profile. Figures are those at
+    the first one unless it says otherwise."""
 
     detected: Detected
     seed: int
     counting: Counting | None = None
     parts: tuple[Int64[np.ndarray, " _"], ...] = ()
+    others: tuple[Judge, ...] = ()
+    errors: ErrorProfiles | None = None
 
     def judge(
         self,
@@ -53,7 +59,11 @@ class Judge:
         is that of each resample; recall and precision are those of the worst case, or means over all."""
         if self.counting is None or not self.counting.failing.sensors:
             return None
-        failing = self.counting.failing
+        return [_within(*each) for each in self._left(sets, self.counting.failing, progress)]
+
+    def _left(
+        self, sets: Bool[np.ndarray, "n C"], failing: Failing, progress: Callable[[int], None] | None
+    ) -> list[tuple[Judgement, Float64[np.ndarray, " resamples"]]]:
         rows, owners = failing.cases(sets)
         members = [tuple(np.flatnonzero(row).tolist()) for row in rows]
         outcomes = self.detected.outcomes(dict.fromkeys(members), range(self.frames), progress)
@@ -69,7 +79,7 @@ class Judge:
                 if owner == n
             ]
             left = min(cases, key=lambda case: case.ap) if failing.combine == "worst" else _mean(cases)
-            found.append(_within(left, resamples[n]))
+            found.append((left, resamples[n]))
         return found
 
     def over_levels(
@@ -88,6 +98,41 @@ class Judge:
         outcomes = self.outcomes(chosen)
         found = [self._at_level(outcomes, part) for part in self.parts]
         return tuple(None if np.isnan(judged.ap) else _within(judged, draws) for judged, draws in found)
+
+    def over_errors(
+        self, sets: Bool[np.ndarray, "n C"], *, progress: Callable[[int], None] | None = None
+    ) -> list[Judgement] | None:
+        """What counts of each set over the error profiles: of what is left when sensors fail, and over the levels of
+        traffic, where such are asked for; None where there is one profile. The worst profile is that of each resample;
+        recall and precision are those of the worst profile, or means."""
+        if self.errors is None:
+            return None
+        found = []
+        for cases in zip(*(each._counted(sets, progress) for each in (self, *self.others)), strict=True):
+            judged = [case for case, _ in cases]
+            worst = self.errors.combine == "worst"
+            over = min(judged, key=lambda case: case.ap) if worst else _mean(judged)
+            found.append(_within(over, self.errors.combined(np.stack([draws for _, draws in cases]))))
+        return found
+
+    def by_errors(self, chosen: tuple[int, ...]) -> dict[str, Judgement]:
+        """What counts of one set at each error profile by itself, by its name; none where there is one profile."""
+        if self.errors is None:
+            return {}
+        row = np.zeros((1, len(self.detected.renders.sensors)), np.bool_)
+        row[0, list(chosen)] = True
+        judges = zip(self.errors.names, (self, *self.others), strict=True)
+        return {name: _within(*each._counted(row)[0]) for name, each in judges}
+
+    def _counted(
+        self, sets: Bool[np.ndarray, "n C"], progress: Callable[[int], None] | None = None
+    ) -> list[tuple[Judgement, Float64[np.ndarray, " resamples"]]]:
+        """At this profile: what is left of each set where sensors fail, else the intact one, over the levels."""
+        if self.counting is not None and self.counting.failing.sensors:
+            return self._left(sets, self.counting.failing, progress)
+        rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+        outcomes = self.detected.outcomes(dict.fromkeys(rows), range(self.frames), progress)
+        return [self._over_levels(outcomes[row]) for row in rows]
 
     def _over_levels(self, outcomes: Sequence[Outcome]) -> tuple[Judgement, Float64[np.ndarray, " resamples"]]:
         """Figures of one set in all frames, over the levels, and the AP of each resample."""
@@ -113,6 +158,9 @@ class Judge:
 
     def evaluator(self) -> Evaluator:
         """That has sets race, so counted."""
+        if self.errors is not None:
+            first = replace(self, others=(), errors=None)
+            return ProfileEvaluator(tuple(each.evaluator() for each in (first, *self.others)), self.errors)
         each = tuple(DetectorEvaluator(self.detected.at(iou), self.seed) for iou in self.ious)
         return counted_evaluator(each, self.counting, self.parts)
 

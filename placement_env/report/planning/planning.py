@@ -13,6 +13,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import NoCandidates
+from placement_env.fidelity.combined.error_profiles import Errors, several
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation, check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
@@ -29,7 +30,6 @@ from placement_env.report.planning.selection import select
 from placement_env.search.portfolio.entrants import Effort, kept_entrants
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
-from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
@@ -137,7 +137,7 @@ class _Planning:
         frames = moments(final.detected, members, seed=question.seed)
         return Planned(answered, mounted_site(question.site, candidates, members), candidates, ground, frames)
 
-    def _preparation(self, candidates: Candidates, part: int, errors: ErrorProfile = PAPER_ERRORS) -> Preparation:
+    def _preparation(self, candidates: Candidates, part: int, errors: Errors = PAPER_ERRORS) -> Preparation:
         """Of one of the three parts of the traffic."""
         question = self.question
         frames = (question.search_frames, question.judge_frames, question.final_frames)[part]
@@ -157,6 +157,10 @@ class _Planning:
         )
 
     def _judge(self, prepared: Preparation) -> Judge:
+        first, *others = map(self._judge_at_profile, prepared.at_profiles)
+        return replace(first, others=tuple(others), errors=several(prepared.errors))
+
+    def _judge_at_profile(self, prepared: Preparation) -> Judge:
         detected = prepared.fidelity("detector")
         if not isinstance(detected, Detected):
             raise TypeError("fidelity detector must be Detected")

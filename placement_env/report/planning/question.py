@@ -16,6 +16,7 @@ from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, classes_of
+from placement_env.fidelity.combined.error_profiles import Errors, profiles_in, several
 from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
@@ -25,7 +26,6 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.detection.sharing.adaptive import Adaptive
 from toolkit.objects import Detector
-from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
@@ -47,9 +47,10 @@ class Question:
     site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and prices, None for the paper's camera at
     no price; keep_out: areas where no
     sensor may stand; detector: None for a shipped network; frames: of the traffic that searches see, of that by which
-    sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, when sets
-    are compared and the answer is judged: searches know the sensors' own noise only; confidence: at which a comparison
-    ends, that no set of as many sensors is better by more than 0.01.
+    sets are compared, and of that by which the answer is judged; seed: of all three; errors: of the sensors, one
+    profile or `ErrorProfiles`, when sets are compared and the answer is judged: searches know the sensors' own noise
+    only; of several the AP of the worst, or their mean, decides, and what else the plan says is at the first;
+    confidence: at which a comparison ends, that no set of as many sensors is better by more than 0.01.
 
     Raises ValueError in one line where a field does not fit.
     """
@@ -74,7 +75,7 @@ class Question:
     judge_frames: int = JUDGE_FRAMES
     final_frames: int = FINAL_FRAMES
     seed: int = 0
-    errors: ErrorProfile = PAPER_ERRORS
+    errors: Errors = PAPER_ERRORS
     confidence: float = 0.95
 
     def __post_init__(self) -> None:
@@ -150,7 +151,7 @@ class Question:
     def in_words(self) -> dict[str, Any]:
         """Every option, for plan.json."""
         detector = "shipped" if self.detector is None else detector_origin(self.detector)["detector"]
-        named = self.candidates in ("pool", "paper")
+        named, over = self.candidates in ("pool", "paper"), several(self.errors)
         return {
             "site": self.site.name,
             "sensors": self.sensors,
@@ -170,6 +171,8 @@ class Question:
             "failures": self.counting.failing.combine,
             "levels": self.counting.levels.count,
             "levels_by": self.counting.levels.combine,
+            "errors": [each.name for each in profiles_in(self.errors)],
+            "errors_by": "worst" if over is None else over.combine,
             "candidates": str(self.candidates) if named else Path(self.candidates).name,
             "catalogue": None if self.catalogue is None else [each.name for each in self.catalogue.models],
             "keep_out_areas": len(self.keep_out),

@@ -6,7 +6,8 @@ the set of the greatest AP. With one it is the cheapest set, by price, number of
 above it; where none does, the cheapest whose AP reaches it; where none does either, the set of the greatest AP. Of sets
 with equal AP the one of the greater mean AP over the detector's IoU thresholds is taken, and of equal ones again the
 cheaper. Where the plan asks for sensors that fail, the AP is what is left of a set then; where it asks for levels of
-traffic, the AP is that of the worst level, or their mean.
+traffic, the AP is that of the worst level, or their mean; where it asks for several error profiles, that at the worst
+of these, or their mean.
 """
 
 from __future__ import annotations
@@ -44,12 +45,13 @@ class Selection:
 
 class _Said(NamedTuple):
     """What the detector says of a set: intact, the mean AP over its IoU thresholds, what is left of it when sensors
-    fail, and over levels of traffic; None where it says nothing."""
+    fail, over levels of traffic, and over error profiles; None where it says nothing."""
 
     judged: Judgement | None = None
     mean_ap: float | None = None
     left: Judgement | None = None
     over_levels: Judgement | None = None
+    over_errors: Judgement | None = None
 
 
 def select(
@@ -124,7 +126,8 @@ def _judged(
         intact, nothing = judge.judge(found.sets[kept]), [None] * len(kept)
         left: Sequence[Judgement | None] = judge.left(found.sets[kept]) or nothing
         levelled: Sequence[Judgement | None] = judge.over_levels(found.sets[kept]) or nothing
-        said = map(_Said, intact, mean_ap.tolist(), left, levelled)
+        over_errors: Sequence[Judgement | None] = judge.over_errors(found.sets[kept]) or nothing
+        said = map(_Said, intact, mean_ap.tolist(), left, levelled, over_errors)
         judged |= dict(zip(kept.tolist(), said, strict=True))
         if progress is not None:
             progress("judging", done, len(different))
@@ -142,5 +145,5 @@ def _option(
     predicted = round(float(found.predicted[i]), 6)  # as found: scored again beside other sets it may round otherwise
     return PlanOption(
         names, score.price, score.kbit_per_sensor, score.kbit, predicted, said.judged, found.searches[i],
-        said.mean_ap, said.left, said.over_levels,
+        said.mean_ap, said.left, said.over_levels, said.over_errors,
     )  # fmt: skip

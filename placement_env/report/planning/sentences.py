@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from placement_env.classes import VEHICLES
+from placement_env.fidelity.combined.error_profiles import profiles_in, several
 from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.fidelity.coverage import LEAST
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures, Verdict
@@ -14,6 +15,7 @@ from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
+from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import only_own_noise
 
 
@@ -44,10 +46,13 @@ def figure(judged: Judgement) -> str:
 
 
 def of_what(question: Question) -> str:
-    """What an AP by which sets are compared is of: "" for that of the intact set in all traffic."""
+    """What an AP by which sets are compared is of: "" for that of the intact set in all traffic with one profile of
+    errors."""
     failing, levels = question.counting.failing, question.counting.levels
     said = [failing.described] if failing.sensors else []
     said += [levels.described] if levels.count > 1 else []
+    over = several(question.errors)
+    said += [] if over is None else [over.described]
     return f", {', '.join(said)}," if said else ""
 
 
@@ -126,13 +131,25 @@ def why(
 
 def _of_errors(question: Question) -> str:
     """What is assumed of the sensors' errors."""
-    if only_own_noise(question.errors):
+    first, *others = profiles_in(question.errors)
+    if only_own_noise(first) and not others:
         return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
-    terms = ", ".join(dict.fromkeys(type(term).__name__ for term in question.errors.terms))
-    return (
-        f"Sets are compared and judged with the sensors' errors of profile {question.errors.name} ({terms}); searches, "
-        "and the kbit they weigh, know the noise of the sensors' models alone."
+    which = " and ".join(f"of profile {each.name} ({_terms(each)})" for each in (first, *others))
+    over = several(question.errors)
+    rest = (
+        ""
+        if over is None
+        else f" The AP by which they are compared is that {over.described}; every other figure of the report, kbit and "
+        f"pictures are with profile {first.name}, the first that was asked for, unless another stands beside it."
     )
+    return (
+        f"Sets are compared and judged with the sensors' errors {which}; searches, "
+        f"and the kbit they weigh, know the noise of the sensors' models alone.{rest}"
+    )
+
+
+def _terms(errors: ErrorProfile) -> str:
+    return ", ".join(dict.fromkeys(type(term).__name__ for term in errors.terms))
 
 
 def _of_codec(question: Question) -> str:

@@ -29,6 +29,7 @@ from placement_env.search.portfolio.portfolio import (
     RACE_FRAMES,
     SEARCHES,
     SET_FRAMES,
+    aps_at_profiles,
     contest,
     evaluators_of,
     found_entrants,
@@ -36,6 +37,7 @@ from placement_env.search.portfolio.portfolio import (
 from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, rows_of
+from placement_env.search.result import ProfileAP
 from toolkit.arrays import Bool, Float64
 
 AMOUNTS = 12  # of money, at most, for which sets are searched
@@ -48,7 +50,7 @@ class CurvePoint:
     that answered with it, none where it is a neighbour; predicted: AP by the objective that was searched; ap, low,
     high: on traffic that neither searches nor race saw; confidence: that no other entrant of as many sensors, or for
     that money, is better by more than 0.01; pays: whether no set of the curve that costs as little or less has as much
-    AP."""
+    AP; by_errors: AP at each error profile by itself, where there are several."""
 
     sensors: int
     subset: tuple[int, ...]
@@ -62,6 +64,7 @@ class CurvePoint:
     confidence: float
     pays: bool
     money: float = np.inf
+    by_errors: tuple[ProfileAP, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +147,7 @@ def budget_curve(
         report = partial(_done, progress, final.frames)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
     judged = schedule.judging(final).evaluate(rows, order, report)
+    by_errors = aps_at_profiles(final, rows, order[: judged.frames])
     price = objective.price(rows)
     points = []
     for place, won in enumerate(winners):
@@ -164,6 +168,7 @@ def budget_curve(
                 confidence=won.confidence,
                 pays=not bool((judged.ap[rivals] >= ap).any()),
                 money=won.money,
+                by_errors=by_errors[place],
             )
         )
     return tuple(points)

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks
 from placement_env.analysis.tally import Tally
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles, several
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
@@ -67,8 +69,13 @@ class Evaluator(Protocol):
 def evaluator_of(
     preparation: Preparation, fidelity: str, *, counting: Counting | None = None, seed: int = 0
 ) -> Evaluator:
-    """The evaluator for a preparation's traffic by the fidelity of a name. counting: at which IoU thresholds, and with
-    which failures, None for the preparation's own; seed: of the resamples."""
+    """The evaluator for a preparation's traffic by the fidelity of a name, over its error profiles where there are
+    several. counting: at which IoU thresholds, and with which failures, None for the preparation's own; seed: of the
+    resamples."""
+    over = several(preparation.errors)
+    if over is not None:
+        made = [evaluator_of(at, fidelity, counting=counting, seed=seed) for at in preparation.at_profiles]
+        return ProfileEvaluator(tuple(made), over)
     if counting is None:
         return _plain(preparation, fidelity, seed)
     each = [_plain(at, fidelity, seed) for at in counting.preparations(preparation)]
@@ -253,6 +260,49 @@ class LevelEvaluator(Like):
         )
         share = np.array([len(own) for own in there]) / len(frames)
         return Evaluated(ap, share @ np.stack([each.kbit for each in found]), resamples)
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileEvaluator(Like):
+    """Each error profile by itself, with an evaluator of its own, then their mean or for each set the one of least AP,
+    in every resample by itself; kbit are those of the same profile."""
+
+    evaluators: tuple[Evaluator, ...]
+    errors: ErrorProfiles
+
+    @property
+    def first(self) -> Evaluator:
+        """That of the first profile."""
+        return self.evaluators[0]
+
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> Evaluated:
+        """The sets on these frames."""
+        found = self.at_each(sets, frames, progress).values()
+        ap, resamples, kbit = (np.stack([getattr(f, name) for f in found]) for name in ("ap", "resamples", "kbit"))
+        shares = self.errors.shares(ap)
+        return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), self.errors.combined(resamples))
+
+    def at_each(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        frames: Int64[np.ndarray, " k"],
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[str, Evaluated]:
+        """The same at each profile, by its name."""
+        found: dict[str, Evaluated] = {}
+        for name, each in zip(self.errors.names, self.evaluators, strict=True):
+            report = None if progress is None else partial(_share_done, progress, len(found) * len(frames), self)
+            found[name] = each.evaluate(sets, frames, report)
+        return found
+
+
+def _share_done(progress: Callable[[int], None], before: int, over: ProfileEvaluator, done: int) -> None:
+    progress((before + done) // len(over.evaluators))
 
 
 class FastEvaluator:

@@ -23,11 +23,11 @@ from placement_env.objective import Objective, Stages
 from placement_env.racing import Contest, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
-from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, evaluator_of, race_order
+from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, ProfileEvaluator, evaluator_of, race_order
 from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
-from placement_env.search.result import Assessment, Certificate, Contender, Result
+from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from toolkit.arrays import Bool, Float64, Int64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
@@ -211,7 +211,25 @@ def _assessed(
         raced=int(ran.frames[0]),
         contenders=contenders,
         expected=float(ran.expected[0] + costs_of(objective, found.sets[[winner]], judged.kbit[:1])[0]),
+        by_errors=aps_at_profiles(final, found.sets[[winner]], frames)[0],
+        errors_by=final.errors.combine if isinstance(final, ProfileEvaluator) else "",
     )
+
+
+def aps_at_profiles(
+    final: Evaluator, sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]
+) -> list[tuple[ProfileAP, ...]]:
+    """AP of each set at each error profile by itself, none where there is one profile."""
+    if not isinstance(final, ProfileEvaluator):
+        return [()] * len(sets)
+    each = final.at_each(sets, frames)
+    return [
+        tuple(
+            ProfileAP(name, float(e.ap[n]), *interval_about(e.ap[n], e.resamples[n], confidence=INTERVAL_SHARE))
+            for name, e in each.items()
+        )
+        for n in range(len(sets))
+    ]
 
 
 def judged_in_time(

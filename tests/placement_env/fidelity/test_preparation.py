@@ -7,6 +7,7 @@ import pytest
 
 from models.detector import VoxelNetDetector, load_detector
 from placement_env.fidelity import preparation, visibility
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.preparation import GENERAL, Preparation, check_errors_for, network_for, shipped_detector
 from toolkit.detection.background.known_background import KnownBackground
 from toolkit.detection.background.site_background import knowing
@@ -68,6 +69,45 @@ def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic,
         made.fidelity("detector")(sets)
         kept.append(len(made.disk_cache))
     assert np.diff(kept).tolist() == [2 + 5 + 10, 5 + 10, 0, 0]  # whole renders once, outcomes and detections of each
+
+
+@pytest.mark.parametrize("combine", ["worst", "mean"])
+def test_several_profiles_share_traffic_and_detector_and_what_single_ones_have_kept(
+    small_traffic, small_candidates, tmp_path, combine
+):
+    sets = np.array([[True, True, False, False]])
+    single = [prepared(small_traffic, small_candidates, tmp_path, errors=each) for each in (PAPER_ERRORS, POOR)]
+    each = [made.fidelity("detector")(sets) for made in single]
+    kept = len(single[0].disk_cache)
+    both = prepared(small_traffic, small_candidates, tmp_path, errors=ErrorProfiles((PAPER_ERRORS, POOR), combine))
+    exact, rough = both.at_profiles
+    assert (exact.errors, rough.errors) == (PAPER_ERRORS, POOR)
+    assert exact.traffic is rough.traffic is both.traffic
+    assert exact.detector is rough.detector is both.detector
+    assert single[0].at_profiles == (single[0],)
+    found = both.fidelity("detector")
+    at_each = found.at_each(sets)
+    assert [at_each[name].kbit.tolist() for name in ("paper", "poor")] == [one.kbit.tolist() for one in each]
+    assert found(sets).ap.tolist() == [0.0]
+    assert len(both.disk_cache) == kept  # neither rendered nor detected again
+    with pytest.raises(ValueError, match="errors 'paper and poor' are known to fidelity detector alone"):
+        both.fidelity("coverage")
+
+
+def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_candidates, monkeypatch):
+    read = []
+
+    def shipped(network, site):
+        read.append(network)
+        return Nothing()
+
+    monkeypatch.setattr(preparation, "shipped_detector", shipped)
+    made = replace(
+        prepared(small_traffic, small_candidates, None, errors=ErrorProfiles((TYPICAL, POOR))), detector=None
+    )
+    vars(made)["traffic"] = small_traffic
+    made.fidelity("detector")
+    assert read == [GENERAL]
 
 
 @pytest.mark.parametrize("name", ["coverage", "surrogate", "table"])

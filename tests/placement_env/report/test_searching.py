@@ -5,9 +5,12 @@ import json
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.objective import Weights
-from placement_env.report.searching import SearchOrder, answered
+from placement_env.report.searching import SearchOrder, answered, question_of
+from toolkit.objects import Detections
 from toolkit.runtime.json_files import finite
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")
@@ -60,3 +63,43 @@ def test_it_refuses_before_anything_is_rendered(common):
     assert SearchOrder(**common | {"judge": "detector"}).detects
     assert not SearchOrder(**common).detects
     assert not SearchOrder(**common | {"judge": "detector", "method": "swap"}).detects
+
+
+class Wary:
+    """Never sees anything."""
+
+    digest = "wary"
+
+    def __call__(self, points, /):
+        return Detections.empty()
+
+
+def test_a_question_says_all_its_error_profiles(common):
+    detected = common | {"judge": "detector", "detector": Wary()}
+    asked = [
+        question_of(SearchOrder(**detected | {"errors": errors}))["errors"]
+        for errors in ("poor", POOR, ("poor",), ("paper", "poor"), ErrorProfiles((PAPER_ERRORS, POOR), "mean"))
+    ]
+    assert asked[0] == asked[1] == asked[2] == POOR.origin
+    assert asked[3] == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert asked[4] == asked[3] | {"combine": "mean"}
+
+
+def test_several_error_profiles_are_judged_and_said(common):
+    asked = common | {"judge": "detector", "detector": Wary(), "errors": ("paper", "poor"), "budget": 1}
+    found = answered(SearchOrder(**asked))
+    said = json.loads(json.dumps(finite(found.summary)))
+    assert said["errors"] == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
+    assert said["assessment"]["by_errors"] == [
+        {"name": name, "ap": 0.0, "low": 0.0, "high": 0.0} for name in ("paper", "poor")
+    ]
+    assert said["provenance"]["errors"] == PAPER_ERRORS.origin  # of the search
+    assert "by_errors" not in said
+    assert any(line.startswith("  the worst over error profiles: paper AP 0.0000") for line in found.lines)
+    curve = answered(SearchOrder(**asked | {"curve": True}))
+    assert curve.summary["errors"] == said["errors"]
+    assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]
+    assert any(line.startswith("    at each error profile: paper AP 0.0000") for line in curve.lines)
+    alone = answered(SearchOrder(**asked | {"errors": "poor"}))
+    assert "errors" not in alone.summary
+    assert alone.summary["assessment"]["by_errors"] == ()

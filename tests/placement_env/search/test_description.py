@@ -8,7 +8,15 @@ import pytest
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Score, Weights
-from placement_env.search.description import described_doubts, described_empty, described_score, described_sensors
+from placement_env.search.description import (
+    described_assessment,
+    described_by_errors,
+    described_doubts,
+    described_empty,
+    described_score,
+    described_sensors,
+)
+from placement_env.search.result import Assessment, Contender, ProfileAP
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -78,3 +86,16 @@ def test_a_surrogate_says_how_sure_it_is():
     ]
     assert described_doubts(Objective.of(candidates, Unsure()), []) == said[1:]
     assert described_doubts(Objective("tjunction", fidelity="table"), [0]) == []
+
+
+def test_each_error_profile_is_said_beside_what_counts():
+    own = Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
+    plain = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81)
+    each = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
+    lines, more = (described_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
+    assert [line for line in more if line not in lines] == [
+        "  the worst over error profiles: paper AP 0.9000 (0.8500 to 0.9500), poor AP 0.8000 (0.7000 to 0.9000)"
+    ]
+    assert [line for line in more if line in lines] == lines
+    assert described_by_errors({"paper": 0.9, "poor": 0.8}) == ["AP at each error profile: paper 0.9000, poor 0.8000"]
+    assert described_by_errors({}) == []

@@ -6,7 +6,7 @@ import pytest
 
 from placement_env.objective import Score
 from placement_env.search.exact import exhaustive
-from placement_env.search.result import Assessment, Certificate, Contender, History, Result
+from placement_env.search.result import Assessment, Certificate, Contender, History, ProfileAP, Result
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -47,6 +47,8 @@ def whole(make):
     found = exhaustive.search(make(3, 1), 2)
     contender = Contender(("greedy", "swap"), (0, 2), 0.9, 0.8, 0.7, 0.85)
     judged = Assessment("detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (contender,))
+    over = (ProfileAP("paper", 0.9, 0.85, 0.95), ProfileAP("poor", 0.8, 0.7, 0.9))
+    judged = replace(judged, by_errors=over, errors_by="worst")
     empty = Score((1,), 0.1, 0.2, 3.0, 3.0, 1.0, 0.1, {"ap": 0.1}, "coverage", False, {"vehicle": 0.1, "heavy": np.nan})
     at = look((1.0, 2.0, 3.0), 0.1)
     poses = (Sensor("a", DepthCamera(width=9), at), Sensor("b", SpinningLidar(), at))
@@ -61,6 +63,7 @@ def test_a_result_is_read_as_it_was_written(whole, tmp_path):
         assert getattr(again, name) == getattr(whole, name), name
     assert again.certificate.bound == np.inf
     assert again.assessment.curse == pytest.approx(0.1)
+    assert again.assessment.by_errors[1] == ProfileAP("poor", 0.8, 0.7, 0.9)
     assert np.isnan(again.front[0].class_ap["heavy"])
     assert again.front[0].class_ap["vehicle"] == 0.1
     for name, column in vars(whole.history).items():
@@ -90,3 +93,13 @@ def test_a_damaged_result_is_one_line(whole, tmp_path, change):
     with pytest.raises(ValueError, match="is no result of a search") as refused:
         Result.load(path)
     assert "\n" not in str(refused.value)
+
+
+def test_a_result_from_before_there_were_profiles_is_read(whole, tmp_path):
+    whole.save(tmp_path / "new.json")
+    content = json.loads((tmp_path / "new.json").read_text())
+    for name in ("by_errors", "errors_by"):
+        del content["assessment"][name]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    read = Result.load(tmp_path / "old.json").assessment
+    assert (read.by_errors, read.errors_by, read.ap) == ((), "", 0.8)

@@ -1,13 +1,17 @@
 """What a cheap fidelity found is tried by a dear one: all entrants on few frames, the best on all."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
+from placement_env.fidelity.combined.error_profiles import errors_of, over_profiles
 from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective
 from placement_env.search import greedy
-from placement_env.search.verification import neighbours, rescored, verified
+from placement_env.search.verification import ap_at_profiles, neighbours, rescored, verified
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
 
@@ -88,3 +92,34 @@ def test_raced_greedy_is_greedy_for_a_part_of_the_frames(dear):
     assert raced.evaluations < plain.evaluations
     assert raced.best.reward == dear.score(raced.best.subset).reward
     assert greedy.raced(dear, 3, evaluations=1).evaluations < raced.evaluations
+
+
+def test_ap_at_each_error_profile(dear):
+    """A race over profiles goes by what counts; each profile is said by itself."""
+    other = PerFrame(seed=1)
+    both = Objective.of(dear.candidates, over_profiles([dear.scored_by, other], errors_of(["paper", "poor"])))
+    row = both.row([0, 3])[None]
+    said = ap_at_profiles(both, (0, 3))
+    assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
+    assert both.score([0, 3]).ap == min(said.values())
+    assert ap_at_profiles(dear, (0, 3)) == ap_at_profiles(both, ()) == {}
+    ranking = verified(dear, both, np.array([0, 3]))
+    assert both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
+
+
+def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dear, monkeypatch):
+    both = Objective.of(dear.candidates, over_profiles([dear.scored_by, dear.scored_by], errors_of(["paper", "poor"])))
+    vars(both)["preparation"] = SimpleNamespace(at_profiles=("paper", "poor"))
+    asked = []
+
+    def pose_scorer(preparation, fidelity, weights):
+        def score(sets):
+            asked.append((preparation, fidelity, sets))
+            return [replace(dear.score([0]), ap={"paper": 0.9, "poor": 0.4}[preparation])]
+
+        return score
+
+    monkeypatch.setattr("placement_env.search.cmaes.pose_scorer", pose_scorer)
+    moved = dear.candidates.sensors[:2]
+    assert ap_at_profiles(both, (0, 1), moved) == {"paper": 0.9, "poor": 0.4}
+    assert asked == [("paper", "detector", [moved]), ("poor", "detector", [moved])]

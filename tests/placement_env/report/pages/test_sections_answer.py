@@ -110,3 +110,6 @@ def test_what_sets_are_compared_by_is_said(example):
     both = replace(example.plan, chosen=replace(chosen, over_levels=less, left=least))
     said = chosen_section(both, example.site, example.ground).conclusion
     assert "AP 0.500 (0.500–0.500, 412 vehicles) of what is left with the failures and over the levels" in said
+    rough = replace(example.plan, chosen=replace(chosen, over_levels=less, over_errors=least))
+    said = chosen_section(rough, example.site, example.ground).conclusion
+    assert "AP 0.500 (0.500–0.500, 412 vehicles) over the levels of traffic and over the error profiles that" in said

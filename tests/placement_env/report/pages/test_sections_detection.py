@@ -77,3 +77,11 @@ def test_levels_of_traffic_have_a_table_of_their_own(example):
         block.caption for block in section.blocks if getattr(block, "caption", "").startswith("By level of traffic")
     ]
     assert said[0].startswith("By level of traffic, AP runs from 0.900 at “dense traffic” to 0.970 at “thin traffic”")
+
+
+def test_error_profiles_have_a_table_of_their_own(example):
+    rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
+    plain, section = detection_section(example.plan), detection_section(replace(example.plan, by_errors=rows))
+    assert plain.conclusion == section.conclusion
+    said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By error profile")]
+    assert said[0].startswith("By error profile, AP runs from 0.900 at “poor” to 0.970 at “paper”")

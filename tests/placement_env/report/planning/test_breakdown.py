@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.detector import Detected
 from placement_env.report.planning.breakdown import (
     by_approach,
     by_class,
+    by_errors,
     by_group,
     by_level,
     by_range,
     by_zone,
     fused_cloud,
+    mean_points,
     scored_boxes,
 )
 from placement_env.report.planning.judging import Judge
@@ -119,3 +122,21 @@ def test_levels_of_traffic(street, scored):
     assert thin.mean_points == dense.mean_points == 75 / 4
     (whole,) = street.judge.judge(np.array([[1, 0, 1, 0]], bool))
     assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)
+
+
+def test_error_profiles(street, scored):
+    class Thin(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[::2][: 0 if k < 4 and c == 2 else None]
+
+    thin = Thin(street.site, street.detected.renders.sensors)
+    thin.digest = "thin"
+    rough = Judge(Detected(thin, street.detected.detector, "early"), 0)
+    judge = replace(street.judge, others=(rough,), errors=errors_of(["paper", "poor"]))
+    exact, other = by_errors(judge, (0, 2))
+    assert (exact.name, other.name) == ("paper", "poor")
+    assert exact.judged == street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0]
+    assert other.judged == rough.judge(np.array([[1, 0, 1, 0]], bool))[0]
+    assert exact.mean_points == scored.points.mean() == 75 / 4
+    assert other.mean_points == np.mean([mean_points(rough, (0, 2))]) < exact.mean_points
+    assert by_errors(street.judge, (0, 2)) == ()

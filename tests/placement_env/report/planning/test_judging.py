@@ -1,10 +1,13 @@
 """Judgements of sets on a street where everything is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from placement_env.analysis.tally import Tally
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
@@ -226,3 +229,69 @@ def test_a_level_with_nothing_to_find_says_nothing(street):
     (over,) = judge.over_levels(np.array([[0, 1, 0, 0]], bool))  # type: ignore[misc]
     assert over.ap == second.ap == 0.5
     assert Judge(detected, 0).over_levels(np.array([[0, 1, 0, 0]], bool)) is None
+
+
+@pytest.fixture
+def hazy(street):
+    """A judge with exact sensors, and in a haze, where sensor 1 sees nothing in the last four frames and sensor 3
+    nothing at all."""
+
+    class Hazy(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if (c == 1 and k >= 4) or c == 3 else None]
+
+    renders = Hazy(street.site, street.detected.renders.sensors)
+    renders.digest = "hazy"
+
+    def judge(counting=None, combine="worst", parts=()):
+        exact = Judge(street.detected, 0, counting, parts)
+        rough = Judge(Detected(renders, street.detected.detector, "early"), 0, counting, parts)
+        return replace(exact, others=(rough,), errors=errors_of(["paper", "poor"], combine))
+
+    return judge
+
+
+SETS = np.array([[1, 1, 0, 0], [0, 0, 0, 1]], bool)
+LEVELS = (np.arange(4), np.arange(4, 8))
+
+
+@pytest.mark.parametrize(
+    ("failing", "levels", "combine", "paper", "poor", "over"),
+    [
+        (0, 1, "worst", 0.75, 0.625, 0.625),
+        (0, 1, "mean", 0.75, 0.625, 0.6875),
+        (0, 2, "worst", 0.75, 0.5, 0.5),
+        (1, 1, "worst", 0.5, 0.25, 0.25),
+        (1, 2, "mean", 0.5, 0.0, 0.25),
+    ],
+)
+def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine, paper, poor, over):
+    """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
+    counting = Counting.of(0.7, failing, levels)
+    judge = hazy(counting, combine, LEVELS if levels == 2 else ())
+    assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
+    both, alone = judge.over_errors(SETS)
+    assert both.ap == pytest.approx(over)
+    assert alone.ap == (0.0 if failing or combine == "worst" else 0.125)
+    each = judge.by_errors((0, 1))
+    assert {name: judged.ap for name, judged in each.items()} == pytest.approx({"paper": paper, "poor": poor})
+    assert both.recall == pytest.approx(over)
+    assert both.low <= both.ap <= both.high
+    raced = judge.evaluator().evaluate(SETS, np.arange(8))
+    assert raced.ap == pytest.approx([both.ap, alone.ap], abs=1e-5)
+
+
+def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):
+    judge = hazy()
+    (both,) = judge.over_errors(SETS[:1])
+    exact, rough = judge.by_errors((0, 1)).values()
+    assert (exact.low, exact.high) == (0.75, 0.75)
+    assert (rough.low, rough.ap, rough.high) == (both.low, both.ap, both.high) == (0.5, 0.625, 0.75)
+    (mean,) = hazy(None, "mean").over_errors(SETS[:1])
+    assert (mean.low, mean.ap, mean.high) == (0.625, 0.6875, 0.75)
+    assert (mean.precision, mean.vehicles, mean.frames) == (1.0, 32, 8)
+
+
+def test_one_profile_is_not_combined(street):
+    assert street.judge.over_errors(SETS) is None
+    assert street.judge.by_errors((0, 1)) == {}

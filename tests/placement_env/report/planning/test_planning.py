@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.renders import Renders
@@ -216,6 +217,24 @@ def test_levels_of_traffic_decide_and_are_said(planned, cache):
     assert both
     assert all(worst <= all_traffic for worst, all_traffic in both)
     assert any(worst < all_traffic for worst, all_traffic in both)  # searched over levels, not taken from the cache
+
+
+def test_error_profiles_decide_and_are_said(planned, cache):
+    """Judged at both profiles, searched as before; what else is said is at the first."""
+    errors = ErrorProfiles((PAPER_ERRORS, POOR))
+    made = plan(replace(QUESTION, sensors=1, errors=errors, min_ap=0.01), cache=cache).plan
+    chosen = made.chosen
+    assert (made.question["errors"], made.question["errors_by"]) == (["paper", "poor"], "worst")
+    assert made.provenance["errors"] == errors.origin
+    assert [row.name for row in made.by_errors] == ["paper", "poor"]
+    assert chosen.over_errors.ap == min(row.judged.ap for row in made.by_errors)
+    assert chosen.judged == made.by_errors[0].judged
+    assert "at the worst of the error profiles paper and poor" in made.verdict.sentence
+    assert made.verdict.met is (chosen.over_errors.ap >= 0.01)
+    assert {option.over_errors is None for option in made.considered if option.judged} == {False}
+    assert (planned.plan.by_errors, planned.plan.chosen.over_errors) == ((), None)
+    alone = {option.sensors: option.predicted for option in planned.plan.considered}
+    assert all(alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone)
 
 
 def test_another_iou_is_not_answered_from_the_cache_of_one(planned, cache):

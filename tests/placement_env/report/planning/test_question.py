@@ -7,8 +7,10 @@ import pytest
 
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.report.planning.question import Question, with_terms
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.errors.profiles import POOR, TYPICAL
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")
@@ -97,3 +99,10 @@ def test_one_threshold_or_several_and_classes_with_their_own():
     assert question.in_words["class_ious"] == [(0.7, 0.9), 0.5]
     assert question.classes.described(question.iou) == "mean of vehicle and pedestrian (IoU 0.5)"
     assert Question(site=SITE, iou=(0.8,)).iou == 0.8
+
+
+def test_error_profiles_are_written_down():
+    plain = Question(site=SITE).in_words
+    assert (plain["errors"], plain["errors_by"]) == (["paper"], "worst")
+    both = Question(site=SITE, errors=ErrorProfiles((TYPICAL, POOR), "mean")).in_words
+    assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.combined.prepared import Counting
+from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.selection import choose, judged_front, near_optimal, select
@@ -121,3 +123,25 @@ def test_sets_are_compared_over_levels_of_traffic(street):
     picked = select(street.objective, Entrants(np.array([[1, 1, 0, 0]], bool), np.zeros(1), ((),), 1), judge)
     (only,) = picked.options
     assert (only.judged.vehicles, only.over_levels.vehicles, only.over_levels.ap, only.left) == (32, 16, 0.75, None)
+
+
+def test_sets_are_compared_over_error_profiles(street):
+    """Exact, 0 finds with 1 as many cars as 3 does, for less money; where 0 is blinded, fewer."""
+    steady = replace(option(0.8, 0.7, 0.9), left=option(0.7, 0.6, 0.8).judged, over_errors=option(0.6, 0.5, 0.7).judged)
+    touchy = replace(option(0.95, 0.9, 1.0), over_levels=option(0.9, 0.8, 1.0).judged)
+    touchy = replace(touchy, over_errors=option(0.2, 0.1, 0.3).judged)
+    assert choose((touchy, steady), None) == (1, "best")
+    assert steady.counted.ap == 0.6
+
+    class Blinded(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 0 else None]
+
+    blinded = Blinded(street.site, street.detected.renders.sensors)
+    rough = Judge(Detected(blinded, street.detected.detector, "early"), 0)
+    judge = replace(street.judge, others=(rough,), errors=errors_of(["paper", "poor"]))
+    found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
+    picked, alone = select(street.objective, found, judge), select(street.objective, found, street.judge)
+    assert [(each.judged.ap, each.over_errors.ap) for each in picked.options] == [(0.75, 0.5), (0.75, 0.75)]
+    assert (picked.chosen, alone.chosen) == (1, 0)
+    assert {each.over_errors for each in alone.options} == {None}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.report.content import FailureCase, Judgement, PlanOption, SchemeFigures
 from placement_env.report.planning.question import Question
@@ -49,6 +50,23 @@ def test_what_an_ap_is_of(asked, words):
     assert len(compared) == bool(words)
     if asked == {"levels": 3}:
         assert compared == ["The AP by which sets are compared is that at the worst of 3 levels of traffic."]
+
+
+def test_several_error_profiles_are_said():
+    over = errors_of(["paper", "poor"])
+    assert of_what(Question(site=SITE, errors=over)) == ", at the worst of the error profiles paper and poor,"
+    mean = Question(site=SITE, errors=errors_of(["typical", "poor"], "mean"), failing=1, levels=2)
+    assert of_what(mean) == (
+        ", what is left in the worst case when 1 sensor fails, at the worst of 2 levels of traffic, "
+        "in the mean over the error profiles typical and poor,"
+    )
+    said = " ".join(
+        assumptions(Question(site=SITE, errors=over), search_fidelity="surrogate", detector="x", worth_sampled=False)
+    )
+    assert "errors of profile paper (OwnNoise) and of profile poor (Glass, Paint, DropOut" in said
+    assert "The AP by which they are compared is that at the worst of the error profiles paper and poor; every" in said
+    assert "are with profile paper, the first that was asked for" in said
+    assert "Poses are exact" not in said
 
 
 def test_verdicts():

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
-from placement_env.search.portfolio.evaluators import DetectorEvaluator
+from placement_env.search.portfolio.evaluators import DetectorEvaluator, ProfileEvaluator
 from placement_env.search.portfolio.proposals import Proposal
 
 
@@ -59,6 +60,23 @@ def test_what_costs_as_much_and_finds_less_does_not_pay(street):
     worse = Worse(street.detected)
     points = budget_curve(street.objective, 3, evaluators=(worse, worse))
     assert [point.pays for point in points] == [True, True, False]
+
+
+def test_each_point_says_the_ap_at_each_error_profile(street):
+    class Less(DetectorEvaluator):
+        def evaluate(self, sets, frames, progress=None):
+            found = super().evaluate(sets, frames, progress)
+            return found._replace(ap=found.ap - 0.25, resamples=found.resamples - 0.25)
+
+    exact = DetectorEvaluator(street.detected)
+    both = ProfileEvaluator((exact, Less(street.detected)), errors_of(["paper", "poor"]))
+    points = budget_curve(street.objective, 2, evaluators=(both, both))
+    assert [point.ap for point in points] == pytest.approx([0.25, 0.5])
+    assert [[(each.name, each.ap) for each in point.by_errors] for point in points] == [
+        [("paper", 0.5), ("poor", 0.25)],
+        [("paper", 0.75), ("poor", 0.5)],
+    ]
+    assert [point.by_errors for point in budget_curve(street.objective, 2, evaluators=(exact, exact))] == [(), ()]
 
 
 def test_nothing_to_build_has_no_curve(street):

@@ -1,12 +1,14 @@
 """Sets on some frames: the AP that the fidelity says of them, and resamples drawn alike for all sets."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.classes import Classes
+from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
@@ -19,11 +21,13 @@ from placement_env.search.portfolio.evaluators import (
     FastEvaluator,
     LevelEvaluator,
     MeanEvaluator,
+    ProfileEvaluator,
     RobustEvaluator,
     evaluator_of,
     race_order,
 )
 from toolkit.detection.schemes import scheme_of
+from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 
 SETS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
 
@@ -181,3 +185,58 @@ def test_levels_are_those_of_the_traffic_that_is_judged(prepared):
     both = evaluator_of(prepared, "coverage", counting=Counting.of(0.7, 1, 2))
     assert isinstance(both, RobustEvaluator)
     assert isinstance(both.evaluator, LevelEvaluator)
+
+
+@pytest.fixture
+def hazy(street):
+    """The street's evaluator, and one at which sensor 1 sees nothing in the first block and sensor 0 nothing at all."""
+
+    class Hazy(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 0 or (c == 1 and k < 4) else None]
+
+    renders = Hazy(street.site, street.detected.renders.sensors)
+    renders.digest = "hazy"
+    rough = DetectorEvaluator(Detected(renders, street.detected.detector, "early"))
+    return DetectorEvaluator(street.detected), rough
+
+
+@pytest.mark.parametrize("combine", ["worst", "mean"])
+def test_each_error_profile_by_itself(hazy, combine):
+    """Of four cars 0 and 1 find two each; in the haze 1 finds one in the mean, and 0 none."""
+    over, order = ProfileEvaluator(hazy, ErrorProfiles((PAPER_ERRORS, POOR), combine)), np.arange(8)
+    found = over.evaluate(SETS[:2], order)
+    exact, rough = (each.evaluate(SETS[:2], order) for each in hazy)
+    assert exact.ap.tolist() == [0.5, 0.75]
+    assert rough.ap.tolist() == [0.0, 0.25]
+    assert found.ap.tolist() == ([0.0, 0.25] if combine == "worst" else [0.25, 0.5])
+    reduce = np.min if combine == "worst" else np.mean
+    assert found.resamples.tolist() == reduce([exact.resamples, rough.resamples], axis=0).tolist()
+    assert len(np.unique(found.resamples[1])) > 1
+    assert found.kbit == pytest.approx(rough.kbit if combine == "worst" else (exact.kbit + rough.kbit) / 2)
+    assert (over.name, over.frames, over.objects_in(order)) == ("detector", 8, 32)
+    each = over.at_each(SETS[:2], order)
+    assert list(each) == ["paper", "poor"]
+    assert each["poor"].ap.tolist() == rough.ap.tolist()
+    assert each["poor"].resamples.tolist() == rough.resamples.tolist()
+
+
+def test_frames_are_counted_once_for_all_profiles(hazy):
+    done = []
+    over = ProfileEvaluator(hazy, ErrorProfiles((PAPER_ERRORS, POOR)))
+    over.evaluate(SETS[:1], np.arange(8), done.append)
+    assert done == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 7, 8]
+
+
+def test_the_evaluator_over_error_profiles_has_failures_and_levels_within(prepared, street):
+    several = replace(prepared, detector=street.detected.detector, errors=ErrorProfiles((PAPER_ERRORS, POOR)))
+    vars(several).update(traffic=prepared.traffic, network="general")
+    over = evaluator_of(several, "detector", seed=7)
+    assert isinstance(over, ProfileEvaluator)
+    assert over.errors == several.errors
+    made: tuple[Any, ...] = over.evaluators
+    assert [each.seed for each in made] == [7, 7]
+    assert [each.detected.renders.errors for each in made] == [PAPER_ERRORS, POOR]
+    counted: Any = evaluator_of(several, "detector", counting=Counting.of(0.7, 1, 2))
+    assert [type(each) for each in counted.evaluators] == [RobustEvaluator] * 2
+    assert [type(each.evaluator) for each in counted.evaluators] == [LevelEvaluator] * 2

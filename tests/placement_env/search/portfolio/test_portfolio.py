@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 
+from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated
+from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated, ProfileEvaluator
 from placement_env.search.portfolio.proposals import Proposal
 
 VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
@@ -78,6 +79,33 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(de
     assert [len(sets) for sets, _ in final.asked] == [2]
     assert {stage[0] for stage in stages} == {"searching", "racing", "judging"}
     assert found.certificate.note == f"raced by the detector: of the {said.entrants} entrants, not of all sets"
+
+
+class Rough(Truth):
+    """The same where the third sensor is the worst."""
+
+    def evaluate(self, sets, frames, progress=None):
+        found = super().evaluate(sets, frames, progress)
+        less = 0.2 * sets[:, 2]
+        return found._replace(ap=found.ap - less, resamples=found.resamples - less[:, None])
+
+
+def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
+    """With exact sensors 1 and 2 are the best two; with the others 1 and 3."""
+    errors = errors_of(["paper", "poor"])
+    race, final = (ProfileEvaluator((Truth(shift=shift), Rough(shift=shift)), errors) for shift in (0.0, -0.05))
+    found = portfolio.search(deceived, 2, evaluators=(race, final))
+    assert found.best.subset == (1, 3)
+    said = found.assessment
+    assert (said.ap, said.errors_by) == (pytest.approx(0.45), "worst")
+    assert [(each.name, each.ap) for each in said.by_errors] == [("paper", pytest.approx(0.45)), ("poor", said.ap)]
+    final = ProfileEvaluator((Truth(shift=0.1), Rough(shift=-0.1)), errors_of(["paper", "poor"], "mean"))
+    said = portfolio.search(deceived, 2, evaluators=(race, final)).assessment
+    assert (said.ap, said.errors_by) == (pytest.approx(0.5), "mean")
+    assert [each.ap for each in said.by_errors] == pytest.approx([0.6, 0.4])
+    assert all(each.low <= each.ap <= each.high for each in said.by_errors)
+    alone = portfolio.search(deceived, 2, evaluators=(Truth(), Truth())).assessment
+    assert (alone.by_errors, alone.errors_by) == ((), "")
 
 
 class Proposing:
