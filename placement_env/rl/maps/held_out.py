@@ -1,7 +1,8 @@
 """How policies compare to greedy search at junctions that none of them was taught.
 
 Greedy looks at traffic of its own first; every set is judged by the surrogate on the traffic of the junction's files,
-which nobody saw. A sensor whose link does not carry what it sends is left out of a set. A policy answers by the map
+which nobody saw. A sensor whose link does not carry what it sends in the traffic that was looked at is left out of a
+set. A policy answers by the map
 alone, and once more after looking at the empty site from the sensors of its answer.
 """
 
@@ -23,6 +24,7 @@ from placement_env.rl.maps.link_check import sent_when_empty
 from placement_env.rl.maps.map_policy import MapPolicy
 from placement_env.rl.maps.schooling import JunctionFolder, SchoolProgress
 from placement_env.search import greedy
+from toolkit.arrays import Bool
 
 HELD_OUT_BUDGETS = (2, 3, 4)
 SEARCHED_FRAMES = 24  # of the traffic that greedy looks at
@@ -71,7 +73,8 @@ def tried(
         for name, policy in policies.items():
             answers[name] = policy.answer_to(known, terms).members
             answers[name + LINKS_LOOKED_AT] = policy.answer_checked(known, terms, sends).members
-        rows.append(HeldOut(source.name, budget, {name: built_ap(judged, each) for name, each in answers.items()}))
+        ap = {name: built_ap(judged, each, searched.linked) for name, each in answers.items()}
+        rows.append(HeldOut(source.name, budget, ap))
     return rows
 
 
@@ -94,9 +97,9 @@ def tried_at(
     return rows
 
 
-def built_ap(judged: Objective, members: Sequence[int]) -> float:
-    """AP of a set without the sensors whose links do not carry what they send."""
-    return judged.score([member for member in members if judged.linked[member]]).ap
+def built_ap(judged: Objective, members: Sequence[int], linked: Bool[np.ndarray, " C"]) -> float:
+    """AP of a set without the sensors whose links do not carry what they send; linked: which links do."""
+    return judged.score([member for member in members if linked[member]]).ap
 
 
 def compared(rows: Sequence[HeldOut]) -> list[Comparison]:

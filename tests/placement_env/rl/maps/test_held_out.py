@@ -40,22 +40,21 @@ def test_greedy_looks_at_other_traffic_than_judges(seen, made_up, policy, tmp_pa
     assert seen == [("000002", tmp_path, 5)]
     assert [(row.junction, row.budget) for row in rows] == [("000002", 1), ("000002", 3)]
     looked_at = objective_of(Junction(junction.site, junction.candidates, made_up(9, 4, 3).visibility))
-    judged = objective_of(junction)
+    judged, linked = objective_of(junction), looked_at.linked
     for row in rows:
         assert list(row.ap) == ["greedy", "mine", "mine, links looked at"]
-        assert row.ap["greedy"] == built_ap(judged, greedy.search(looked_at, row.budget).best.subset)
+        assert row.ap["greedy"] == built_ap(judged, greedy.search(looked_at, row.budget).best.subset, linked)
         terms = Terms.plain(junction.candidates, row.budget)
         known = outlook(junction.site, junction.candidates)
-        assert row.ap["mine"] == built_ap(judged, policy.answer_to(known, terms).members)
+        assert row.ap["mine"] == built_ap(judged, policy.answer_to(known, terms).members, linked)
         checked = policy.answer_checked(known, terms, lambda members: np.full(len(members), 100.0))
-        assert row.ap["mine, links looked at"] == built_ap(judged, checked.members)
+        assert row.ap["mine, links looked at"] == built_ap(judged, checked.members, linked)
 
 
 def test_what_no_link_carries_is_not_built(made_up):
-    judged = objective_of(made_up(2, 4, 3))
-    fine, not_carried = (int(np.flatnonzero(judged.linked == linked)[0]) for linked in (True, False))
-    assert built_ap(judged, [fine, not_carried]) == judged.score([fine]).ap
-    assert built_ap(judged, [not_carried]) == 0
+    judged, linked = objective_of(made_up(2, 4, 3)), np.arange(12) != 7
+    assert built_ap(judged, [3, 7], linked) == judged.score([3]).ap
+    assert built_ap(judged, [7], linked) == 0
 
 
 def test_several_junctions(seen, monkeypatch, made_up, policy, tmp_path):
