@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from models.training.checkpoint import checkpoint_errors, read_checkpoint, save_atomically
 
 CHECKPOINT_S = 60.0  # seconds between two checkpoints, at least
 
 
+@runtime_checkable
 class Stateful(Protocol):
     """A network or an optimiser."""
 
