@@ -33,7 +33,7 @@ from toolkit.runtime.parallel import spread
 
 LEAST_VEHICLES = 5  # of a lesson, or little can be learned from it
 OWN_DRAWS = 4  # of candidates and traffic at each own site
-KEPT_COURSES = 512  # junctions in memory
+KEPT_COURSES = 256  # junctions in memory
 POLICY, IMITATED = "policy.safetensors", "imitated.safetensors"
 JUNCTION_SETTINGS = "settings.json"
 
