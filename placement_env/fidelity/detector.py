@@ -107,8 +107,8 @@ class Outcome(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """One set at each of `IOUS`, over all frames: the scored objects (frame after frame, in order) that were hit, with
-    what score (0 if not), and the scores of the false alarms."""
+    """One set at each of `Detected.ious`, over all frames: the scored objects (frame after frame, in order) that were
+    hit, with what score (0 if not), and the scores of the false alarms."""
 
     hit: Bool[np.ndarray, "ious objects"]
     score: Float64[np.ndarray, "ious objects"]
@@ -215,13 +215,13 @@ class Detected:
         (chosen,), chosen_frames = self._sets(subset[None]), _indices(self.frames, frames)
         found = self.outcomes([chosen], chosen_frames)[chosen]
         first_object = np.concatenate([[0], np.cumsum([self.scored(k).sum() for k in chosen_frames])])
-        score, alarms = np.zeros((len(IOUS), first_object[-1])), []
+        score, alarms = np.zeros((len(self.ious), first_object[-1])), []
         hit = np.zeros(score.shape, bool)
-        for row, at in enumerate(map(self.ious.index, IOUS)):
+        for at in range(len(self.ious)):
             for outcome, first in zip(found, first_object, strict=False):
                 hitting = outcome.truth[at] >= 0
                 objects = first + outcome.truth[at, hitting]
-                hit[row, objects], score[row, objects] = True, outcome.scores[hitting]
+                hit[at, objects], score[at, objects] = True, outcome.scores[hitting]
             alarms.append(np.concatenate([each.scores[each.truth[at] == FALSE_ALARM] for each in found]))
         return Hits(hit, score, tuple(alarms))
 

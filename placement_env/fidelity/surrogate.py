@@ -89,14 +89,15 @@ class Surrogate:
         ap, recall = (np.stack(each, axis=1) for each in zip(*figures, strict=True))
         return ClassEstimates(ap, recall, self._kbit(subsets))
 
-    def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], HitModel, float]]:
-        """n ^ norm of each candidate and object of each class, its model, and its weight in the mean. Raises ValueError
-        where what the centre gets makes them no sum over sensors."""
+    def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
+        """n ^ norm of each candidate and object of each class, what an object's size leaves of a hit's probability, the
+        model of the class, and its weight in the mean. Raises ValueError where what the centre gets makes them no sum
+        over sensors."""
         weights = np.array(self.classes.weights)
         there = np.array([part.objects > 0 for part in self._parts])
         shares = np.where(there, weights, 0.0) / max(float(weights[there].sum()), 1e-300)
         return [
-            (part.powers(), model, float(share))
+            (part.powers(), model.of_size(part.visibility.boxes), model, float(share))
             for part, model, share in zip(self._parts, self.models, shares, strict=True)
             if part.objects
         ]
@@ -142,6 +143,7 @@ class _Part:
         self.visibility, self._scheme, self._radius = visibility, scheme, radius
         self._model, self._evidence = model, Evidence(visibility, scheme, radius)
         self._sums = MemberSums(self._evidence.rows(model))
+        self._of_size = model.of_size(visibility.boxes).astype(np.float32)
         self.objects = visibility.points.shape[1]
 
     def powers(self) -> Float32[np.ndarray, "C O"]:
@@ -167,10 +169,11 @@ class _Part:
 
     def _of_sums(self, sums: Float32[np.ndarray, "n w"]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         powers, raw = self._evidence.joined(sums, self._model)
-        if raw is None:
+        if raw is None and not self._model.bulk:
             powers.sort(axis=1)
             return expected_ap(self._model.probability(powers[:, ::-1]), self._model.false_alarms)
         probability = self._model.probability(powers, raw)
+        probability *= self._of_size
         probability.sort(axis=1)
         return expected_ap(probability[:, ::-1], self._model.false_alarms)
 

@@ -22,6 +22,7 @@ def surrogate(
     out: Path,
     detector: str = "voxelnet",
     classes: tuple[Label, ...] = ("vehicle",),
+    iou: tuple[float, ...] = (0.7, 0.8, 0.9),
     small_iou: float = 0.5,
     schemes: tuple[str, ...] = ("early", "late", "hybrid"),
     frames: int = 100,
@@ -46,7 +47,8 @@ def surrogate(
         out: File of models to write (.json): coview search --surrogate takes it.
         detector: As in coview evaluate, but for cluster.
         classes: Of road users, with a model for each.
-        small_iou: IoU of cyclists and pedestrians; vehicles are fitted at 0.7, 0.8 and 0.9.
+        iou: At which vehicles are fitted: a search at others, or by their mean, needs those too.
+        small_iou: IoU of cyclists and pedestrians.
         schemes: Which of early, late and hybrid fusion.
         frames: Of simulated traffic.
         poses: Of the site's pool, drawn at random, beside its own sensors.
@@ -60,6 +62,7 @@ def surrogate(
         overwrite: Replace a file that is there.
         json: Print models and errors as JSON.
     """
+    from placement_env.checks import check_iou
     from placement_env.fidelity.hits.hit_fit import fit_sites
     from placement_env.fidelity.hits.hit_model import save_models
     from toolkit.runtime.cache import Cache
@@ -73,6 +76,8 @@ def surrogate(
     ):  # fmt: skip
         check_least(option, value, least)
     check_schemes(schemes)
+    for each in iou:
+        check_iou(each)
     counted = counted_classes(classes, None, "mean", small_iou)
     check_file(out, inputs=[path for site in sites for path in site_file(site)], overwrite=overwrite)
     if cache is not None:
@@ -91,8 +96,9 @@ def surrogate(
     )
     with progress_bar("", hidden=json) as bar:
         fitted = fit_sites(
-            places, lambda place: detect[place.name], schemes=schemes, classes=counted, frames=frames, poses=poses,
-            sets=sets, seed=seed, models=[model_named(name) for name in model], resamples=resamples, source=source,
+            places, lambda place: detect[place.name], schemes=schemes, classes=counted, ious=iou, frames=frames,
+            poses=poses, sets=sets, seed=seed, models=[model_named(name) for name in model], resamples=resamples,
+            source=source,
             cache=None if cache is None else Cache(cache / "cache.sqlite"), workers=workers,
             progress=bar.stage,
         )  # fmt: skip

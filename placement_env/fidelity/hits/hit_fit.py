@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
     from toolkit.runtime.cache import Cache
 
-FITTED = ("intercept", "density", "norm", "reach", "oblique")  # and ceiling and floor, as a logit and a logarithm
+FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # and ceiling, floor: a logit, a logarithm
 NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
@@ -77,7 +77,7 @@ def fit(
     scheme = scheme_of(scheme)
     fitting = _Fitting(observed, scheme, iou, source, label)
     norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
-    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
+    starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
     everything = [_Weights(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
     best, model = min((fitting.fitted(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ class _Fitting:
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
         return [
-            _probability(evidence, each.subsets, model)
+            _probability(evidence, each.subsets, each.visibility.boxes, model)
             for evidence, each in zip(self._evidence, self._observed, strict=True)
         ]
 
@@ -169,28 +169,27 @@ def fit_detected(
     found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "n C"]]],
     *,
     source: str,
+    ious: Sequence[float] = (),
     resamples: int = 0,
     seed: int = 0,
 ) -> tuple[Fitted, ...]:
     """A model of each class at each IoU threshold of what a detector says of sets at some sites: what is seen there,
-    what it detects of the same candidates, frames and classes, and the sets. Raises ValueError where there is nothing
-    to fit, saying of which class."""
-    from placement_env.fidelity.detector import IOUS
-
+    what it detects of the same candidates, frames and classes, and the sets. ious: of vehicles, of those of `Detected`,
+    all where there are none. Raises ValueError where there is nothing to fit, saying of which class."""
     first = found[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
     hits = [np.stack([detected.hits(row).hit for row in sets], axis=1) for _, detected, sets in found]
     fitted: dict[tuple[str, float], Fitted] = {}
     for c, (name, label) in enumerate(zip(first.classes.names, first.classes.labels, strict=True)):
-        for i, iou in enumerate(IOUS):
-            at = first.iou_of(label, iou)
+        for iou in ious or first.ious:
+            at, row = first.iou_of(label, iou), first.ious.index(iou)
             if (name, at) in fitted:
                 continue
             observed = [
                 Observed(
                     seen.of_classes([label]),
                     sets,
-                    hit[i][:, seen.labels == label],
+                    hit[row][:, seen.labels == label],
                     estimate[iou].ap[:, c].copy(),
                     detected.renders.site.hybrid_radius,
                     tuple(sorted({type(sensor.model).__name__ for sensor in detected.renders.sensors})),
@@ -219,6 +218,7 @@ def fit_sites(
     sets: int = 60,
     seed: int = 1000,
     models: Sequence[SensorModel] = (),
+    ious: Sequence[float] = (0.7, 0.8, 0.9),
     resamples: int = 20,
     source: str = "",
     cache: Cache | None = None,
@@ -229,6 +229,7 @@ def fit_sites(
     with poses of their pools, drawn from the seed (of a site: the seed and its place in the list) as the traffic is.
 
     sets: how many at each site, of 1 to 8 sensors; models: of the sensors in the pools, none for the paper's camera;
+    ious: of vehicles;
     resamples: see `fit`; cache: where detections are kept, so that what was broken off goes on; progress: called with a
     scheme, frames done and how many. Raises ValueError where a class is not there or is always hit.
     """
@@ -258,12 +259,13 @@ def fit_sites(
         found = []
         for place, (seen, chosen, detector, renders) in enumerate(observed):
             detected = Detected(renders, detector, scheme, memo=cache, workers=workers, classes=classes)
+            detected = detected.at(ious[0], also=ious)
             report = None
             if progress is not None:
                 report = partial(_done, progress, f"{scheme.name} fusion", place * frames, len(sites) * frames)
             detected.estimates(chosen, progress=report)
             found.append((seen, detected, chosen))
-        fitted += fit_detected(found, source=source, resamples=resamples, seed=seed)
+        fitted += fit_detected(found, source=source, ious=ious, resamples=resamples, seed=seed)
     return tuple(fitted)
 
 
@@ -280,9 +282,9 @@ def _misfit(model: HitModel, scheme: Scheme, observed: Sequence[Observed]) -> fl
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
-def _probability(evidence: Evidence, subsets: np.ndarray, model: HitModel) -> np.ndarray:
+def _probability(evidence: Evidence, subsets: np.ndarray, boxes: np.ndarray, model: HitModel) -> np.ndarray:
     sums = MemberSums(evidence.rows(model, np.float64))(subsets)
-    return model.probability(*evidence.joined(sums, model))
+    return model.probability(*evidence.joined(sums, model)) * model.of_size(boxes)
 
 
 def _check(visibility: Visibility, subsets: np.ndarray, hits: np.ndarray, ap: np.ndarray) -> None:

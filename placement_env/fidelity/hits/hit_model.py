@@ -2,7 +2,7 @@
 
 Of an object headed ψ with N_i points from sensor i of a set, d_i metres away, a hit has the probability
 
-    p = ceiling · sigmoid(intercept + density · e) · min(1, r / floor)        0 without any point
+    p = ceiling · (V / 16 m³) ^ -bulk · sigmoid(intercept + density · e) · min(1, r / floor)        0 without any point
     e = log(1 + Σ n_i ^ norm) / norm           n_i = N_i · (d_i / 20 m) ^ reach · exp(-oblique · |sin 2ψ|)
     r = (Σ N_i ^ norm) ^ (1 / norm)
 
@@ -12,7 +12,8 @@ has seen few vehicles turn finds those less surely. With norm 1 all points count
 sensors count more than as many from one, which is the gain of spatial diversity: early fusion, where a set detects by
 the density that it gathers. The greater the norm, the more the best sensor alone decides: late fusion. Hybrid fusion
 has one sensor more, which holds the far points of all. However dense they may be at their distance, few points are few:
-below `floor` points of the set a hit becomes less likely in proportion, 0 for no such floor.
+below `floor` points of the set a hit becomes less likely in proportion, 0 for no such floor. A box of more than 16 m³
+(V is its volume, 16 m³ for a smaller one), a long van rather than a car, is found less surely whatever its points.
 The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hits.hit_fit`), which is the paper's
 analysis of density and spatial diversity (its sections on sensor sets and on diversity gain) made predictive.
 """
@@ -46,9 +47,11 @@ RANGES = {
     "oblique": (0.0, 5.0),
     "false_alarms": (0.0, 5.0),
     "floor": (0.0, 200.0),
+    "bulk": (0.0, 5.0),
 }
-NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor")
-OPTIONAL = {"label", "floor", "domain", "resampled"}  # files written before there were these have not got them
+NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor", "bulk")
+BULKY = 16.0  # m³
+OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # files written before there were these have not got them
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class HitModel:
     oblique: float = 0.0
     label: str = LABELS[VEHICLE]
     floor: float = 0.0
+    bulk: float = 0.0
     domain: HitDomain | None = None
     resampled: tuple[tuple[float, ...], ...] = ()
 
@@ -94,7 +98,8 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """p, from Σ n_i ^ norm; it grows with it. raw: Σ N_i ^ norm, for the floor; None for as many as it asks for."""
+        """p of objects up to `BULKY`, from Σ n_i ^ norm; it grows with it. raw: Σ N_i ^ norm, for the floor; None for
+        as many as it asks for."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -105,6 +110,11 @@ class HitModel:
         if raw is not None and self.floor > 0:
             z *= np.minimum(1, (raw / self.floor**self.norm) ** (1 / self.norm))
         return z
+
+    def of_size(self, boxes: Float[np.ndarray, "O 7"]) -> Float[np.ndarray, " O"]:
+        """By what `probability` is to be multiplied for each object, 1 for what is not bulky."""
+        volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
+        return np.asarray((np.maximum(volume, BULKY) / BULKY) ** -self.bulk)
 
 
 def load_models(path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)) -> tuple[HitModel, ...]:
@@ -162,7 +172,7 @@ def _model(row: Any, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
     if not isinstance(row, dict) or set(row) | OPTIONAL != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {row!s:.80}")
-    row = {"floor": 0.0} | row
+    row = {"floor": 0.0, "bulk": 0.0} | row
     for name in RANGES:
         if isinstance(row[name], bool) or not isinstance(row[name], int | float):
             raise ValueError(f"{name} must be a number, got {row[name]!r}")
@@ -178,6 +188,7 @@ def _model(row: Any, schemes: Collection[str]) -> HitModel:
         raise ValueError(f"resampled must be lists of numbers, got {resampled!s:.60}")
     try:
         rows = tuple(tuple(float(number) for number in each) for each in resampled)
+        rows = tuple((*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows)  # there was no bulk
         domain = _domain(row.get("domain"))
     except TypeError as error:
         raise ValueError(f"resampled must be numbers and domain a table of {error}") from None

@@ -124,6 +124,6 @@ def _alone(
     cell = np.where(at >= 0, place[at], -1)
     surrogate = objective.scored_by
     assert isinstance(surrogate, Surrogate)
-    powers, model, _ = surrogate.evidence()[0]
+    powers, of_size, model, _ = surrogate.evidence()[0]
     raw = np.minimum(seen.points, 1e5) ** model.norm
-    return cell[cell >= 0], model.probability(powers.copy(), raw)[:, cell >= 0]
+    return cell[cell >= 0], (model.probability(powers.copy(), raw) * of_size.astype(np.float32))[:, cell >= 0]

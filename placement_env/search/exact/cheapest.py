@@ -233,14 +233,14 @@ def levels_of_shares(surrogates: Sequence[Surrogate], *, above: bool) -> Levels:
 
 def levels_of(surrogate: Surrogate, *, above: bool) -> Levels:
     """The steps of all classes: of their mean together, of the worst one party each."""
-    parts = [(levels_of_hits(powers, model, above=above), share) for powers, model, share in surrogate.evidence()]
+    evidence = surrogate.evidence()
+    parts = [levels_of_hits(powers, model, above=above) for powers, _, model, _ in evidence]
     worst = surrogate.classes.combine == "worst"
-    objects = np.concatenate([np.full(each.known.shape[1], k) for k, (each, _) in enumerate(parts)])
-    weights = [1.0 if worst else share for _, share in parts]
+    objects = np.concatenate([np.full(each.known.shape[1], k) for k, each in enumerate(parts)])
     known, threshold, gain = (
-        np.concatenate([getattr(each, name) for each, _ in parts], axis=1) for name in ("known", "threshold", "gain")
+        np.concatenate([getattr(each, name) for each in parts], axis=1) for name in ("known", "threshold", "gain")
     )
-    scale = np.array(weights)[objects]
+    scale = np.concatenate([of_size * (1.0 if worst else share) for _, of_size, _, share in evidence])
     weighed = (np.ceil if above else np.rint)(gain * scale).astype(np.int64)
     count = len(parts) if worst else 1
     parties = objects == np.arange(count)[:, None] if worst else np.ones((1, len(objects)), np.bool_)

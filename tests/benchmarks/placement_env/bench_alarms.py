@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 
-from bench_regret import Rows, general  # noqa: E402
+from bench_regret import Rows  # noqa: E402
 from bench_surrogate import spearman  # noqa: E402
 
 SEEDS = (*range(9101, 9112), *range(52801, 52805))
@@ -37,6 +37,7 @@ Row = dict[str, Any]
 
 def row_of(seed: int, place: int, cache: Path) -> Row:
     """One site: the sets, what their members see, which objects they hit, their AP, and the alarms of each member."""
+    from models.detector import load_detector
     from placement_env.candidates.pool import pool
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
@@ -64,7 +65,7 @@ def row_of(seed: int, place: int, cache: Path) -> Row:
     rows = np.zeros((len(sets), len(candidates)), bool)
     for row, members in zip(rows, sets, strict=True):
         row[list(members)] = True
-    detector = general(site)
+    detector = load_detector("general", area=site.area)
     detected = Detected(Renders(traffic, candidates), detector, "early", memo=Cache(cache / "cache.sqlite"))
     alone, alarms = Renders(replace(traffic, snapshots=(empty,)), candidates), {}
     for c in sorted({c for members in sets for c in members}):

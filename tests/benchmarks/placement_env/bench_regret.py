@@ -74,7 +74,7 @@ class Judging:
 
         return Objective(
             self.site, SEARCHED, self.scheme, candidates=self.candidates, seed=self.seed, cache=self.cache,
-            workers=self.workers, detector=general(self.site),
+            workers=self.workers,
         )  # fmt: skip
 
     def prepared(self, part: int, frames: int, **settings: Any) -> Any:
@@ -184,17 +184,6 @@ class Judging:
         made["information gain"] = InformationGain(vehicles, self.scheme)
         made["point count"] = lambda rows: (rows @ np.log1p(vehicles.points).sum(axis=1),)
         return made
-
-
-def general(site: Any) -> Any:
-    """`general`, its layers laid out so that they take less time: the same but for rounding."""
-    import torch
-
-    from models.detector import load_detector
-
-    detector = load_detector("general", area=site.area)
-    detector.network.to(memory_format=torch.channels_last)
-    return detector
 
 
 def run(judging: Judging, k: int, rows: Rows) -> None:

@@ -182,10 +182,15 @@ def test_code_that_changed_is_run_again(tmp_path, monkeypatch):
 
 def test_the_code_of_a_detector_that_knows_its_background_counts(monkeypatch):
     background = Background.learn(np.random.default_rng(0).uniform(-1, 1, (50, 3)))
-    asked = []
-    monkeypatch.setattr("placement_env.fidelity.detector.code_digest", lambda *modules: asked.append(modules) or "")
+    asked: set[str] = set()
+
+    def digest(*modules: str) -> str:
+        asked.update(modules)
+        return ""
+
+    monkeypatch.setattr("placement_env.fidelity.detector.code_digest", digest)
     Detected(Seen(Recording()), KnownBackground(Guess(), background), "late")(SETS[1:2])
-    assert {KnownBackground.__module__, Guess.__module__} < set(asked[0])
+    assert asked > {KnownBackground.__module__, Guess.__module__}
 
 
 def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
@@ -196,13 +201,13 @@ def test_the_same_sensors_of_another_pool_share_what_is_kept(tmp_path):
 
 
 def test_hits_give_the_ap_again_and_name_objects():
-    detected = Detected(Seen(Recording()), Guess(), "early")
+    detected = Detected(Seen(Recording()), Guess(), "early").at(0.7, also=[0.55])
     for subset in SETS[[0, 3, 15]]:
         hits = detected.hits(subset)
         estimates = detected.estimates(subset[None])
         objects = sum(detected.scored(k).sum() for k in range(3))
-        assert hits.hit.shape == hits.score.shape == (3, objects)
-        for hit, score, alarms, iou in zip(*hits, IOUS, strict=True):
+        assert hits.hit.shape == hits.score.shape == (4, objects)
+        for hit, score, alarms, iou in zip(*hits, (0.55, *IOUS), strict=True):
             scores = np.concatenate([score[hit], alarms])
             is_hit = np.arange(len(scores)) < hit.sum()
             assert average_precision(precision_recall(scores, is_hit, int(objects))) == pytest.approx(

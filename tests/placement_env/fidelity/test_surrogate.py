@@ -98,6 +98,26 @@ def test_a_vehicle_at_an_angle_to_the_axes_needs_more_points(made_visibility, hi
     assert mixed == pytest.approx((3 * along + turned) / 4, abs=1e-6)
 
 
+@pytest.mark.parametrize("floor", [0.0, 10.0])
+def test_a_van_is_found_less_surely_than_a_car_with_as_many_points(made_visibility, hit_model, floor):
+    """Also where it has the most points of all, so that the order of the list changes."""
+    points, boxes = np.array([[900, 30]], np.float32), np.tile([0, 0, 0.7, 4.4, 1.8, 1.5, 0.0], (2, 1))
+    boxes[0, 3:6] = 8.0, 2.0, 4.0
+    model = replace(hit_model, floor=floor, bulk=1.0)
+    seen = replace(made_visibility(1, 2), points=points, distance=np.full((1, 2), 20, np.float32), boxes=boxes)
+    van, car = (
+        Surrogate(replace(seen, boxes=boxes[[1, 1]], points=points[:, [row] * 2]), "early", model)(
+            np.array([[True]])
+        ).recall[0]
+        for row in (0, 1)
+    )
+    found = Surrogate(seen, "early", model)(np.array([[True]]))
+    assert found.recall[0] == pytest.approx((van / 4 + car) / 2, rel=1e-5)
+    assert found.ap[0] == pytest.approx(expected_ap(np.array([[car, van / 4]]), model.false_alarms)[0][0], rel=1e-5)
+    ((_, of_size, _, _),) = Surrogate(seen, "early", model).evidence()
+    assert of_size.tolist() == [0.25, 1.0]
+
+
 def test_a_model_of_another_scheme_is_refused(visibility, hit_model):
     with pytest.raises(ValueError, match="early fusion, not for late"):
         Surrogate(visibility, "late", hit_model)

@@ -22,6 +22,7 @@ PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
 _SWEEPS = 4  # of the empty scene, each with noise of its own
 _FLOOR = -1.0  # m: the ground may lie a little below its own plane
 _AT_ONCE = 1 << 20
+_MOST = 1 << 26  # voxels
 
 
 def recording_background(recording: CoopDataset) -> Background:
@@ -50,11 +51,19 @@ def site_background(site: Site) -> Background:
     """Of all that stands still at a site, in its area and up to its height, seen or unseen; as if the ground were
     level. The same site gives the same."""
     crop, slope = Crop.of(site), site.relief.slope
-    mesh = scenery(site)
+    voxel, mesh = voxel_for(crop), scenery(site)
     near = _near(levelled(mesh.vertices, slope)[mesh.triangles], crop)
-    surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]))
+    surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]), voxel)
     points = [levelled(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
-    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]))
+    return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), voxel)
+
+
+def voxel_for(crop: Crop) -> float:
+    """Edge of the voxels (m) of a background: coarser than `VOXEL` where an area is so large that the grid would take
+    more than 64 MB."""
+    xmin, ymin, xmax, ymax = crop.area
+    volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _FLOOR)
+    return max(VOXEL, float(np.cbrt(volume / _MOST)))
 
 
 def _near(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
@@ -64,13 +73,13 @@ def _near(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray,
     return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
 
 
-def _on_surfaces(mesh: Mesh) -> Iterator[Float[np.ndarray, "n 3"]]:
+def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
     """Points spread at random over all triangles of a mesh, `PER_VOXEL` on a voxel's side in the mean."""
     rng = np.random.default_rng(0)
     corners = mesh.vertices[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    number = rng.poisson(area * (PER_VOXEL / VOXEL**2))
+    number = rng.poisson(area * (PER_VOXEL / voxel**2))
     owner = np.repeat(np.arange(len(number)), number)
     for start in range(0, len(owner), _AT_ONCE):
         of = owner[start : start + _AT_ONCE]

@@ -11,12 +11,23 @@ QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early", "--res
 
 def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     out, cache = tmp_path / "people.json", ("--cache", tmp_path / "cache")
-    asked = ("surrogate", "tjunction", "--detector", "tjunction", "--classes", "vehicle", "pedestrian")
+    asked = (
+        "surrogate",
+        "tjunction",
+        "--detector",
+        "tjunction",
+        "--classes",
+        "vehicle",
+        "pedestrian",
+        "--iou",
+        0.7,
+        0.55,
+    )
     code, said, err = run(*asked, *QUICK, "--out", out, *cache, "--json")
     assert code == 0, err
     models = load_models(out)
     assert [(model.label, model.scheme, model.iou) for model in models] == [
-        ("vehicle", "early", 0.7), ("vehicle", "early", 0.8), ("vehicle", "early", 0.9), ("pedestrian", "early", 0.5),
+        ("vehicle", "early", 0.7), ("vehicle", "early", 0.55), ("pedestrian", "early", 0.5),
     ]  # fmt: skip
     assert "seed 1000, 10 sets, detector tjunction" in models[0].source
     assert models[0].domain.sites == 1
@@ -56,6 +67,7 @@ def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     ("arguments", "message"),
     [
         (("--frames", 0), "--frames must be at least 1"),
+        (("--iou", 0.7, 1.2), "iou must lie in (0, 1], got 1.2"),
         (("--poses", 10**6), "poses must be 0 to the"),
         (("--detector", "cluster"), "detector cluster learns from a recording"),
         (("--classes", "vehicle", "heavy", "--detector", "vehicles/general"), "knows vehicle only, not heavy"),

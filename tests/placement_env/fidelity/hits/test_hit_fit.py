@@ -43,11 +43,23 @@ def test_fit_refuses_other_frames_and_certainty(visibility):
 def made(made_visibility, model, seed, *, sets=SETS[:20], objects=160):
     """What a model hits at a site made up from the seed."""
     seen = made_visibility(12, objects, seed=seed)
+    if model.bulk:
+        seen.boxes[::3, 3:6] = 6.0, 2.1, 2.6
     evidence = Evidence(seen, scheme_of("early"), 20.0)
     p = model.probability(*evidence.joined(MemberSums(evidence.rows(model, np.float64))(sets), model))
+    p *= model.of_size(seen.boxes)
     hits = np.random.default_rng(seed + 50).random(p.shape) < p
     ap = Surrogate(seen, "early", model)(sets).ap
     return Observed(seen, sets, hits, ap, 20.0, ("DepthCamera",))
+
+
+def test_fit_finds_how_much_less_surely_what_is_bulky_is_found(made_visibility, hit_model):
+    model = replace(hit_model, bulk=0.7)
+    sites = [made(made_visibility, model, seed) for seed in (7, 8)]
+    found = fit(sites, scheme="early", iou=0.7)
+    assert found.bulk == pytest.approx(0.7, abs=0.15)
+    for site in sites:
+        np.testing.assert_allclose(Surrogate(site.visibility, "early", found)(site.subsets).ap, site.ap, atol=0.03)
 
 
 def test_fit_finds_the_floor_and_says_how_sure_it_is_and_to_what_it_was_fitted(made_visibility, hit_model):

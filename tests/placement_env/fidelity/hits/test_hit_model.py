@@ -51,9 +51,11 @@ def test_models_come_back_from_their_file(tmp_path, hit_models):
         lambda row: row.update(domain={**DOMAIN, "sensors": "DepthCamera"}),
         lambda row: row.update(resampled=3),
         lambda row: row.update(resampled=[[1.0]]),
-        lambda row: row.update(resampled=[["a"] * 8]),
-        lambda row: row.update(resampled=[[None] * 8]),
-        lambda row: row.update(resampled=[[99.0] * 8]),
+        lambda row: row.update(resampled=[["a"] * 9]),
+        lambda row: row.update(resampled=[[None] * 9]),
+        lambda row: row.update(resampled=[[99.0] * 9]),
+        lambda row: row.update(resampled=[[0.5] * 10]),
+        lambda row: row.update(bulk=-0.1),
     ],
 )
 def test_damaged_models_are_refused_in_one_line(tmp_path, change, hit_model):
@@ -95,6 +97,25 @@ def test_what_a_fit_says_of_itself_comes_back_and_older_files_say_nothing(tmp_pa
         rows[0].pop(name)
     (tmp_path / "old.json").write_text(json.dumps(rows))
     assert load_models(tmp_path / "old.json") == (hit_model,)
+
+
+def test_what_is_bulky_is_found_less_surely_and_nothing_else_is(hit_model):
+    boxes = np.zeros((4, 7))
+    boxes[:, 3:6] = [[4.5, 1.8, 1.5], [4.0, 2.0, 2.0], [8.0, 2.0, 2.0], [12.0, 2.5, 3.2]]
+    model = replace(hit_model, bulk=0.5)
+    assert model.of_size(boxes) == pytest.approx([1, 1, 2**-0.5, 6**-0.5])
+    assert hit_model.of_size(boxes).tolist() == [1.0] * 4
+    assert model.of_size(boxes[:0]).shape == (0,)
+
+
+def test_a_file_of_before_there_was_bulk_has_none(tmp_path, hit_model):
+    row = asdict(replace(hit_model, resampled=((*[getattr(hit_model, name) for name in NUMBERS[:-1]], 0.0),)))
+    row.pop("bulk")
+    row["resampled"] = [row["resampled"][0][:-1]]
+    (tmp_path / "m.json").write_text(json.dumps([row]))
+    (model,) = load_models(tmp_path / "m.json")
+    assert model.bulk == 0
+    assert model.resamples == (hit_model,)
 
 
 def test_few_points_are_few_below_the_floor(hit_model):

@@ -1,5 +1,7 @@
 """The cheapest set that reaches an AP, against trying all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
 from placement_env.search.exact import cheapest
+from placement_env.search.exact.programme import GAINS
 from placement_env.subsets import all_subsets
 
 pytest.importorskip("ortools")
@@ -149,6 +152,20 @@ def test_steps_of_several_shares_have_parties_of_their_own(junction):
     assert (both.parties.sum(axis=0) == 1).all()
     for chosen in ([0], [1, 4], [0, 3, 9]):
         assert both.worth(chosen) == min(one.worth(chosen) for one in each)
+
+
+def test_steps_of_bulky_objects_are_worth_less_and_no_less_than_the_truth(junction):
+    surrogate = junction("surrogate", 1).scored_by
+    plain = cheapest.levels_of(surrogate, above=True)
+    surrogate._parts[0].visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
+    bulky = Surrogate(surrogate._parts[0].visibility, "early", replace(MODEL, bulk=1.0))
+    levels = cheapest.levels_of(bulky, above=True)
+    np.testing.assert_array_equal(levels.known, plain.known)
+    np.testing.assert_allclose(levels.gain[:, :20], plain.gain[:, :20] / 2, atol=1)
+    np.testing.assert_array_equal(levels.gain[:, 20:], plain.gain[:, 20:])
+    for chosen in ([0], [1, 4], [0, 3, 9]):
+        row = np.isin(np.arange(10), chosen)[None]
+        assert levels.worth(chosen) / GAINS >= bulky(row).recall[0]
 
 
 def test_money_and_impossible_demands(junction):

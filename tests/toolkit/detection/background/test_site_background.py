@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background.background import Background
-from toolkit.detection.background.site_background import empty_sweeps, recording_background, site_background
+from toolkit.detection.background import site_background as module
+from toolkit.detection.background.background import MOST_VOXELS, VOXEL, Background
+from toolkit.detection.background.site_background import empty_sweeps, recording_background, site_background, voxel_for
 from toolkit.frame import Frame
 from toolkit.geometry import LEVEL, levelled
 from toolkit.objects import Objects
-from toolkit.points import frame_points
+from toolkit.points import Crop, frame_points
 from toolkit.rendering.renderer import Renderer
 from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
@@ -51,6 +52,23 @@ def test_the_same_site_gives_the_same_and_some_of_them_slope(place):
     site, _, background = place
     assert site_background(site).digest == background.digest
     assert random_site(3).relief.slope != LEVEL
+
+
+@pytest.mark.parametrize("side", [200.0, 500.0, 1000.0, 10_000.0])
+def test_a_large_area_has_coarser_voxels_and_as_many_as_memory_holds(side):
+    voxel = voxel_for(Crop((0.0, 0.0, side, side), 4.0))
+    assert (voxel == VOXEL) == (side == 200.0)
+    assert np.prod(np.array([side, side, 5.0]) / voxel + 5.0) < MOST_VOXELS
+
+
+def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, monkeypatch):
+    site, frames, background = place
+    monkeypatch.setattr(module, "_MOST", 1 << 20)
+    coarse = site_background(site)
+    assert VOXEL < coarse.voxel < 0.6
+    assert coarse.occupied.size < background.occupied.size / 4
+    points = levelled(np.concatenate(frame_points(frames[0], area=site)), site.relief.slope)
+    assert coarse.holds(points).mean() > 0.99
 
 
 def test_of_a_recording_it_is_the_site_s_scenery_or_else_what_is_seen_behind_all_that_moves(place):

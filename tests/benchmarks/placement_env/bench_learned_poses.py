@@ -1,0 +1,142 @@
+"""PPO or SAC that learns to move sensors (`coview/SensorPose-v0`), beside CMA-ES and gradient ascent, in equal time.
+
+python tests/benchmarks/placement_env/bench_learned_poses.py tjunction --learner ppo --seconds 1800 --budget 3
+
+The learner starts each episode from sensors drawn at random, as the environment does, and sees rewards alone; the
+others start from greedy's set and may score whatever they like. All score by the surrogate, in panoramas of the same
+traffic; every answer is scored again by rays, there and on traffic that nobody saw. "seen" is the best set that came by
+while the policy learnt, "moved" the best of EPISODES episodes of the policy afterwards, in its likeliest actions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+from placement_env.envs.registration import register
+from placement_env.objective import Objective
+from placement_env.search import cmaes, gradient, greedy
+from toolkit.sensors.sensor import Sensor
+
+EPISODES = 32
+FRESH = 1  # added to the seed of the traffic
+
+Answer = tuple[Sensor, ...]
+
+
+class Best(gym.Wrapper):
+    """Keeps the best set that came by, and how many came."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        self.reward, self.sensors, self.steps = -np.inf, (), 0
+
+    def _look(self) -> None:
+        objective, members = self.env.unwrapped.placed()  # type: ignore[attr-defined]
+        reward = objective.score(members).reward
+        if reward > self.reward:
+            self.reward, self.sensors = reward, objective.candidates.sensors
+
+    def reset(self, **settings: Any) -> tuple[Any, dict[str, Any]]:
+        found = self.env.reset(**settings)
+        self._look()
+        return found
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        found = self.env.step(action)
+        self.steps += 1
+        self._look()
+        return found
+
+
+def learnt(kind: str, env: Best, seconds: float, seed: int) -> Any:
+    """A policy that learnt for so long."""
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Until(BaseCallback):
+        def __init__(self, end: float) -> None:
+            super().__init__()
+            self.end = end
+
+        def _on_step(self) -> bool:
+            return time.monotonic() < self.end
+
+    torch.set_num_threads(1)
+    made = PPO("MlpPolicy", env, n_steps=512, batch_size=64, seed=seed, device="cpu") if kind == "ppo" else SAC(
+        "MlpPolicy", env, learning_starts=500, seed=seed, device="cpu"
+    )  # fmt: skip
+    return made.learn(10**9, callback=Until(time.monotonic() + seconds))
+
+
+def played(policy: Any, env: Best) -> np.ndarray:
+    """The reward at the end of each of `EPISODES` episodes."""
+    ends = []
+    for episode in range(EPISODES):
+        observation, over = env.reset(seed=10_000 + episode)[0], False
+        while not over:
+            observation, _, terminated, truncated, _ = env.step(policy.predict(observation, deterministic=True)[0])
+            over = terminated or truncated
+        objective, members = env.unwrapped.placed()  # type: ignore[attr-defined]
+        ends.append(objective.score(members).reward)
+    return np.array(ends)
+
+
+def show(name: str, objective: Objective, sensors: Sequence[Sensor], said: str) -> None:
+    """A line: the answer by rays in the traffic that was searched and in traffic that nobody saw."""
+    made = objective.preparation
+    assert made is not None
+    scores = []
+    for part in (made, replace(made, seed=made.seed + FRESH)):
+        (score,) = cmaes.pose_scorer(part, objective.fidelity, objective.weights)([tuple(sensors)])
+        scores.append("may not be built" if score is None else f"{score.reward:.4f}")
+    print(f"{name:<22} searched {scores[0]}, fresh {scores[1]}; {said}", flush=True)
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("site")
+    parser.add_argument("--learner", choices=("ppo", "sac"), default="ppo")
+    parser.add_argument("--seconds", type=float, default=1800.0)
+    parser.add_argument("--budget", type=int, default=3)
+    parser.add_argument("--frames", type=int, default=25)
+    parser.add_argument("--iou", type=float, default=0.9)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    register()
+    settings = {"frames": asked.frames, "candidates": "pool", "iou": asked.iou}
+    objective = Objective(asked.site, **settings)
+    first = greedy.search(objective, asked.budget)
+    show("greedy", objective, first.sensors or objective.candidates.select(first.best.subset).sensors, "of the pool")
+    env = Best(
+        gym.make(
+            "coview/SensorPose-v0", site=asked.site, budget=asked.budget, rendering="panorama",
+            disable_env_checker=True, **settings,
+        )
+    )  # fmt: skip
+    policy = learnt(asked.learner, env, asked.seconds, asked.seed)
+    steps = env.steps
+    show(f"{asked.learner}, seen", objective, env.sensors, f"{steps} steps in {asked.seconds:.0f} s")
+    env.reward, env.sensors = -np.inf, ()
+    ends = played(policy, env)
+    said = f"{EPISODES} episodes end at {ends.mean():.4f} ± {ends.std():.4f}, best {ends.max():.4f}"
+    show(f"{asked.learner}, moved", objective, env.sensors, said)
+    for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
+        found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
+        show(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
