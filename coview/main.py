@@ -28,6 +28,7 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "search": "placement",
     "plan": "placement",
     "propose": "placement",
+    "teach": "placement",
     "table": "placement",
     "surrogate": "placement",
     "reproduce": "placement",

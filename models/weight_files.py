@@ -46,10 +46,10 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
         "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_of(tensors),
         "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
     }  # fmt: skip
-    write_bytes(path, _in_order(save(tensors, metadata)))
+    write_bytes(path, header_in_order(save(tensors, metadata)))
 
 
-def _in_order(content: bytes) -> bytes:
+def header_in_order(content: bytes) -> bytes:
     """A safetensors file with its header sorted by name; the library orders it anew in every process."""
     size = int.from_bytes(content[:8], "little")
     header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()

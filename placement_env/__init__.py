@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
     from placement_env.rl.maps.map_policy import MapAnswer as MapAnswer, MapPolicy as MapPolicy
     from placement_env.rl.maps.map_starts import MapStarts as MapStarts
+    from placement_env.rl.maps.reinforcement import Reinforcement as Reinforcement
     from placement_env.rl.maps.schooling import train_map_policy as train_map_policy
     from placement_env.rl.training import (
         Learning as Learning,
@@ -124,6 +125,7 @@ else:
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.maps.map_policy": ("MapAnswer", "MapPolicy"),
             "rl.maps.map_starts": ("MapStarts",),
+            "rl.maps.reinforcement": ("Reinforcement",),
             "rl.maps.schooling": ("train_map_policy",),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),

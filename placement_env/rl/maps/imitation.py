@@ -7,27 +7,26 @@ kbit), and of each set with one candidate more, the squared error of AP and the 
     Σ_c softmax_c(AP_c / TEMPERATURE) · (max AP* - AP*_c)          AP predicted, AP* by the surrogate
 
 which is what a policy loses that draws its next sensor so. Every pass goes through all lessons once, in an order drawn
-from the run's seed and the number of the pass, so weights, optimiser and the count of passes are the whole state: a
+from the run's seed and the number of the pass, so weights, optimiser and the count of steps are the whole state: a
 training that was killed and called again ends with the weights of one that was not.
 """
 
 from __future__ import annotations
 
-import math
+import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from models.training.checkpoint import read_checkpoint, save_atomically
 from placement_env.checks import check_whole
 from placement_env.rl.maps.lessons import Lesson
 from placement_env.rl.maps.map_network import LEAST_EVIDENCE, MapNetwork
+from placement_env.rl.maps.training_state import CHECKPOINT_S, TrainingState, cosine
 
 IMITATION = "imitation.pt"
 TEMPERATURE = 0.02  # of AP
@@ -74,44 +73,42 @@ def imitate(
     *,
     teaching: Teaching | None = None,
     seed: int = 0,
+    every_s: float = CHECKPOINT_S,
     progress: Callable[[int, dict[str, float]], None] | None = None,
 ) -> MapNetwork:
     """A network taught by lessons; `out` keeps its checkpoint, with which it goes on where it was stopped.
 
-    progress: called after each pass with how many are done and the mean of each loss. Raises ValueError without lessons
-    and where `out` holds a training of other settings.
+    every_s: between two checkpoints within a pass; there is one after each. progress: called after each pass with how
+    many are done and the mean of each loss. Raises ValueError without lessons and where `out` holds a training of other
+    settings.
     """
     teaching = teaching or Teaching()
     check_whole("passes", teaching.passes, least=1)
     if not lessons:
         raise ValueError("a network is taught by lessons, got none: prepare some junctions")
-    out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
     network = MapNetwork(teaching.width)
     optimiser = torch.optim.Adam(network.parameters(), lr=teaching.learning_rate)
-    identity = {"teaching": str(teaching), "seed": seed, "lessons": len(lessons)}
-    done = _restore(network, optimiser, out / IMITATION, identity)
-    for number in range(done, teaching.passes):
-        losses: dict[str, float] = {}
-        order = np.random.default_rng([seed, number]).permutation(len(lessons))
-        for step, k in enumerate(order.tolist()):
-            share = (number + step / len(lessons)) / teaching.passes
-            optimiser.param_groups[0]["lr"] = teaching.learning_rate * (
-                0.01 + 0.99 * (1 + math.cos(math.pi * share)) / 2
-            )
-            each = losses_of(network, lessons[k])
-            total = each["hit"] + each["crowd"] + each["kbit"]
-            total = total + teaching.of_ap * each["ap"] + teaching.of_regret * each["regret"]
-            optimiser.zero_grad()
-            total.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-            optimiser.step()
-            for name, loss in each.items():
-                losses[name] = losses.get(name, 0.0) + loss.item() / len(lessons)
-        state: dict[str, Any] = {"network": network.state_dict(), "optimiser": optimiser.state_dict()}
-        save_atomically(out / IMITATION, {**identity, **state, "passes": number + 1})
-        if progress:
-            progress(number + 1, losses)
+    identity = {"teaching": str(teaching), "seed": seed, "lessons": digest_of_lessons(lessons)}
+    state = TrainingState(out / IMITATION, identity, {"network": network, "optimiser": optimiser}, every_s=every_s)
+    losses: dict[str, float] = state.counts.get("losses", {})
+    for step in range(state.counts.get("steps", 0), teaching.passes * len(lessons)):
+        done, place = divmod(step, len(lessons))
+        k = int(np.random.default_rng([seed, done]).permutation(len(lessons))[place])
+        optimiser.param_groups[0]["lr"] = teaching.learning_rate * cosine(step / (teaching.passes * len(lessons)))
+        each = losses_of(network, lessons[k])
+        optimiser.zero_grad()
+        total_loss(each, teaching).backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimiser.step()
+        losses = {name: losses.get(name, 0.0) + loss.item() / len(lessons) for name, loss in each.items()}
+        last = place + 1 == len(lessons)
+        if last or state.due:
+            state.save(steps=step + 1, losses={} if last else losses)
+        if last:
+            if progress:
+                progress(done + 1, losses)
+            losses = {}
     return network
 
 
@@ -137,14 +134,16 @@ def losses_of(network: MapNetwork, lesson: Lesson) -> dict[str, Tensor]:
     }
 
 
-def _restore(network: MapNetwork, optimiser: torch.optim.Optimizer, path: Path, identity: dict[str, Any]) -> int:
-    """Passes that are done, by a checkpoint where there is one."""
-    if not path.exists():
-        return 0
-    state = read_checkpoint(path)
-    different = [key for key, value in identity.items() if state.get(key) != value]
-    if different:
-        raise ValueError(f"{path} is of other {' and '.join(different)}: choose another folder or remove it")
-    network.load_state_dict(state["network"])
-    optimiser.load_state_dict(state["optimiser"])
-    return int(state["passes"])
+def total_loss(losses: dict[str, Tensor], teaching: Teaching) -> Tensor:
+    """The losses of a lesson added up, as far as each counts."""
+    alone = losses["hit"] + losses["crowd"] + losses["kbit"]
+    return alone + teaching.of_ap * losses["ap"] + teaching.of_regret * losses["regret"]
+
+
+def digest_of_lessons(lessons: Sequence[Lesson]) -> str:
+    """Of what they say, and of their order."""
+    digest = hashlib.sha256()
+    for lesson in lessons:
+        for field in fields(Lesson):
+            digest.update(np.ascontiguousarray(getattr(lesson, field.name)).tobytes())
+    return digest.hexdigest()

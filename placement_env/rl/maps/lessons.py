@@ -59,6 +59,8 @@ def lesson_of(junction: Junction, seed: int) -> Lesson:
     rng = np.random.default_rng([seed, 8])
     sets = np.unique(np.concatenate([_greedy_sets(objective), _random_sets(junction.candidates.mount, rng)]), axis=0)
     cell, alone = _alone(junction, known, objective)
+    ap = next_scores(objective, sets)
+    joined = np.isfinite(ap).any(axis=1)  # which sets another candidate may join
     return Lesson(
         channels=known.plan.channels[known.plan.used],
         view=known.view.astype(np.float16),
@@ -67,8 +69,8 @@ def lesson_of(junction: Junction, seed: int) -> Lesson:
         kbit=objective.sent,
         cell=cell,
         alone=alone.astype(np.float16),
-        sets=sets,
-        ap=next_scores(objective, sets),
+        sets=sets[joined],
+        ap=ap[joined],
     )
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from models.weight_files import check_tensors, digest_of, read_tensors
+from models.weight_files import check_tensors, digest_of, header_in_order, read_tensors
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.outlook.outlook import Outlook, outlook
 from placement_env.candidates.places import ROUNDED, added_prices
@@ -154,7 +154,7 @@ class MapPolicy:
             "format": FORMAT_OF_POLICY, "width": str(self.network.width), "digest": digest_of(tensors),
             "source": json.dumps(self.source),
         }  # fmt: skip
-        write_bytes(path, save(tensors, metadata))
+        write_bytes(path, header_in_order(save(tensors, metadata)))
 
     @staticmethod
     def load(path: str | Path = SHIPPED_POLICY) -> MapPolicy:

@@ -2,6 +2,7 @@
 
     python tests/benchmarks/placement_env/bench_map_policy.py [--first 30000] [--junctions 40] [--folder out/junctions]
         [--policy FILE] [--budgets 2 3 4]
+    python tests/benchmarks/placement_env/bench_map_policy.py --compare runs/policy/imitated.safetensors [FILE ...]
     python tests/benchmarks/placement_env/bench_map_policy.py --traffic [--first 0] [--junctions 300] [--folder ...]
 
 Searches look at 24 frames of traffic of their own (seed + 500000, kept in FOLDER/searched with the CPU seconds it
@@ -12,6 +13,8 @@ whose link does not carry what it sends is left out of a set. Seconds are of the
 s" is what it takes to find out, by rendering the empty site from these sensors once.
 map: the set that covers most traffic by the map's own figures, without a network. shortlist: greedy search over the 48
 candidates that the policy likes best, places that are not among them never looked from.
+--compare: of policies alone, beside the shipped one and greedy search, without swaps and with them: the mean over
+budgets of what each has more, with its standard error over junctions. coview teach trains such policies.
 --traffic: fits what `placement_env.candidates.outlook.ground_plan.TRAFFIC` says.
 """
 
@@ -29,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 
 SEARCHED, LATER = 24, 500_000
 SHORT = 48
+WAYS = ("no swaps", "swaps", "links seen, no swaps", "links seen, swaps")
 COLUMNS = (
     "random",
     "map",
@@ -175,6 +179,69 @@ def fitted_traffic(asked) -> None:
     print(nnls(np.concatenate(figures), np.concatenate(counts))[0].round(4).tolist(), len(figures), "junctions")
 
 
+def places(asked) -> list:
+    """Junctions with their outlook, the objective that is searched, the one that judges, and what greedy reaches."""
+    from placement_env.candidates.outlook.outlook import outlook
+    from placement_env.envs.maps.junctions import prepare
+    from placement_env.rl.maps.held_out import built_ap
+    from placement_env.search import greedy
+
+    found = []
+    for seed in range(asked.first, asked.first + asked.junctions):
+        junction = prepare(seed, asked.folder)
+        seen, _ = looked_at(seed, junction, asked.folder / "searched")
+        searched, judged = objective_for(junction, seen), objective_for(junction, junction.visibility)
+        reached = [
+            built_ap(judged, greedy.search(searched, budget).best.subset, searched.linked) for budget in asked.budgets
+        ]
+        found.append((junction, outlook(junction.site, junction.candidates), searched, judged, reached))
+    return found
+
+
+def reached_by(policy, found: list, budgets: list[int]) -> np.ndarray:
+    """AP (junction, budget, way)."""
+    from placement_env.envs.maps.terms import Terms
+    from placement_env.rl.maps.held_out import built_ap
+
+    ap = np.zeros((len(found), len(budgets), len(WAYS)))
+    for k, (junction, known, searched, judged, _) in enumerate(found):
+        for b, budget in enumerate(budgets):
+            terms = Terms.plain(junction.candidates, budget)
+            bare = [policy.answer_to(known, terms, swaps=swaps) for swaps in (0, 2)]
+            seen = [
+                policy.answer_checked(known, terms, lambda some, of=searched: of.sent[list(some)], swaps=swaps)
+                for swaps in (0, 2)
+            ]
+            ap[k, b] = [built_ap(judged, answer.members, searched.linked) for answer in (*bare, *seen)]
+    return ap
+
+
+def printed(differences: np.ndarray) -> str:
+    """Mean and standard error of each way."""
+    means, errors = differences.mean(axis=0), differences.std(axis=0, ddof=1) / np.sqrt(len(differences))
+    return "   ".join(f"{mean:+.4f} ± {error:.4f}" for mean, error in zip(means, errors, strict=True))
+
+
+def compared(asked) -> None:
+    """Print what policies reach."""
+    from placement_env.rl.maps.map_policy import SHIPPED_POLICY, MapPolicy
+
+    found = places(asked)
+    greedy = np.array([reached for *_, reached in found])
+    print("greedy", greedy.mean(axis=0).round(4).tolist(), "with", asked.budgets, "sensors", flush=True)
+    before: list[np.ndarray] = []
+    for path in (SHIPPED_POLICY, *asked.compare):
+        policy = MapPolicy.load(path)
+        ap = reached_by(policy, found, asked.budgets)
+        print(f"\n{path}: {policy.source}\n{'':9s} {', '.join(WAYS)}")
+        for budget, row in zip(asked.budgets, ap.mean(axis=0), strict=True):
+            print(f"{budget} sensors", *(f"{each:.4f}" for each in row))
+        for name, other in zip(("shipped", *(each.stem for each in asked.compare)), before, strict=False):
+            print(f"more than {name:8s}", printed((ap - other).mean(axis=1)))
+        before.append(ap)
+        print("more than greedy  ", printed((ap - greedy[..., None]).mean(axis=1)), flush=True)
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (("first", 30000), ("junctions", 40), ("frames", 16), ("places", 12)):
@@ -182,8 +249,12 @@ def main() -> None:
     arguments.add_argument("--budgets", type=int, nargs="+", default=[2, 3, 4])
     arguments.add_argument("--folder", type=Path, default=Path("out/junctions"))
     arguments.add_argument("--policy", type=Path)
+    arguments.add_argument("--compare", type=Path, nargs="+")
     arguments.add_argument("--traffic", action="store_true")
     asked = arguments.parse_args()
+    if asked.compare:
+        compared(asked)
+        return
     if asked.traffic:
         fitted_traffic(asked)
         return

@@ -1,9 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from placement_env.envs.maps import junctions
-from placement_env.envs.maps.junctions import drawn_candidates, prepare, prepared
+from placement_env.envs.maps.junctions import (
+    JunctionSource,
+    drawn_candidates,
+    other_traffic,
+    prepare,
+    prepare_from,
+    prepared,
+)
 from placement_env.fidelity.visibility import Visibility
+from toolkit.sites.files import save_site
 from toolkit.sites.site import Mount, Site
 
 SITE = Site(
@@ -63,6 +73,37 @@ def test_files_of_something_else(rendered, tmp_path):
         prepare(3, tmp_path, frames=4, places=2, poses=3)
     with pytest.raises(ValueError, match="seed must be a whole number"):
         prepare(-1, tmp_path)
+
+
+def test_own_sites(rendered, tmp_path):
+    save_site(SITE, tmp_path / "mine.json")
+    one, other = (JunctionSource.of_site(tmp_path / "mine.json", draw) for draw in (0, 1))
+    assert (one.name[:-2], one.seed, other.seed) == (other.name[:-2], 0, 1)
+    first = prepare_from(one, tmp_path / "new", frames=4)
+    prepare_from(other, tmp_path / "new", frames=4)
+    prepare_from(one, tmp_path / "new", frames=4)
+    assert first.site == SITE
+    assert [call[1:] for call in rendered] == [(4, 0), (4, 1)]
+    save_site(replace(SITE, name="changed"), tmp_path / "mine.json")
+    assert JunctionSource.of_site(tmp_path / "mine.json").name[:-2] != one.name[:-2]
+    assert JunctionSource.of_seed(12) == JunctionSource("000012", 12)
+    assert JunctionSource.of_site("tjunction").name == JunctionSource.of_site("tjunction").name
+    with pytest.raises(FileNotFoundError, match="no site"):
+        JunctionSource.of_site(tmp_path / "none.json")
+    with pytest.raises(ValueError, match="draw must be a whole number"):
+        JunctionSource.of_site("tjunction", -1)
+
+
+def test_other_traffic_is_kept_beside(rendered, tmp_path):
+    source = JunctionSource.of_seed(3)
+    junction = prepare_from(source, tmp_path, frames=4)
+    seen = other_traffic(source, junction, tmp_path, frames=5)
+    assert rendered[-1] == ("plain", 5, 500_003)
+    assert (tmp_path / "searched" / "000003.npz").exists()
+    assert (other_traffic(source, junction, tmp_path, frames=5).points == seen.points).all()
+    assert len(rendered) == 2
+    with pytest.raises(ValueError, match="and 5 frames, not of"):
+        other_traffic(source, junction, tmp_path, frames=6)
 
 
 def test_candidates_depend_on_the_seed():

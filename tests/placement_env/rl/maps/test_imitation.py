@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from placement_env.rl.maps.imitation import IMITATION, Teaching, imitate, losses_of
+from placement_env.rl.maps import imitation
+from placement_env.rl.maps.imitation import IMITATION, Teaching, imitate, losses_of, total_loss
 from placement_env.rl.maps.lessons import lesson_of
 from placement_env.rl.maps.map_network import MapNetwork
 
@@ -26,6 +27,10 @@ def test_it_learns_what_sets_are_worth(lessons, tmp_path):
     assert last["ap"] < 0.9 * first["ap"]
     assert last["hit"] < first["hit"]
     assert last["regret"] < first["regret"]
+    total = total_loss(losses_of(network, lessons[0]), Teaching(of_ap=2.0, of_regret=3.0))
+    each = losses_of(network, lessons[0])
+    summed = each["hit"] + each["crowd"] + each["kbit"] + 2 * each["ap"] + 3 * each["regret"]
+    assert total.item() == pytest.approx(summed.item())
     assert {name: float(loss.detach()) for name, loss in losses_of(network, lessons[0]).items()}["ap"] < first["ap"]
 
 
@@ -46,6 +51,32 @@ def test_stopped_and_continued_is_the_same(lessons, tmp_path):
     assert not same(whole, imitate(lessons, tmp_path / "other", teaching=teaching, seed=4))
 
 
+def test_it_goes_on_within_a_pass(lessons, tmp_path, monkeypatch):
+    """Killed after the third of four steps, whose checkpoint was written."""
+    teaching, every = Teaching(passes=2, width=8), {"every_s": 0.0}
+    whole, told = imitate(lessons, tmp_path / "whole", teaching=teaching, **every), []
+    steps = []
+
+    def dying(network, lesson):
+        steps.append(lesson)
+        if len(steps) == 4:
+            raise KeyboardInterrupt
+        return losses_of(network, lesson)
+
+    monkeypatch.setattr(imitation, "losses_of", dying)
+    with pytest.raises(KeyboardInterrupt):
+        imitate(lessons, tmp_path / "parts", teaching=teaching, **every)
+    assert steps[3] is not steps[2]  # every lesson once in a pass
+    parts = imitate(lessons, tmp_path / "parts", teaching=teaching, **every, progress=lambda *pass_: told.append(pass_))
+    assert len(steps) == 5
+    assert same(whole, parts)
+    assert [done for done, _ in told] == [2]
+    monkeypatch.undo()
+    fresh = []
+    imitate(lessons, tmp_path / "third", teaching=teaching, progress=lambda *pass_: fresh.append(pass_))
+    assert told == fresh[1:]  # the mean over the whole pass
+
+
 def test_losses_of_a_perfect_guess(lessons):
     """Regret is nothing where the best is sure to be chosen, and what a uniform choice loses where all look alike."""
     network, lesson = MapNetwork(8), lessons[0]
@@ -64,6 +95,8 @@ def test_errors(lessons, tmp_path):
     imitate(lessons, tmp_path, teaching=Teaching(passes=1, width=8))
     with pytest.raises(ValueError, match="is of other lessons: choose another folder"):
         imitate(lessons[:1], tmp_path, teaching=Teaching(passes=1, width=8))
+    with pytest.raises(ValueError, match="is of other lessons"):  # as many, but other ones
+        imitate([lessons[0], lessons[0]], tmp_path, teaching=Teaching(passes=1, width=8))
     with pytest.raises(ValueError, match="is of other teaching and seed"):
         imitate(lessons, tmp_path, teaching=Teaching(passes=2, width=8), seed=1)
     (tmp_path / IMITATION).write_bytes(b"damaged")

@@ -38,6 +38,13 @@ def test_a_lesson_has_greedy_prefixes_and_random_sets(junction):
     assert lesson.view.shape == (12, len(lesson.channels), 5)
 
 
+def test_sets_that_nobody_may_join_teach_nothing(made_up):
+    """At a junction with one mount, every set but the empty one."""
+    lesson = lesson_of(made_up(0, 1, 3), 0)
+    assert lesson.sets.tolist() == [[False] * 3]
+    assert np.isfinite(lesson.ap).all()
+
+
 def test_vehicles_are_in_their_cells_and_hit_as_the_surrogate_says(junction):
     lesson = lesson_of(junction, 0)
     assert lesson.alone.shape == (12, len(lesson.cell)) == (12, 40)

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 from itertools import combinations
 
@@ -51,6 +52,14 @@ def test_tabled_values_are_those_of_the_network(policy, known):
         if c != 3:
             assert predicted.ap_of([3, c]) == pytest.approx(float(expected[c]), abs=2e-3)
     assert predicted.ap_of([]) == 0
+
+
+def test_a_file_has_the_same_bytes_in_every_process(policy, tmp_path):
+    """Its header is sorted: the library would order it anew in each."""
+    policy.save(tmp_path / "policy.safetensors")
+    content = (tmp_path / "policy.safetensors").read_bytes()
+    header = content[8 : 8 + int.from_bytes(content[:8], "little")].decode()
+    assert header.rstrip() == json.dumps(json.loads(header), sort_keys=True, separators=(",", ":"))
 
 
 def test_the_answer_is_the_best_pair_that_is_predicted(policy, junction, known):
