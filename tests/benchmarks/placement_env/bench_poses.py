@@ -5,9 +5,9 @@ python tests/benchmarks/placement_env/bench_poses.py tjunction --learner ppo --f
 
 Without a learner CMA-ES and gradient ascent score in panoramas and by rays. PPO and SAC learn on
 `coview/SensorPose-v0`: each episode starts from sensors drawn at random, and they see rewards alone, while the others
-may score whatever they like; all score in panoramas of the same traffic, and every answer is scored again by rays, there
-and on traffic that nobody saw. "seen" is the best set that came by while the policy learnt, "moved" the best of EPISODES
-episodes of the policy afterwards, in its likeliest actions.
+may score whatever they like; all score in panoramas of the same traffic, and every answer is scored again by rays,
+there and on traffic that nobody saw. "seen" is the best set that came by while the policy learnt, "moved" the best of
+EPISODES episodes of the policy afterwards, in its likeliest actions.
 """
 
 from __future__ import annotations
