@@ -43,9 +43,8 @@ def exact_failures(
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
     known = [iou for iou in ious if iou in at]
     if not known:
-        raise ValueError(
-            f"this table holds AP at IoU {', '.join(map(str, at))}, none of {', '.join(map(str, ious))}: say --iou"
-        )
+        held, asked = (", ".join(map(str, dict.fromkeys(each))) for each in (at, ious))
+        raise ValueError(f"this table holds AP at IoU {held}, none of {asked}: say --iou")
     made: list[ExactFailure] = []
     for scheme in PAPER_SCHEMES:
         for iou in known:

@@ -17,16 +17,16 @@ from toolkit.sites.files import load_site
 
 SCHEMES = ("early", "late", "hybrid")
 FILES = {
-    "tjunction": "f7de84d253829b4f42374d279ba9546d373eada653ac9bcadf2abb8b818b7768",
-    "roundabout": "a69dd932e4bbfa750136591b140ab0f5fc46ef47f896bb456a7fd4250d7a8274",
+    "tjunction": "92642fd79d9473829e1cfe5274ab444cacb47bbfc73abd27a06ab3f458160319",
+    "roundabout": "b61a78a98ec2e930d4f151c92b34beeb1a7449750794b56fc2df397c4d90a593",
 }
 TABLES = {
-    ("tjunction", "early"): "6b2c3cd73b5237b4",
-    ("tjunction", "late"): "3da4532ba6eafd3a",
-    ("tjunction", "hybrid"): "f1c400435ad140ab",
-    ("roundabout", "early"): "4885be3a35beb3ba",
-    ("roundabout", "late"): "4860de7a56330beb",
-    ("roundabout", "hybrid"): "cc0e890cfa8e255f",
+    ("tjunction", "early"): "fb666aca598ffbc5",
+    ("tjunction", "late"): "e08d34b5b0a5c945",
+    ("tjunction", "hybrid"): "8234404245f923d9",
+    ("roundabout", "early"): "38c571ea01828b86",
+    ("roundabout", "late"): "2057523396cf4cfc",
+    ("roundabout", "hybrid"): "53e6a0d507793cf1",
 }
 CHEAP = {
     ("coverage", "early"): [26.225, 26.225],

@@ -30,5 +30,7 @@ def test_what_a_table_does_not_hold():
     assert {each.iou for each in exact_failures(table, ious=(0.5, 0.8))} == {0.8}
     with pytest.raises(ValueError, match=r"holds AP at IoU 0\.7, 0\.8, 0\.9, none of 0\.5"):
         exact_failures(table, ious=(0.5,))
-    with pytest.raises(ValueError, match="cyclist"):
-        exact_failures(table, label="cyclist")
+    with pytest.raises(ValueError, match=r"holds AP at IoU 0\.5, none of 0\.7"):
+        exact_failures(table, label="cyclist", ious=(0.7,))
+    with pytest.raises(ValueError, match="holds vehicle, cyclist, pedestrian, heavy, not tram"):
+        exact_failures(table, label="tram")
