@@ -103,13 +103,13 @@ def light() -> None:
     config = detector.config
     voxels = voxelise(points, config)
     maps = detector.network(voxels)
-    boxes = candidates(maps, detector.anchors, config, 0.1)[0]
+    boxes = candidates(maps, detector.anchors, config, detector.thresholds)[0]
     counts = len(points), len(voxels.cells), len(boxes[0]), len(detector(points))
     print("    {} points, {} voxels, {} candidates, {} boxes".format(*counts))
     _report("light, points to boxes", lambda: detector(points), rounds=50)
     _report("    voxelisation", lambda: voxelise(points, config), rounds=50)
     _report("    network", lambda: detector.network(voxels), rounds=50)
-    _report("    decoding", lambda: candidates(maps, detector.anchors, config, 0.1), rounds=50)
+    _report("    decoding", lambda: candidates(maps, detector.anchors, config, detector.thresholds), rounds=50)
     _report("    suppression", lambda: suppressed(*boxes, config, 0.1), rounds=50)
 
 

@@ -20,7 +20,7 @@ def compare(table: Table) -> None:
     rows, sensors = sensor_sets(table.origin.site).rows, len(table.origin.sensors)
     subsets = np.array([[c in chosen for c in range(sensors)] for chosen, _, _ in rows])
     ours = {scheme: TableFidelity(table, scheme)(subsets).ap for scheme in WANTED}
-    print(f"\n{table.origin.site}: {table.origin.frames} frames, {table.origin.objects} vehicles, AP at IoU 0.7")
+    print(f"\n{table.origin.site}: {table.origin.frames} frames, {table.origin.objects} objects, AP at IoU 0.7")
     print(f"{'sensors':18}{'early: paper':>14}{'ours':>8}{'late: paper':>14}{'ours':>8}")
     for (chosen, early, late), mine_early, mine_late in zip(rows, ours["early"], ours["late"], strict=True):
         print(f"{set_name(chosen):18}{early:14.4f}{mine_early:8.4f}{late:14.4f}{mine_late:8.4f}")
