@@ -95,12 +95,10 @@ def worker(_: int) -> int:
 
 def test_the_same_job_finds_its_processes_waiting(tmp_path, monkeypatch):
     monkeypatch.setattr(processes, "IDLE_S", 1.5)
-    first = set(spread(worker, range(8), workers=2))
-    again = set(spread(worker, range(8), workers=2))
-    assert again <= first or first <= again
-    assert len(first | again) <= 2
+    known = set[int]().union(*(spread(worker, range(8), workers=2) for _ in range(3)))
+    assert len(known) <= 2  # new ones each time would be three; either may do all of one job
     assert list(spread(square, [2], workers=2)) == [4]
-    for process in first | again:
+    for process in known:
         assert ends(process)
     last = set(spread(worker, range(8), workers=2))
     assert all(ends(process) for process in last)  # when nothing came for a while
