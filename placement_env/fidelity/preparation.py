@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 GENERAL = "general"  # the network that no site has trained
+KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
 KEPT_WITH = ("traffic", "disk_cache", "visibility", "network")  # whatever the IoU threshold and the errors
 
 
@@ -280,12 +281,27 @@ def check_errors_for(errors: Errors, fidelity: str) -> None:
 
 def shipped_detector(network: str, site: Site) -> Detector:
     """A shipped network as it detects at a site. The general one was not trained there and would take some hedge for
-    somebody in every frame, so it knows the site empty."""
+    somebody in every frame, so it knows the site empty. It is made once, for whatever preparations there are."""
+    from toolkit.sites.geojson import dumps
+
+    return _detector_at(network, _Place(dumps(site), site))
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A site as a key: the text of its file."""
+
+    text: str
+    site: Site = field(compare=False)
+
+
+@lru_cache(maxsize=KEPT_DETECTORS)
+def _detector_at(network: str, place: _Place) -> Detector:
     from models.detector import load_detector
     from toolkit.detection.background.site_background import knowing
 
-    detector = load_detector(network, area=site.area)
-    return knowing(detector, site) if network == GENERAL else detector
+    detector = load_detector(network, area=place.site.area)
+    return knowing(detector, place.site) if network == GENERAL else detector
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

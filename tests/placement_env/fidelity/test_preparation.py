@@ -141,6 +141,10 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
     assert isinstance(own, VoxelNetDetector)
     assert isinstance(general, KnownBackground)
     assert general.digest == knowing(load_detector("general", area=site.area), site).digest
+    assert shipped_detector(GENERAL, load_site("tjunction")) is general
+    other = shipped_detector(GENERAL, replace(site, solids=site.solids[1:]))
+    assert isinstance(other, KnownBackground)
+    assert other.digest != general.digest
     assert network_for(site, site.sensors) == "tjunction"
     assert network_for(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
 
