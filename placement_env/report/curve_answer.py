@@ -54,10 +54,13 @@ def write_curve(
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """A line per set: kbit are of a whole set and a frame, `money` is empty where numbers of sensors were asked for."""
+    """A line per set: kbit are of a whole set and a frame, `money` is empty where numbers of sensors were asked for.
+    After these columns AP, low and high at each error profile, where there are several: `ap_typical` and so on."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
-    writer.writerow(CURVE_COLUMNS)
+    profiles = [each.name for each in points[0].by_errors] if points else []
+    own = (safe_cell(f"{figure}_{name}") for name in profiles for figure in ("ap", "low", "high"))
+    writer.writerow([*CURVE_COLUMNS, *own])
     for n, point in enumerate(points):
         figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
         writer.writerow([
@@ -71,6 +74,7 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
             " and ".join(point.searches),
             safe_cell(" ".join(objective.names[c] for c in point.subset)),
             _site_file(n),
+            *(f"{figure:.6f}" for each in point.by_errors for figure in (each.ap, each.low, each.high)),
         ])  # fmt: skip
     return text.getvalue()
 

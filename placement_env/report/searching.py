@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.classes import VEHICLES, classes_of
-from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of, several
+from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.protocol import FidelityName
@@ -210,11 +210,11 @@ def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, prog
 
 
 def _over_errors(order: SearchOrder, by_errors: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """What the summary says of several error profiles. by_errors: AP at each, where the search itself knew them."""
-    over = several(errors_of(order.errors))
-    if over is None or not order.detects:
+    """What the summary says of the error profiles that something was detected at; `provenance` is that of the search,
+    which may have detected nothing. by_errors: AP at each of several, where the search itself knew them."""
+    if not order.detects:
         return {}
-    return {"errors": over.origin} | ({"by_errors": dict(by_errors)} if by_errors else {})
+    return {"errors": errors_of(order.errors).origin} | ({"by_errors": dict(by_errors)} if by_errors else {})
 
 
 def _objective(order: SearchOrder, fidelity: FidelityName, progress: Stages | None) -> Objective:

@@ -2,12 +2,14 @@
 
 python tests/benchmarks/placement_env/bench_poses.py tjunction --frames 12 --seconds 25 --budget 3 --iou 0.9
 python tests/benchmarks/placement_env/bench_poses.py tjunction --learner ppo --frames 25 --seconds 1800
+python tests/benchmarks/placement_env/bench_poses.py tjunction --learner none --frames 25 --seconds 1800  # beside it
 
-Without a learner CMA-ES and gradient ascent score in panoramas and by rays. PPO and SAC learn on
-`coview/SensorPose-v0`: each episode starts from sensors drawn at random, and they see rewards alone, while the others
-may score whatever they like; all score in panoramas of the same traffic, and every answer is scored again by rays,
-there and on traffic that nobody saw. "seen" is the best set that came by while the policy learnt, "moved" the best of
-EPISODES episodes of the policy afterwards, in its likeliest actions.
+Without `--learner` CMA-ES and gradient ascent score in panoramas and by rays. PPO and SAC learn on
+`coview/SensorPose-v0`, and `--learner none` is the searches that they are set beside: each episode starts from
+sensors drawn at random, and they see rewards alone, while the others may score whatever they like; all score in
+panoramas of the same traffic, and every answer is scored again by rays, there and on traffic that nobody saw. "seen"
+is the best set that came by while the policy learnt, "moved" the best of EPISODES episodes of the policy afterwards,
+in its likeliest actions.
 """
 
 from __future__ import annotations
@@ -118,13 +120,18 @@ def show(name: str, result: Result) -> None:
 
 
 def by_learning(asked: argparse.Namespace, objective: Objective) -> None:
-    """A policy that learns beside the others."""
+    """A policy that learns, or the searches that it is set beside."""
     register()
     settings: dict[str, Any] = {"frames": asked.frames, "candidates": "pool", "iou": asked.iou}
     first = greedy.search(objective, asked.budget)
     answered(
         "greedy", objective, first.sensors or objective.candidates.select(first.best.subset).sensors, "of the pool"
     )
+    if asked.learner == "none":
+        for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
+            found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
+            answered(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
+        return
     env = Best(
         gym.make(
             "coview/SensorPose-v0", site=asked.site, budget=asked.budget, rendering="panorama",
@@ -138,9 +145,6 @@ def by_learning(asked: argparse.Namespace, objective: Objective) -> None:
     ends = played(policy, env)
     said = f"{EPISODES} episodes end at {ends.mean():.4f} ± {ends.std():.4f}, best {ends.max():.4f}"
     answered(f"{asked.learner}, moved", objective, env.sensors, said)
-    for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
-        found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
-        answered(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
 
 
 def by_search(asked: argparse.Namespace, objective: Objective) -> None:
@@ -161,7 +165,7 @@ def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("site")
-    parser.add_argument("--learner", choices=("ppo", "sac"))
+    parser.add_argument("--learner", choices=("ppo", "sac", "none"))
     parser.add_argument("--frames", type=int, default=12)
     parser.add_argument("--seconds", type=float, default=25.0)
     parser.add_argument("--budget", type=int, default=3)

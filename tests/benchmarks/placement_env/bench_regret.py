@@ -1,12 +1,15 @@
 """Regret of `portfolio`, and surrogates beside the detector, at 12 junctions that nothing was fitted to.
 
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl [--sites NAME ...] [--budgets 2 3 4] [--late]
+    python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --drawn 32 [--sites NAME ...] [--late]
     python tests/benchmarks/placement_env/bench_regret.py ROWS.jsonl --print
 
 At each site and budget the searches and `portfolio` answer, and the detector judges all their answers, RANDOM drawn
-sets and NEAR neighbours of greedy's on 100 frames of traffic that nobody saw. Each row is kept in ROWS.jsonl when it is
-known, detections in --cache, so that a run that was killed goes on where it was; --print says what the rows say so far
-(`regret_figures.py`). Budgets go round the sites, so that few rows already stand for all of them.
+sets and NEAR neighbours of greedy's on 100 frames of traffic that nobody saw. With --drawn nothing is searched: so
+many sets of 1 to 8 sensors, drawn at random, are judged beside the surrogates, which are shown no answers of
+searches. Each row is kept in ROWS.jsonl when it is known, detections in --cache, so that a run that was killed goes
+on where it was; --print says what the rows say so far (`regret_figures.py`). Budgets go round the sites, so that few
+rows already stand for all of them.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from regret_sites import Place, places  # noqa: E402
 
 SEARCHED, RACED, JUDGED = 60, 96, 100  # frames
 RANDOM, NEAR = 1, 0  # further sets that are judged: drawn of the pool, and neighbours of greedy's answer
+MOST_DRAWN = 8  # sensors of a set that is drawn
 DRAWS = 200  # resamples that are kept of each set
 IOUS = (0.7, 0.8, 0.9)
 
@@ -61,8 +65,10 @@ def read_rows(path: Path) -> Iterator[dict[str, Any]]:
 class Judging:
     """One site: what is searched there, and the detector on fresh traffic."""
 
-    def __init__(self, name: str, place: Place, cache: Path, workers: int, scheme: str = "early") -> None:
-        self.name, self.seed, self.scheme = name, place.seed, scheme
+    def __init__(
+        self, name: str, place: Place, cache: Path, workers: int, scheme: str = "early", frames: int = JUDGED
+    ) -> None:
+        self.name, self.seed, self.scheme, self.frames = name, place.seed, scheme, frames
         self.cache, self.workers = cache, workers
         self.site = place.make()
         self.candidates = place.candidates(self.site)
@@ -89,13 +95,13 @@ class Judging:
         """Of the third part, with all classes in sight."""
         from placement_env.classes import Classes
 
-        return self.prepared(2, JUDGED, classes=Classes(("vehicle", "cyclist", "pedestrian")))
+        return self.prepared(2, self.frames, classes=Classes(("vehicle", "cyclist", "pedestrian")))
 
     def evaluators(self) -> tuple[Any, Any]:
         """Of race and judgement."""
         from placement_env.search.portfolio.portfolio import evaluators_of
 
-        return evaluators_of(self.objective, None, "detector", (RACED, JUDGED))
+        return evaluators_of(self.objective, None, "detector", (RACED, self.frames))
 
     def searches(self, k: int) -> dict[str, Callable[[], Any]]:
         """Each search, with as much as the portfolio lets it do, or as it does by itself."""
@@ -130,6 +136,16 @@ class Judging:
             found.append(tuple(sorted([*kept, int(rng.choice(free))])))
         return found
 
+    def drawn(self, count: int) -> list[tuple[int, ...]]:
+        """Sets of 1 to 8 sensors in turn, drawn at random, one sensor to a mount."""
+        rng, mount = np.random.default_rng([self.seed, count]), self.candidates.mount
+        found = []
+        for turn in range(count):
+            members = rng.permutation(len(mount))
+            _, first = np.unique(mount[members], return_index=True)
+            found.append(tuple(sorted(members[np.sort(first)][: 1 + turn % MOST_DRAWN].tolist())))
+        return found
+
     def row_of(self, subset: tuple[int, ...]) -> np.ndarray:
         """A set as a row of booleans."""
         row = np.zeros((1, len(self.candidates)), bool)
@@ -141,13 +157,13 @@ class Judging:
         from placement_env.classes import Classes
         from placement_env.search.portfolio.evaluators import DetectorEvaluator
 
-        detected, row, frames = self._detected, self.row_of(subset), np.arange(JUDGED)
+        detected, row, frames = self._detected, self.row_of(subset), np.arange(self.frames)
         began = perf_counter()
         each = [DetectorEvaluator(detected.at(iou)).evaluate(row, frames) for iou in IOUS]
         took = perf_counter() - began
         small = {}
         for label in ("cyclist", "pedestrian"):
-            of_class = self.prepared(2, JUDGED, classes=Classes((label,))).fidelity("detector")
+            of_class = self.prepared(2, self.frames, classes=Classes((label,))).fidelity("detector")
             small[label] = float(of_class(row).ap[0])
         return {
             "ap": [round(float(found.ap[0]), 5) for found in each],
@@ -159,7 +175,7 @@ class Judging:
 
     @cached_property
     def _detected(self) -> Any:
-        return self.prepared(2, JUDGED).fidelity("detector")
+        return self.prepared(2, self.frames).fidelity("detector")
 
     @cached_property
     def _fast(self) -> dict[str, Callable[[np.ndarray], Any]]:
@@ -208,6 +224,17 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
     print(f"{judging.name} {k} {judging.scheme}: {len(rows.rows)} rows", flush=True)
 
 
+def run_drawn(judging: Judging, count: int, rows: Rows) -> None:
+    """Sets drawn at random at one site: what is not in the rows yet."""
+    at = {"site": judging.name, "scheme": judging.scheme}
+    for subset in judging.drawn(count):
+        if not rows.find(kind="set", subset=list(subset), **at):
+            predicted = float(judging.objective.scores(judging.row_of(subset)).ap[0])
+            said = judging.judged(subset)
+            rows.add(kind="set", **at, k=len(subset), subset=list(subset), predicted=predicted, **said)
+    print(f"{judging.name} {judging.scheme}: {len(rows.rows)} rows", flush=True)
+
+
 def _portfolio(judging: Judging, k: int) -> dict[str, Any]:
     from placement_env.search.portfolio import portfolio
 
@@ -227,6 +254,8 @@ def main() -> None:
     arguments.add_argument("rows", type=Path)
     arguments.add_argument("--sites", nargs="+", default=[])
     arguments.add_argument("--budgets", nargs="+", type=int, default=[2, 3, 4])
+    arguments.add_argument("--drawn", type=int, default=0)
+    arguments.add_argument("--frames", type=int, default=JUDGED)
     arguments.add_argument("--late", action="store_true")
     arguments.add_argument("--print", action="store_true", dest="only_print")
     arguments.add_argument("--cache", type=Path, default=Path("out/regret"))
@@ -234,10 +263,14 @@ def main() -> None:
     asked = arguments.parse_args()
     if not asked.only_print:
         chosen, rows = places(asked.sites), Rows(asked.rows)
-        for turn in range(len(asked.budgets)):
+        scheme = "late" if asked.late else "early"
+        for turn in range(1 if asked.drawn else len(asked.budgets)):
             for number, (name, place) in enumerate(chosen.items()):
-                k = asked.budgets[(number // 2 + turn) % len(asked.budgets)]
-                run(Judging(name, place, asked.cache, asked.workers, "late" if asked.late else "early"), k, rows)
+                judging = Judging(name, place, asked.cache, asked.workers, scheme, asked.frames)
+                if asked.drawn:
+                    run_drawn(judging, asked.drawn, rows)
+                else:
+                    run(judging, asked.budgets[(number // 2 + turn) % len(asked.budgets)], rows)
     from regret_figures import figures
 
     print("\n".join(figures(list(read_rows(asked.rows)))))

@@ -9,6 +9,7 @@ import pytest
 import placement_env.report.curve_answer as curve_answer
 from placement_env.report.curve_answer import curve_csv, curve_files, write_curve
 from placement_env.search.portfolio.curve import CurvePoint
+from placement_env.search.result import ProfileAP
 from toolkit.sites.files import load_site
 
 POINTS = (
@@ -45,6 +46,15 @@ def test_what_the_table_says(objective):
     assert (second["pays"], second["kbit_per_frame"], second["searches"]) == ("no", "400.0", "")
     (paid,) = csv.DictReader(curve_csv(objective, (replace(POINTS[0], money=22.0),)).splitlines())
     assert (paid["money"], paid["price_unit"]) == ("22", "ordinary poles")
+
+
+def test_columns_of_each_error_profile_where_there_are_several(objective):
+    several = (ProfileAP("paper", 0.6, 0.5, 0.7), ProfileAP("poor", 0.5, 0.4, 0.55))
+    text = curve_csv(objective, (replace(POINTS[0], by_errors=several),))
+    (row,) = csv.DictReader(text.splitlines())
+    assert list(row)[-7:] == ["site", "ap_paper", "low_paper", "high_paper", "ap_poor", "low_poor", "high_poor"]
+    assert [row[f"{figure}_poor"] for figure in ("ap", "low", "high")] == ["0.500000", "0.400000", "0.550000"]
+    assert "ap_paper" not in curve_csv(objective, POINTS)
 
 
 def test_as_many_files_as_there_may_be_sets():

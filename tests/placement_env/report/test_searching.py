@@ -101,5 +101,6 @@ def test_several_error_profiles_are_judged_and_said(common):
     assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]
     assert any(line.startswith("    at each error profile: paper AP 0.0000") for line in curve.lines)
     alone = answered(SearchOrder(**asked | {"errors": "poor"}))
-    assert "errors" not in alone.summary
+    assert alone.summary["errors"] == POOR.origin
+    assert "errors" not in answered(SearchOrder(**common | {"errors": "poor"})).summary  # judged by coverage
     assert alone.summary["assessment"]["by_errors"] == ()
