@@ -13,7 +13,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from placement_env.classes import Classes
+from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -113,27 +113,18 @@ def profiles_in(errors: Errors) -> tuple[ErrorProfile, ...]:
     return errors.profiles if isinstance(errors, ErrorProfiles) else (errors,)
 
 
-class ProfileFidelity:
+class ProfileFidelity(LikeFirst):
     """Sets scored at several error profiles: all figures of a set are those of the profile at which its AP is least, or
     their means. fidelities: one for each profile."""
 
     def __init__(self, fidelities: Sequence[Fidelity], errors: ErrorProfiles) -> None:
+        super().__init__(fidelities[0])
         self._fidelities, self.errors = tuple(fidelities), errors
-
-    @property
-    def name(self) -> str:
-        """Of the fidelities."""
-        return self._fidelities[0].name
-
-    @property
-    def classes(self) -> Classes:
-        """Which count, and how they are combined."""
-        return cast(ByClass, self._fidelities[0]).classes
 
     @property
     def detector(self) -> Any:
         """That scores, None where it is not known."""
-        return getattr(self._fidelities[0], "detector", None)
+        return getattr(self._first, "detector", None)
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set over the profiles."""
@@ -159,13 +150,8 @@ class ProfileFidelity:
         return Estimate(*((shares * each).sum(axis=0) for each in (ap, recall, kbit)))
 
 
-class ProfileByFrames(ProfileFidelity):
+class ProfileByFrames(ProfileFidelity, LikeFirstByFrames):
     """The same of fidelities that score some frames alone."""
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return cast(ByFrames, self._fidelities[0]).frames
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames."""

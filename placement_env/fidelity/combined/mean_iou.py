@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from placement_env.checks import check_iou
-from placement_env.classes import Classes
+from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool
 
@@ -61,21 +61,12 @@ def iou_text(iou: IoUs) -> str:
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
 
 
-class MeanFidelity:
+class MeanFidelity(LikeFirst):
     """Sets scored by the mean of several fidelities, of one IoU threshold each; kbit are those of the first."""
 
     def __init__(self, fidelities: Sequence[Fidelity]) -> None:
+        super().__init__(fidelities[0])
         self._fidelities = tuple(fidelities)
-
-    @property
-    def name(self) -> str:
-        """Of the fidelities."""
-        return self._fidelities[0].name
-
-    @property
-    def classes(self) -> Classes:
-        """Which count, and how they are combined."""
-        return cast(ByClass, self._fidelities[0]).classes
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Mean AP and recall of each set."""
@@ -88,13 +79,8 @@ class MeanFidelity:
         return ClassEstimates(ap, recall, found[0].kbit)
 
 
-class MeanByFrames(MeanFidelity):
+class MeanByFrames(MeanFidelity, LikeFirstByFrames):
     """The same of fidelities that score some frames alone."""
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return cast(ByFrames, self._fidelities[0]).frames
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
         """Mean figures of each set over these frames."""

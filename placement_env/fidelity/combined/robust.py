@@ -14,7 +14,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from placement_env.checks import whole
-from placement_env.classes import Classes
+from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -83,30 +83,21 @@ class Failing:
         return np.asarray(cases.mean(axis=0) if self.combine == "mean" else cases.min(axis=0))
 
 
-class RobustFidelity:
+class RobustFidelity(LikeFirst):
     """Sets scored by what is left when sensors fail; kbit are those of the intact set."""
 
     def __init__(self, fidelity: Fidelity, failing: Failing) -> None:
-        self._fidelity, self._failing = fidelity, failing
-
-    @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self._fidelity.name
-
-    @property
-    def classes(self) -> Classes:
-        """Which count, and how they are combined."""
-        return cast(ByClass, self._fidelity).classes
+        super().__init__(fidelity)
+        self._failing = failing
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """AP and recall that are left of each set."""
-        return self._of(subsets, self._fidelity)
+        return self._of(subsets, self._first)
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """The same of each class. The worst case of one class need not be that of another."""
         rows, owners = self._failing.cases(subsets)
-        found = cast(ByClass, self._fidelity).by_class(rows)
+        found = cast(ByClass, self._first).by_class(rows)
         ap, recall = (self._failing.left(each, owners) for each in (found.ap, found.recall))
         return ClassEstimates(ap, recall, found.kbit[: len(subsets)])
 
@@ -117,17 +108,12 @@ class RobustFidelity:
         return Estimate(ap, recall, found.kbit[: len(subsets)])
 
 
-class RobustByFrames(RobustFidelity):
+class RobustByFrames(RobustFidelity, LikeFirstByFrames):
     """The same of a fidelity that scores some frames alone."""
-
-    @property
-    def frames(self) -> int:
-        """How many there are."""
-        return cast(ByFrames, self._fidelity).frames
 
     def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames."""
-        inner = cast(ByFrames, self._fidelity)
+        inner = cast(ByFrames, self._first)
         return self._of(subsets, lambda rows: inner.partial(rows, frames))
 
 

@@ -14,7 +14,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 
 from placement_env.checks import whole
-from placement_env.classes import Classes
+from placement_env.fidelity.combined.like import LikeFirst
 from placement_env.fidelity.protocol import ByClass, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -76,31 +76,22 @@ class TrafficLevels:
 ALL_TRAFFIC = TrafficLevels()
 
 
-class LevelFidelity:
+class LevelFidelity(LikeFirst):
     """Sets scored over levels; kbit are those of all traffic. whole, parts: fidelity of all frames, and of each level's
     alone."""
 
     def __init__(self, whole: Fidelity, parts: Sequence[Fidelity], levels: TrafficLevels) -> None:
-        self._whole, self._parts, self._levels = whole, tuple(parts), levels
-
-    @property
-    def name(self) -> str:
-        """Of the fidelity."""
-        return self._whole.name
-
-    @property
-    def classes(self) -> Classes:
-        """Which count, and how they are combined."""
-        return cast(ByClass, self._whole).classes
+        super().__init__(whole)
+        self._parts, self._levels = tuple(parts), levels
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """AP and recall of each set over the levels."""
         found = [each(subsets) for each in self._parts]
         ap, recall = (self._levels.combined(np.stack(each)) for each in zip(*(f[:2] for f in found), strict=True))
-        return Estimate(ap, recall, self._whole(subsets).kbit)
+        return Estimate(ap, recall, self._first(subsets).kbit)
 
     def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
         """The same of each class. The worst level of one class need not be that of another."""
         found = [cast(ByClass, each).by_class(subsets) for each in self._parts]
         ap, recall = (self._levels.combined(np.stack(each)) for each in zip(*(f[:2] for f in found), strict=True))
-        return ClassEstimates(ap, recall, cast(ByClass, self._whole).by_class(subsets).kbit)
+        return ClassEstimates(ap, recall, cast(ByClass, self._first).by_class(subsets).kbit)
