@@ -67,6 +67,7 @@ def search(
     small_iou: float = 0.5,
     surrogate: Path | None = None,
     table: Path | None = None,
+    policy: Path | None = None,
     comm: float = 0.0,
     price: float = 0.0,
     seed: int = 0,
@@ -118,6 +119,7 @@ def search(
         small_iou: In place of --iou for cyclists and pedestrians.
         surrogate: File of coview surrogate, for fidelity surrogate in place of the shipped ones.
         table: File of coview table, for fidelity table in place of the shipped ones.
+        policy: File of coview teach, that proposes sets to a portfolio in place of the shipped one.
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
@@ -149,7 +151,6 @@ def search(
     for name, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
         check_least(name, weight, 0)
     check_share("--confidence", confidence)
-    thresholds = iou_range(iou)
     check_schemes([scheme])
     profiles = sensor_errors(errors, errors_by)
     chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
@@ -157,13 +158,12 @@ def search(
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
     if at_least is not None and "mean" in (failures, levels_by):
         raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
-    if curve and chosen != "portfolio":
-        raise ValueError(f"--curve is drawn by --method portfolio, got {chosen}: leave --method out")
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
     detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
-    if judge is not None and chosen != "portfolio":
-        raise ValueError(f"--judge is for --method portfolio, got {chosen}: leave it out, or say --verify detector")
+    for option, said in (("--judge", judge), ("--policy", policy), ("--curve", curve or None)):
+        if said is not None and chosen != "portfolio":
+            raise ValueError(f"{option} is for --method portfolio, got {chosen}: leave one of them out")
     for option, given in (("--errors", errors != ("paper",)), ("--detector", detector is not None)):
         if given and not detects:
             raise ValueError(f"{option} is for --fidelity, --verify or --judge detector: say one of them")
@@ -186,10 +186,10 @@ def search(
     order = SearchOrder(
         site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
         judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=profiles,
-        detector=own, surrogate=surrogate, table=table, limits={"seconds": seconds, "evaluations": evaluations},
-        demand=demand, currency=currency, curve=curve,
+        detector=own, surrogate=surrogate, table=table, policy=policy, demand=demand, currency=currency, curve=curve,
+        limits={"seconds": seconds, "evaluations": evaluations},
         settings={
-            "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
+            "most_price": math.inf if money is None else money, "iou": iou_range(iou), "seed": seed, "cache": cache,
             "failing": Failing(0 if demand else failing, failures), "workers": workers, "ray": ray, "classes": counted,
             "levels": TrafficLevels(1 if demand else levels, levels_by), "codec": codec_named(codec),
         },
