@@ -113,8 +113,8 @@ def _correlations(rows: Sequence[Row], scheme: str) -> list[str]:
     """Of each fast score: rank correlation over the sets of a site and over those of one size, mean over sites."""
     lines = [
         f"{scheme} fusion, {len(rows)} sets at {len({row['site'] for row in rows})} sites",
-        f"{'score':22s} {'at 0.7, of a site':>24s} {'of one size':>24s} {'at 0.9, of a site':>24s} {'of one size':>24s} "
-        f"{'|error|':>8s}",
+        f"{'score':22s} {'at 0.7, of a site':>24s} {'of one size':>24s} {'at 0.9, of a site':>24s} "
+        f"{'of one size':>24s} {'|error|':>8s}",
     ]
     scored: list[tuple[float, str]] = []
     names: list[tuple[str, Callable[[Row], float]]] = [
