@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.checks import check_whole
 from toolkit.arrays import Bool
 from toolkit.bodies.body import Body
@@ -60,13 +61,16 @@ def simulate_traffic(
     site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
 ) -> Traffic:
     """`frames` frames of simulated traffic; bodies: that come again and again, None for everyone drawn afresh. Same
-    seed, same frames.
+    seed, same frames. Who parks stays for one block of `BLOCK_FRAMES`, as long as others are there: sets are compared
+    by a bootstrap over blocks, and a van that stood there throughout would decide between them unseen.
 
     Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
     """
     check_whole("frames", frames, least=1)
     drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
-    return Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None)))
+    return Traffic(
+        site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, stay=BLOCK_FRAMES))
+    )
 
 
 @lru_cache(maxsize=2)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -63,13 +64,17 @@ def simulate(
     most: int = MOST_OBJECTS,
     parked: int | None = None,
     once: bool = False,
+    stay: int | None = None,
 ) -> Generator[Snapshot, None, None]:
     """`frames` snapshots of traffic on the site's network, `interval` (s) apart, never more than `most` objects. Below
     1 s objects live as long as ever, in more frames: 0.1 s is what sensors at 10 Hz see.
 
     parked: how many of these are parked vehicles at most, a fifth when None;
     once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
-    pedestrians walk in groups then.
+    pedestrians walk in groups then;
+    stay: frames for which parked vehicles stay, all alike, before others stand in other bays, more or fewer of them;
+    None for `toolkit.traffic.parking.STAY` in the mean, each by itself. Blocks of so many frames are then as
+    independent of each other as what moves makes them.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
@@ -85,8 +90,10 @@ def simulate(
     parked = most // 5 if parked is None else parked
     if not 0 <= parked <= most:
         raise ValueError(f"parked must lie in 0..most {most}, got {parked}")
+    if stay is not None and stay < 1:
+        raise ValueError(f"stay must be one frame or more, got {stay}")
     rng = np.random.default_rng(seed)
-    return _run(site, bodies, frames, rng, interval=interval, most=most, most_parked=parked, once=once)
+    return _run(site, bodies, frames, rng, interval=interval, most=most, most_parked=parked, once=once, stay=stay)
 
 
 def _run(
@@ -99,13 +106,16 @@ def _run(
     most: int,
     most_parked: int,
     once: bool,
+    stay: int | None,
 ) -> Generator[Snapshot, None, None]:
     ids, obstacles, types = count(), Obstacles(site), VehicleTypes.of(bodies)
     supply = Supply(len(bodies), once)
-    parked = Parked.draw(site, obstacles, types, rng, ids, most=most_parked, supply=supply)
+    draw = partial(Parked.draw, site, obstacles, types, rng, ids, most=most_parked, supply=supply)
+    parked, periods = draw(), 0
+    standing = len(parked.ids) if stay is None else min(len(parked.bays), most_parked)
     step = sumo_step(interval)
     with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
-        spawner = Spawner(sumo, site, types, rng, ids, most=most - len(parked.ids), supply=supply, step=step)
+        spawner = Spawner(sumo, site, types, rng, ids, most=most - standing, supply=supply, step=step)
         spawner.advance(WARM_UP)
         for _ in range(COMING_AND_GOING if step < STEP else 0):
             _snapshot(site, types, spawner, parked, obstacles, time=0.0)
@@ -113,8 +123,11 @@ def _run(
         for index in range(frames):
             last = interval >= STEP or _periods((index + 1) * interval) > _periods(index * interval)
             yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval, counts=last)
-            if last:
+            periods += last
+            if last and stay is None:
                 parked = parked.later(types, rng, ids, supply)
+            elif last and stay is not None and periods % stay == 0:
+                parked = draw()
             spawner.advance(interval)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.fidelity.traffic import scored, simulate_traffic
 from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.files import load_site
@@ -17,6 +18,16 @@ def test_the_same_seed_gives_the_same_frames():
     assert once.digest() == again.digest() != other.digest()
     with pytest.raises(ValueError, match="frames must be a whole number of at least 1, got 0"):
         simulate_traffic(site, 0)
+
+
+def test_nobody_stands_in_two_blocks_of_frames():
+    frames = simulate_traffic(load_site("tjunction"), 5 * BLOCK_FRAMES, 3).snapshots
+    blocks = [
+        {name for frame in frames[first : first + BLOCK_FRAMES] for name in frame.objects.ids.tolist()}
+        for first in range(0, len(frames), BLOCK_FRAMES)
+    ]
+    for n, block in enumerate(blocks):
+        assert not any(block & later for later in blocks[n + 2 :])
 
 
 def test_digest_knows_all_that_can_be_seen(small_traffic):

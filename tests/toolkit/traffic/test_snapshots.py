@@ -183,6 +183,7 @@ def test_lights_one_way_streets_and_dead_ends(lights_and_one_way_streets):
         ({"area": np.array([900.0, 900, 990, 990])}, {}, "no lane open to cars within 25 m"),
         ({}, {"frames": -1}, "frames must be at least 0"),
         ({}, {"interval": 0.25}, "whole number of SUMO's steps"),
+        ({}, {"stay": 0}, "stay must be one frame or more, got 0"),
         ({}, {"interval": 0.05}, "whole number of SUMO's steps"),
         ({}, {"interval": 0.0}, "whole number of SUMO's steps"),
         ({}, {"interval": 1.5}, "whole number of SUMO's steps"),
@@ -208,6 +209,22 @@ def test_parked_vehicles_stay_in_their_bays(site, snapshots):
         assert len(set(bay)) == len(bay), "one vehicle to a bay"
         assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
         assert len(bay) <= MOST_OBJECTS // 5
+
+
+def parked_in(site, snapshot):
+    """Ids and bodies of those who stand in bays."""
+    far = np.hypot(*(snapshot.objects.boxes[:, None, :2] - site.parking[None, :, :2]).transpose(2, 0, 1))
+    rows = np.flatnonzero((far < 0.2).any(axis=1))
+    return set(zip(snapshot.objects.ids[rows].tolist(), snapshot.bodies[rows].tolist(), strict=True))
+
+
+def test_all_who_park_go_at_once_where_it_is_said_how_long_they_stay(site):
+    parked = [parked_in(site, each) for each in simulate(site, BODIES, frames=33, seed=7, stay=4)]
+    blocks = [parked[first : first + 4] for first in range(0, 33, 4)]
+    assert all(each == block[0] for block in blocks for each in block)
+    assert not any(before[0] & after[0] for before, after in pairwise(blocks))
+    assert len({len(block[0]) for block in blocks}) > 1, "more or fewer of them"
+    assert max(map(len, parked)) <= MOST_OBJECTS // 5
 
 
 def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(site):
