@@ -127,17 +127,21 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> No
     ways: list[dict[str, Any]] = [{"rendering": "panorama", "cache": tmp_path}, {"rendering": "full"}]
     both = [gym.make(NAME, **way, **settings).unwrapped for way in ways]
     tasks: list[Any] = [env.task for env in both]  # type: ignore[attr-defined]
-    for env in both:
-        env.reset(seed=3)
     both[0].action_space.seed(1)
-    for _ in range(3):
-        action = both[0].action_space.sample()
-        rewards = [env.step(action)[1] for env in both]
-        assert rewards[0] == pytest.approx(rewards[1], abs=0.05)
-        quick, full = (task.state.placed(0)[0].visibility for task in tasks)
-        off = np.abs(quick.points - full.points)
-        assert (off <= np.maximum(0.03 * full.points, 8)).mean() > 0.95
-        assert (quick.points != full.points).any()
+    apart, near = [], []
+    for seed in range(3, 7):
+        for env in both:
+            env.reset(seed=seed)
+        for _ in range(3):
+            action = both[0].action_space.sample()
+            rewards = [float(env.step(action)[1]) for env in both]
+            apart.append(abs(rewards[0] - rewards[1]))
+            quick, full = (task.state.placed(0)[0].visibility for task in tasks)
+            off = np.abs(quick.points - full.points)
+            near.append((off <= np.maximum(0.03 * full.points, 8)).mean())
+            assert (quick.points != full.points).any()
+    assert np.mean(near) > 0.97
+    assert np.mean(apart) < 0.02  # one vehicle with some ten points may be there for the one and not for the other
     now = tasks[0]._now[0]
     again = now.preparation.live.see(now.rig.placed())
     assert np.array_equal(again.points, quick.points)
