@@ -138,6 +138,7 @@ def race_until(
     tolerance: float = 0.01,
     first: int = 12,
     eta: int = 2,
+    least: int = 0,
     most: float = math.inf,
     stop: Callable[[], bool] = lambda: False,
     predicted: Float64[np.ndarray, " n"] | None = None,
@@ -146,9 +147,9 @@ def race_until(
 
     scores: asked for sets on the first frames of `order`, each time more of them; where it takes fewer, the race ends
     with these; confidence: asked for; tolerance: a set that is better by no more does not count; first, eta: frames of
-    the first rung, and by how much the next ones are longer; most: set-frames, beyond which only the best go on; stop:
-    asked after each rung whether to end; predicted: the figure of each, as far as it is known before: then sets go by
-    what `placement_env.analysis.shrinkage.shrunk` makes of both.
+    the first rung, and by how much the next ones are longer; least: frames before which no confidence ends it; most:
+    set-frames, beyond which only the best go on; stop: asked after each rung whether to end; predicted: the figure of
+    each, as far as it is known before: then sets go by what `placement_env.analysis.shrinkage.shrunk` makes of both.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
     doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
@@ -191,7 +192,7 @@ def race_until(
         rungs.append((running, found))
         by_chance = 0.0 if found.frames is None or len(sets) == 1 else 0.5**found.blocks
         sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), tolerance))
-        if seen == frames or seen < reached or sure >= confidence or stop():
+        if seen == frames or seen < reached or (sure >= confidence and seen >= least) or stop():
             dropped.append((running, measured, seen))
             break
         lead = found.resamples - found.resamples[0]

@@ -1,11 +1,11 @@
 """Intervals of figures that are measured over frames, by a bootstrap over blocks of consecutive frames.
 
 Objects of the simulated traffic live four frames (paper section III; in `placement_env.fidelity.traffic` parked ones
-too), so frames are not independent but blocks of four are nearly. Frames 0-3, 4-7 and so on form the blocks, the last of which may be shorter; as many blocks as there are are
-drawn with replacement, the figure is computed from what was drawn, and the interval holds the middle share of these
-figures (percentile bootstrap; Efron and Tibshirani 1993, chapter 13; blocks: Künsch 1989). Draws that leave a figure
-undefined, such as AP without a vehicle, are left out. Same seed, same draws: figures of several sensor sets on the same
-frames can be compared draw by draw.
+too), so frames are not independent but blocks of four are nearly. Frames 0-3, 4-7 and so on form the blocks, the last
+of which may be shorter; as many blocks as there are are drawn with replacement, the figure is computed from what was
+drawn, and the interval holds the middle share of these figures (percentile bootstrap; Efron and Tibshirani 1993,
+chapter 13; blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. Same
+seed, same draws: figures of several sensor sets on the same frames can be compared draw by draw.
 """
 
 from __future__ import annotations

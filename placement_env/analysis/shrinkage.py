@@ -8,13 +8,14 @@ v_i, which their resamples show. The figures that are likeliest then (empirical 
 
 With much noise it is the predictions that rank, moved to where the figures are; with little the figures themselves.
 What noise all share, such as frames that are hard for all, counts in none of it, and is added again in the end. Of few
-blocks the resamples show too little noise, none where all is found in each: so v_i is no less than `OF_A_BLOCK`² /
-blocks.
+blocks the resamples show too little noise, least for the set that was lucky in all of them, and none where all is found
+in each: so v_i is no less than the mean over the sets, nor than `OF_A_BLOCK`² / blocks, and the draws spread as much.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,8 +59,19 @@ def shrunk(
         weight = np.zeros(len(figure))
     else:
         variance = noise.var(axis=1) / (1 - 1 / blocks)
-        variance = np.maximum(variance, OF_A_BLOCK**2 / blocks)
+        if math.isfinite(blocks):
+            unseen = np.maximum(max(variance.mean(), OF_A_BLOCK**2 / blocks) - variance, 0.0)
+            noise = noise + np.sqrt(unseen)[:, None] * _of_unit_spread(noise.shape)
+            variance = variance + unseen
         spread = max(SURE**2, float(off.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
     likeliest = predicted + shift + weight * (off - shift)
     return Shrunk(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))
+
+
+@lru_cache(maxsize=8)
+def _of_unit_spread(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
+    """Rows of noise of mean 0 and variance 1, the same ones for the same shape."""
+    drawn = np.random.default_rng(0).standard_normal(shape)
+    drawn -= drawn.mean(axis=1, keepdims=True)
+    return np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))

@@ -196,6 +196,13 @@ class Spread:
 TRUE = np.array([0.2, 0.9, 0.5, 0.88, 0.895])
 
 
+def test_no_confidence_ends_a_race_before_its_least_frames():
+    sure = Spread(TRUE, noise=0.0)
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12).frames.max() == 12
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(96), first=12, least=24).frames.max() == 24
+    assert race_until(sure, np.eye(5, dtype=bool), np.arange(16), first=12, least=24).frames.max() == 16
+
+
 def test_a_race_until_a_confidence_drops_what_is_worse_and_goes_on_with_what_may_be_better():
     scores = Spread(TRUE)
     ran = race_until(scores, np.eye(5, dtype=bool), np.arange(384)[::-1], first=12, tolerance=0.001, confidence=0.9)

@@ -32,14 +32,29 @@ def test_weights_are_those_of_the_formula():
     noise -= noise.mean(axis=0)
     noise -= noise.mean(axis=1, keepdims=True)
     off = np.array([0.06, -0.02, 0.05, -0.01])
-    variance = np.maximum(noise.var(axis=1) * 5 / 4, 0.05**2 / 5)
-    assert (noise.var(axis=1) * 5 / 4 < 0.0005).tolist() == [True, True, False, False]
+    own = noise.var(axis=1) * 5 / 4
+    variance = np.maximum(own, own.mean())
+    assert own.mean() > 0.05**2 / 5
+    assert (own < own.mean()).tolist() == [True, True, False, False]
     spread = off.var(ddof=1) - variance.mean()
     weight = spread / (spread + variance)
     found = shrunk(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
     assert found.figure == pytest.approx(PREDICTED + 0.02 + weight * (off - 0.02))
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure)
-    assert found.resamples.std(axis=1) == pytest.approx(np.sqrt(weight) * noise.std(axis=1))
+    spreads = np.sqrt(weight * (noise.var(axis=1) + variance - own))
+    assert found.resamples.std(axis=1) == pytest.approx(spreads, rel=0.05)
+
+
+def test_who_was_lucky_in_every_block_is_no_surer_than_the_others():
+    rng, blocks = np.random.default_rng(1), 12.0
+    noise = 0.03 * rng.standard_normal((4, 500))
+    noise[0] *= 0.1
+    figure = PREDICTED + np.array([0.1, 0.0, 0.01, -0.01])
+    found = shrunk(figure, figure[:, None] + noise, PREDICTED, blocks=blocks)
+    assert found.resamples.std(axis=1)[0] > 0.6 * found.resamples.std(axis=1)[1:].mean()
+    assert found.figure[0] < shrunk(figure, figure[:, None] + noise, PREDICTED).figure[0]
+    perfect = shrunk(np.ones(4), np.ones((4, 500)), PREDICTED, blocks=blocks)
+    assert (perfect.resamples.std(axis=1) > 0.005).all()
 
 
 def test_of_one_block_nothing_is_known_and_few_or_undefined_figures_are_left():
