@@ -24,7 +24,7 @@ def test_each_number_has_the_winner_of_its_race(street):
     assert [point.price for point in points] == pytest.approx([11.0, 22.0, 32.5])
     assert all(point.low <= point.ap <= point.high for point in points)
     assert all(point.pays for point in points)
-    assert all(point.confidence >= 0.95 for point in points)
+    assert all(0.5 < point.confidence < 0.8 for point in points)  # there are two blocks of frames
     row = street.objective.row(points[2].subset)[None]
     assert points[2].predicted == street.objective.scores(row).ap[0]
     assert "greedy" in points[1].searches
