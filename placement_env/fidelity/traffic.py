@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.checks import check_whole
 from toolkit.arrays import Bool
 from toolkit.bodies.body import Body
@@ -19,6 +18,7 @@ from toolkit.objects import VEHICLE, Objects
 from toolkit.points import centred_in
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot, simulate
+from toolkit.traffic.spawner import LIFE
 
 if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
@@ -61,16 +61,14 @@ def simulate_traffic(
     site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
 ) -> Traffic:
     """`frames` frames of simulated traffic; bodies: that come again and again, None for everyone drawn afresh. Same
-    seed, same frames. Who parks stays for one block of `BLOCK_FRAMES`, as long as others are there: sets are compared
-    by a bootstrap over blocks, and a van that stood there throughout would decide between them unseen.
+    seed, same frames. Who parks stays for `LIFE` frames, as everybody does: sets are compared by a bootstrap over
+    blocks of so many, and a van that stood there throughout would decide between them unseen.
 
     Raises ValueError for fewer frames than one, and what `toolkit.traffic.snapshots.simulate` raises.
     """
     check_whole("frames", frames, least=1)
     drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
-    return Traffic(
-        site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, stay=BLOCK_FRAMES))
-    )
+    return Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, stay=LIFE)))
 
 
 @lru_cache(maxsize=2)

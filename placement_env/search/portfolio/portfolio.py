@@ -33,7 +33,7 @@ from toolkit.arrays import Bool, Float64, Int64
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
 AP_TOLERANCE = 0.01  # AP by which another entrant may be better without being asked for
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
-LEAST = 24  # frames before which a race does not end: the best of many on few of them is the luckiest
+LEAST_RACED = 24  # frames before which a race does not end: the best of many on few of them is the luckiest
 SET_FRAMES = 1600.0  # that a race may score where no time is set
 INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
 SEARCHES = 5  # that share the time of the searches
@@ -129,7 +129,7 @@ def contest(
     order = race_order(evaluator.frames, seed=seed)
     first = min(FIRST, evaluator.frames)
     return race_until(
-        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, least=LEAST,
+        rewards, sets, order, confidence=confidence, tolerance=AP_TOLERANCE, first=first, eta=ETA, least=LEAST_RACED,
         most=most, stop=stop, predicted=objective.scores(sets).reward,
     )  # fmt: skip
 

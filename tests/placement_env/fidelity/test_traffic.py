@@ -9,6 +9,7 @@ from placement_env.fidelity.traffic import scored, simulate_traffic
 from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.files import load_site
 from toolkit.traffic.snapshots import Snapshot
+from toolkit.traffic.spawner import LIFE
 
 
 def test_the_same_seed_gives_the_same_frames():
@@ -21,6 +22,7 @@ def test_the_same_seed_gives_the_same_frames():
 
 
 def test_nobody_stands_in_two_blocks_of_frames():
+    assert BLOCK_FRAMES == LIFE
     frames = simulate_traffic(load_site("tjunction"), 5 * BLOCK_FRAMES, 3).snapshots
     blocks = [
         {name for frame in frames[first : first + BLOCK_FRAMES] for name in frame.objects.ids.tolist()}
