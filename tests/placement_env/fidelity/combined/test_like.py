@@ -6,20 +6,29 @@ from placement_env.classes import Classes
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 
 
-class First:
-    """As much of a fidelity as is asked for."""
+class Scoring:
+    """A fidelity of a class, which nobody asks."""
 
-    name, classes, frames = "detector", Classes(("cyclist",)), 8
+    name, classes = "detector", Classes(("cyclist",))
+
+    def __call__(self, subsets, /):
+        raise AssertionError
+
+
+class ScoringFrames(Scoring):
+    """One that knows its frames."""
+
+    frames = 8
 
 
 def test_name_and_classes_of_the_first():
-    made = LikeFirst(First())
+    made = LikeFirst(Scoring())
     assert (made.name, made.classes) == ("detector", Classes(("cyclist",)))
     assert not hasattr(made, "frames")
 
 
 def test_frames_where_the_first_has_some():
-    assert LikeFirstByFrames(First()).frames == 8
-    assert LikeFirstByFrames(First()).name == "detector"
+    assert LikeFirstByFrames(ScoringFrames()).frames == 8
+    assert LikeFirstByFrames(ScoringFrames()).name == "detector"
     with pytest.raises(AttributeError):
-        _ = LikeFirstByFrames(object()).frames
+        _ = LikeFirstByFrames(Scoring()).frames
