@@ -15,7 +15,6 @@ in each: so v_i is no less than the mean over the sets, nor than `OF_A_BLOCK`² 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +68,6 @@ def shrunk(
     return Shrunk(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))
 
 
-@lru_cache(maxsize=8)
 def _of_unit_spread(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
     """Rows of noise of mean 0 and variance 1, the same ones for the same shape."""
     drawn = np.random.default_rng(0).standard_normal(shape)

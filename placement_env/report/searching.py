@@ -111,10 +111,8 @@ class SearchOrder:
             own: dict[str, Any] = {"surrogate": self.surrogate} if self.judge == "surrogate" else {}
             check_fidelity_for(place, pool, scheme, self.judge, **asked, **own)
 
-    def proposer(self) -> Proposer | None:
+    def proposer(self) -> Proposer:
         """Who proposes sets to a portfolio. Raises FileNotFoundError and ValueError for a file that holds no policy."""
-        if self.method != PORTFOLIO:
-            return None
         from placement_env.rl.maps.map_policy import MapPolicy
         from placement_env.rl.maps.map_starts import MapStarts
 

@@ -123,11 +123,12 @@ def _run(
         for index in range(frames):
             last = interval >= STEP or _periods((index + 1) * interval) > _periods(index * interval)
             yield _snapshot(site, types, spawner, parked, obstacles, time=index * interval, counts=last)
-            periods += last
-            if last and stay is None:
-                parked = parked.later(types, rng, ids, supply)
-            elif last and stay is not None and periods % stay == 0:
-                parked = draw()
+            if last:
+                periods += 1
+                if stay is None:
+                    parked = parked.later(types, rng, ids, supply)
+                elif periods % stay == 0:
+                    parked = draw()
             spawner.advance(interval)
 
 

@@ -29,8 +29,7 @@ from coview.progress_bar import progress_bar
 
 Method = Literal[
     "portfolio", "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "hits",
-    "cheapest", "nsga2", "cmaes", "gradient", "ppo",
-]  # fmt: skip
+    "cheapest", "nsga2", "cmaes", "gradient", "ppo"]  # fmt: skip
 
 
 def search(
@@ -151,6 +150,7 @@ def search(
     for name, weight in (("--comm", comm), ("--price", price), ("--seed", seed), ("--money", money)):
         check_least(name, weight, 0)
     check_share("--confidence", confidence)
+    thresholds = iou_range(iou)
     check_schemes([scheme])
     profiles = sensor_errors(errors, errors_by)
     chosen: str = method or usual_method(fidelity, verify=verify is not None, at_least=at_least is not None)
@@ -189,7 +189,7 @@ def search(
         detector=own, surrogate=surrogate, table=table, policy=policy, demand=demand, currency=currency, curve=curve,
         limits={"seconds": seconds, "evaluations": evaluations},
         settings={
-            "most_price": math.inf if money is None else money, "iou": iou_range(iou), "seed": seed, "cache": cache,
+            "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
             "failing": Failing(0 if demand else failing, failures), "workers": workers, "ray": ray, "classes": counted,
             "levels": TrafficLevels(1 if demand else levels, levels_by), "codec": codec_named(codec),
         },

@@ -121,19 +121,19 @@ def show(name: str, result: Result) -> None:
     )
 
 
+def beside_learning(asked: argparse.Namespace, objective: Objective) -> None:
+    """The searches that a policy which learns is set beside."""
+    first = greedy.search(objective, asked.budget)
+    answered("greedy", objective, objective.candidates.select(first.best.subset).sensors, "of the pool")
+    for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
+        found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
+        answered(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
+
+
 def by_learning(asked: argparse.Namespace, objective: Objective) -> None:
-    """A policy that learns, or the searches that it is set beside."""
+    """A policy that learns."""
     register()
     settings: dict[str, Any] = {"frames": asked.frames, "candidates": "pool", "iou": asked.iou}
-    first = greedy.search(objective, asked.budget)
-    answered(
-        "greedy", objective, first.sensors or objective.candidates.select(first.best.subset).sensors, "of the pool"
-    )
-    if asked.learner == "none":
-        for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
-            found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
-            answered(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
-        return
     env = Best(
         gym.make(
             "coview/SensorPose-v0", site=asked.site, budget=asked.budget, rendering="panorama",
@@ -175,7 +175,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     objective = Objective(asked.site, asked.frames, candidates="pool", iou=asked.iou)
-    (by_search if asked.learner is None else by_learning)(asked, objective)
+    {None: by_search, "none": beside_learning}.get(asked.learner, by_learning)(asked, objective)
 
 
 if __name__ == "__main__":

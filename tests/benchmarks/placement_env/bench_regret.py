@@ -122,13 +122,9 @@ class Judging:
         return made if self.scheme == "early" else {name: made[name] for name in ("greedy", "swap", "cpsat")}
 
     def others(self, k: int, near: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Sets drawn at random, one sensor to a mount, and neighbours of one."""
+        """Sets drawn at random, and neighbours of one."""
         rng, mount = np.random.default_rng([self.seed, k]), self.candidates.mount
-        found = []
-        for _ in range(RANDOM):
-            members = rng.permutation(len(mount))
-            _, first = np.unique(mount[members], return_index=True)
-            found.append(tuple(sorted(members[np.sort(first)][:k].tolist())))
+        found = [self._drawn(rng, k) for _ in range(RANDOM)]
         for _ in range(NEAR):
             kept = list(near)
             kept.pop(int(rng.integers(len(kept))))
@@ -137,14 +133,15 @@ class Judging:
         return found
 
     def drawn(self, count: int) -> list[tuple[int, ...]]:
-        """Sets of 1 to 8 sensors in turn, drawn at random, one sensor to a mount."""
-        rng, mount = np.random.default_rng([self.seed, count]), self.candidates.mount
-        found = []
-        for turn in range(count):
-            members = rng.permutation(len(mount))
-            _, first = np.unique(mount[members], return_index=True)
-            found.append(tuple(sorted(members[np.sort(first)][: 1 + turn % MOST_DRAWN].tolist())))
-        return found
+        """Sets of 1 to `MOST_DRAWN` sensors in turn, drawn at random."""
+        rng = np.random.default_rng([self.seed, count])
+        return [self._drawn(rng, 1 + turn % MOST_DRAWN) for turn in range(count)]
+
+    def _drawn(self, rng: np.random.Generator, k: int) -> tuple[int, ...]:
+        """A set drawn at random, one sensor to a mount."""
+        members = rng.permutation(len(self.candidates))
+        _, first = np.unique(self.candidates.mount[members], return_index=True)
+        return tuple(sorted(members[np.sort(first)][:k].tolist()))
 
     def row_of(self, subset: tuple[int, ...]) -> np.ndarray:
         """A set as a row of booleans."""
