@@ -24,6 +24,7 @@ from toolkit.sites.surroundings import Road
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
+OUTLINE_GRID = 1e-3  # m, on which outlines lie
 SLIVER = 0.2  # m, half the width of the thinnest footway that is kept
 THINNEST_ROAD = 0.5  # m, half the width of the thinnest carriageway that is kept
 ISLET = 20.0  # m², of a footway in the middle of a carriageway that is a fault of the network's corners
@@ -89,7 +90,7 @@ def whole_road(
     stubs = _closed(closed, STUB).difference(closed).intersection(walk)
     walk = _opened(walk.difference(closed.union(stubs)), SLIVER)
     islets = [part for part in shapely.get_parts(walk) if part.area < ISLET and _within_road(part, closed)]
-    carriageway = shapely.union_all([closed, stubs, *islets])
+    carriageway = shapely.set_precision(shapely.union_all([closed, stubs, *islets]), OUTLINE_GRID)  # else overlays lose lanes
     between = _opened(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     pieces = within_window([lane.intersection(carriageway) for lane in lanes] + [between], window)
     carriageway = shapely.union_all([shapely.Polygon(p) for p in pieces])
@@ -178,6 +179,21 @@ def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
 def bay_outline(x: float, y: float, yaw: float) -> Float64[np.ndarray, "4 2"]:
     """The corners of a parking bay."""
     return f.block(MAP_BAY, (x, y), yaw)
+
+
+def free_bays(
+    bays: Sequence[tuple[float, float, float]],
+    window: shapely.Geometry,
+    solids: Sequence[Solid],
+    tracks: shapely.Geometry,
+) -> Float64[np.ndarray, "n 3"]:
+    """The bays x, y, yaw within `window` in which nothing stands and through which nobody drives."""
+    standing = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")])
+    tracks = tracks.buffer(-0.3)
+    outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in bays]
+    outlines = [(bay, shape) for bay, shape in outlines if window.contains(shape) and not standing.intersects(shape)]
+    free = [bay for bay, shape in outlines if not tracks.intersects(shape.buffer(-0.25))]  # corners of slanted bays
+    return np.array(free, np.float64).reshape(-1, 3).round(4)
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:

@@ -25,6 +25,7 @@ from toolkit.sites.imported import (
     bay_outline,
     bays_along,
     driven,
+    free_bays,
     furnished,
     junction_corners,
     kerbstones,
@@ -32,11 +33,12 @@ from toolkit.sites.imported import (
     turning,
     whole_road,
 )
-from toolkit.sites.network import MOTOR, convert, road_polygons, within_window
+from toolkit.sites.network import MOTOR, convert, polygons_in, road_polygons, within_window
 from toolkit.sites.opendrive import extract as opendrive
 from toolkit.sites.opendrive import placed
 from toolkit.sites.opendrive.header import opendrive_header, usable
 from toolkit.sites.osm import extract as osm
+from toolkit.sites.osm import parking as osm_parking
 from toolkit.sites.osm import roads as osm_roads
 from toolkit.sites.osm import solids as osm_solids
 from toolkit.sites.site import Mount, Relief, Site, Solid
@@ -141,7 +143,7 @@ def import_opendrive(
     solids, notes = placed.off_the_road(there, reach, lanes, tracks)
     relief, said = _slope(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
     site, notes = replace(site, relief=relief), [*notes, *said]
-    site = replace(site, lanes=lanes, footways=footways, parking=placed.free_bays(there, reach, solids, tracks))
+    site = replace(site, lanes=lanes, footways=footways, parking=free_bays(there.bays, reach, solids, tracks))
     return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
 
 
@@ -172,9 +174,9 @@ def import_osm(
     """The site `size` (m along x and y) at `centre` (longitude, latitude) of an OpenStreetMap file (.osm, .osm.gz), x
     along `heading` (rad counter-clockwise from east).
 
-    Roads, footways, buildings with heights, walls, fences, hedges, trees and lamp posts come from the map; mounts are
-    on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. `seed`: what the map is silent of is
-    drawn from it, and said in a warning; None leaves it bare. What the map holds and the site cannot
+    Roads, footways, parking along kerbs, buildings with heights, walls, fences, hedges, trees and lamp posts come from
+    the map; mounts are on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. `seed`: what the map
+    is silent of is drawn from it, and said in a warning; None leaves it bare. What the map holds and the site cannot
     (tunnels, bridges over a road, buildings over a road) is left out with a warning.
     Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
     """
@@ -182,21 +184,27 @@ def import_osm(
     longitude, latitude = _check_place(centre, size, heading)
     extract = osm.read_map(path, (longitude, latitude), heading)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
-    pieces, notes = osm_roads.roads(extract, shapely.Polygon(_corners(area, REACH)), lefthand=lefthand)
+    within = shapely.Polygon(_corners(area, REACH))
+    pieces, notes = osm_roads.roads(extract, within, lefthand=lefthand)
     if not pieces:
         raise ValueError(_no_road(path, (longitude, latitude)))
+    parking = osm_parking.parking_beside(extract, osm_roads.ROADS, within, lefthand=lefthand)
+    map_SE3_site, driving = pose(yaw=heading), ["--lefthand"] if lefthand else []
     with tempfile.TemporaryDirectory() as folder:
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
         streets.write_text(osm_roads.written(pieces, extract), encoding="utf-8")
         types.write_text(osm_roads.road_types(), encoding="utf-8")
         on_earth = projection(longitude, latitude)
-        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS]
-        network = _converted([*options, *(["--lefthand"] if lefthand else [])], path, (longitude, latitude))
-    map_SE3_site = pose(yaw=heading)
+        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
+        options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
+        network = _in_site_frame(_converted(options, path, (longitude, latitude)), map_SE3_site)
+        if parking and (strips := osm_parking.strips(network, parking)):
+            options = [*osm_parking.widened(Path(folder), strips), "--no-warnings", *driving]
+            network = _in_site_frame(_converted(options, path, (longitude, latitude)), map_SE3_site)
     site = Site(
         name=name or path.name.partition(".")[0],
         area=area,
-        network=_in_site_frame(network, map_SE3_site),
+        network=network,
         map_SE3_site=map_SE3_site,
         geo_reference=on_earth,
     )
@@ -213,13 +221,12 @@ def import_osm(
     solids += osm_solids.barriers(extract, window, beside) + osm_solids.trees(extract, window, beside)
     posts, lamps = osm_solids.furniture(extract, window, _union(lanes).union(houses))
     walked = [shapely.Polygon(p).difference(street_lanes) for p in (*footways, *squares)]
-    paved = [shapely.Polygon(p) for p in lanes]
-    lanes, footways = whole_road(
-        paved, walked, driven(site.network), shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
-    )
+    paved, tracks = [shapely.Polygon(p) for p in lanes], driven(site.network)
+    lanes, footways = whole_road(paved, walked, tracks, window)
     taken = _union([solid.footprint for solid in (*solids, *posts)]).union(_union(lanes)).buffer(0.2)
     bays = np.array(osm_solids.bays(extract, window, taken), np.float64).reshape(-1, 3)
-    site = replace(site, lanes=lanes, footways=footways, parking=bays)
+    at_kerbs = free_bays(osm_parking.bays_on_strips(site.network, parking), window, [*solids, *posts], tracks)
+    site = replace(site, lanes=lanes, footways=footways, parking=np.concatenate([bays, at_kerbs]))
     said = [*notes, *cut]
     return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
 
@@ -350,8 +357,7 @@ def _repaired(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]
     shape = shapely.Polygon(outline.round(3))
     if shape.is_valid:
         return outline
-    parts = shapely.get_parts(shapely.set_precision(shapely.make_valid(shape), 1e-3))
-    polygons = [p for part in parts for p in shapely.get_parts(part) if p.geom_type == "Polygon" and p.area > 0]
+    polygons = [p for p in polygons_in(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
     strip = shapely.LineString(outline).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
     return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
 

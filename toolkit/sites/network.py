@@ -199,9 +199,13 @@ def points_of(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
 def within_window(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
     """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
-    parts = (part for shape in cut for part in shapely.get_parts(shape) if part.geom_type == "Polygon")
-    simple = (piece for part in parts for piece in _without_holes(part) if piece.area > 0.1)
-    return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple)
+    simple = (piece for shape in cut for part in polygons_in(shape) for piece in _without_holes(part))
+    return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1)
+
+
+def polygons_in(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    """The polygons of any geometry, also those of a multipolygon within a collection."""
+    return [part for part in shapely.get_parts(shapely.get_parts(shape)) if part.geom_type == "Polygon"]
 
 
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
@@ -213,8 +217,7 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     halves = (
         polygon.intersection(half) for half in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
     )
-    parts = [part for half in halves for part in shapely.get_parts(half) if part.geom_type == "Polygon"]
-    return [piece for part in parts for piece in _without_holes(part)]
+    return [piece for half in halves for part in polygons_in(half) for piece in _without_holes(part)]
 
 
 def _xml(root: str, elements: Iterable[str]) -> str:

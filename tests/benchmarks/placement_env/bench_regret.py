@@ -210,7 +210,7 @@ def run(judging: Judging, k: int, rows: Rows) -> None:
                 kind="search", method=name, **at, subset=list(found.best.subset), predicted=predicted,
                 seconds=round(found.seconds, 2), evaluations=found.evaluations,
             )  # fmt: skip
-    if judging.scheme == "early" and not rows.find(kind="portfolio", **at):
+    if not rows.find(kind="portfolio", **at):
         rows.add(kind="portfolio", **at, **_portfolio(judging, k))
     answers = [tuple(row["subset"]) for kind in ("portfolio", "search") for row in rows.find(kind=kind, **at)]
     greedy = tuple(rows.find(kind="search", method="greedy", **at)[0]["subset"])

@@ -23,14 +23,14 @@ LEAST = 4  # sets that a correlation needs
 def figures(rows: Sequence[Row]) -> list[str]:
     """The lines to print."""
     lines: list[str] = []
-    early = [row for row in rows if row["scheme"] == "early"]
-    if any(row["kind"] == "portfolio" for row in early):
-        lines += [*_portfolios(early), "", *_curses(early), ""]
     for scheme in ("early", "late"):
-        sets = [row for row in rows if row["kind"] == "set" and row["scheme"] == scheme]
+        of_scheme = [row for row in rows if row["scheme"] == scheme]
+        if any(row["kind"] == "portfolio" for row in of_scheme):
+            lines += [f"{scheme} fusion", *_portfolios(of_scheme), "", *_curses(of_scheme), ""]
+        sets = [row for row in of_scheme if row["kind"] == "set"]
         if sets:
             lines += [*_correlations(sets, scheme), "", *_of_each_site(sets), ""]
-    small = [row for row in early if row["kind"] == "set"]
+    small = [row for row in rows if row["kind"] == "set" and row["scheme"] == "early"]
     return lines + (_of_small(small) if small else [])
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.sites.imported import bay_outline
 from toolkit.sites.opendrive.extract import MapRoad
 from toolkit.sites.opendrive.standing import Standing, standing_beside
 from toolkit.sites.site import Solid
@@ -49,15 +48,3 @@ def off_the_road(
         listed = ", ".join(f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12])
         notes.append(f"objects of types that are not known were left out: {listed}")
     return kept, notes
-
-
-def free_bays(
-    there: Standing, window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
-) -> Float64[np.ndarray, "n 3"]:
-    """The bays within `window` in which nothing stands and through which nobody drives."""
-    taken = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")]).union(
-        tracks.buffer(-0.3)
-    )
-    outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in there.bays]
-    free = [bay for bay, shape in outlines if window.contains(shape) and not taken.intersects(shape)]
-    return np.array(free, np.float64).reshape(-1, 3).round(4)

@@ -20,6 +20,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.sites.georeference import inverse_project, project
+from toolkit.sites.network import polygons_in
 
 Tags = Mapping[str, str]
 
@@ -194,6 +195,4 @@ def _rings(ways: Iterable[Way]) -> shapely.Geometry:
 
 
 def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    whole = shapely.make_valid(shape)
-    pieces = [p for part in shapely.get_parts(whole) for p in shapely.get_parts(part)]
-    return [piece for piece in pieces if piece.geom_type == "Polygon" and piece.area > 0.1]
+    return [piece for piece in polygons_in(shapely.make_valid(shape)) if piece.area > 0.1]

@@ -14,11 +14,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import shapely
 
-from toolkit.sites.network import MOTOR
+from toolkit.sites.network import MOTOR, polygons_in
 from toolkit.sites.osm.extract import Extract, Tags, Way, degrees_of, metres
 
 # class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
-_ROADS = {
+ROADS = {
     "motorway": (2, 36.1, 14, False),
     "trunk": (2, 27.8, 13, False),
     "primary": (1, 13.9, 12, True),
@@ -31,7 +31,7 @@ _ROADS = {
     "service": (1, 5.6, 4, False),
     "cycleway": (1, 5.6, 2, False),
 }
-_ROADS |= {f"{kind}_link": _ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
+ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _PASSED_ON = ("oneway", "junction", "lanes", "lanes:forward", "lanes:backward", "maxspeed")
 _SIDES = ("both", "left", "right", "no")
@@ -40,7 +40,7 @@ _SIDES = ("both", "left", "right", "no")
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
     """The roads for vehicles within `window`, cut at its edge, with the tags netconvert is to see; and notes on what
     was left out: tunnels, and bridges over another road."""
-    drivable = [way for way in extract.ways if way.tags.get("highway") in _ROADS and not _skipped(way.tags)]
+    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _skipped(way.tags)]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _above(way.tags)]
@@ -62,7 +62,7 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
             width = np.clip(metres(way.tags.get("width", "")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
     clipped = [shape.intersection(window) for shape in shapes if shape.intersects(window)]
-    return [part for shape in clipped for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    return [part for shape in clipped for part in polygons_in(shape)]
 
 
 def written(pieces: Iterable[Way], extract: Extract) -> str:
@@ -88,7 +88,7 @@ def road_types() -> str:
     rows = [
         f'<type id="highway.{kind}" numLanes="{lanes}" speed="{speed}" priority="{priority}" oneway="false" '
         f'width="{1.8 if kind == "cycleway" else 3.25}" allow="{_users(kind)}"/>'
-        for kind, (lanes, speed, priority, _) in _ROADS.items()
+        for kind, (lanes, speed, priority, _) in ROADS.items()
     ]
     return "\n".join(["<types>", *rows, "</types>\n"])
 
@@ -161,7 +161,7 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
     if passed.get("oneway") == "-1" or tags.get("oneway") == "reverse" or (ring and "oneway" not in passed):
         passed["oneway"] = "yes"
     usual = ("left" if lefthand else "right") if ring else "both"
-    side = _sidewalk(tags) or (usual if _ROADS[kind][3] else "no")
+    side = _sidewalk(tags) or (usual if ROADS[kind][3] else "no")
     return {"highway": kind, **passed, "sidewalk": side}
 
 

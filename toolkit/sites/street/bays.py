@@ -38,11 +38,22 @@ def kerb_bays(
 def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
     """Middles x, y and headings of all bays that fit on a strip, from the junction on."""
     line = shapely.LineString(strip[0])
-    slant = np.deg2rad(angle)
-    every = BAY[0] + 0.4 if angle == 0 else BAY[1] / np.sin(slant)
-    at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), every)
+    at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
-    return (stood_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)  # the kerb is to the right
+    return (stood_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)  # the kerb is to the right
+
+
+def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Float64[np.ndarray, "n 3"]:
+    """Middles x, y and headings of all bays that fit on a strip along `line` (as traffic goes) from junction to
+    junction."""
+    at = np.arange(_CLEAR + BAY[0] / 2, line.length - _CLEAR - BAY[0] / 2, _spacing(angle))
+    slant = np.deg2rad(-angle if kerb_left else angle)
+    return (stood_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)
+
+
+def _spacing(angle: int) -> float:
+    """From bay to bay along the kerb (m)."""
+    return BAY[0] + 0.4 if angle == 0 else BAY[1] / float(np.sin(np.deg2rad(angle)))
 
 
 def stood_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:

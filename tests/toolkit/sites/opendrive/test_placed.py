@@ -7,7 +7,7 @@ import shapely
 from toolkit.geometry import pose
 from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.opendrive.extract import roads_near
-from toolkit.sites.opendrive.placed import free_bays, in_frame, off_the_road, understood
+from toolkit.sites.opendrive.placed import in_frame, off_the_road, understood
 from toolkit.sites.opendrive.standing import Standing
 
 WINDOW = shapely.box(-40, -40, 40, 40)
@@ -33,12 +33,6 @@ def test_what_would_stop_traffic_is_left_out_and_said():
         "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
     ]
     assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
-
-
-def test_bays_in_which_something_stands_or_drives_are_none():
-    there = Standing(bays=[(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)])
-    rows = free_bays(there, WINDOW, [post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
-    np.testing.assert_allclose(rows, [[0, 9, 0]])
 
 
 def test_damage_names_the_file(street, tmp_path):

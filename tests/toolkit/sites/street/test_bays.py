@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from toolkit.sites.furniture import rectangle
-from toolkit.sites.street.bays import ANGLES, BAY, forecourts, kerb_bays, outline, stations
+from toolkit.sites.street.bays import ANGLES, BAY, bays_between, forecourts, kerb_bays, outline, stations
 from toolkit.sites.surroundings import Plot, Road
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
@@ -37,6 +37,17 @@ def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
     assert rows[:, 0].min() > 80 - 76
     shapes = [outline(row[0], row[1], row[2], (BAY[0] - 0.2, BAY[1] - 0.2)) for row in rows]
     assert max(a.intersection(b).area for a, b in pairwise(shapes)) < 1e-6
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_bays_between_two_junctions_keep_clear_of_both(angle):
+    line = shapely.LineString(LINE)
+    right, left = bays_between(line, angle), bays_between(line, angle, kerb_left=True)
+    assert np.abs(right[:, 0]).max() < 80 - 6 - BAY[0] / 2 + 0.01
+    assert np.abs(right[:, 0]).max() > 60
+    assert np.rad2deg(right[:, 2]) == pytest.approx(-angle, abs=0.01)
+    assert np.rad2deg(left[:, 2]) == pytest.approx(angle, abs=0.01)
+    assert len(bays_between(shapely.LineString([(0, 0), (15, 0)]), angle)) == 0
 
 
 def test_the_junction_is_where_the_way_begins_for_edges_that_leave_it():
