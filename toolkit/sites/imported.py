@@ -90,7 +90,8 @@ def whole_road(
     stubs = _closed(closed, STUB).difference(closed).intersection(walk)
     walk = _opened(walk.difference(closed.union(stubs)), SLIVER)
     islets = [part for part in shapely.get_parts(walk) if part.area < ISLET and _within_road(part, closed)]
-    carriageway = shapely.set_precision(shapely.union_all([closed, stubs, *islets]), OUTLINE_GRID)  # else overlays lose lanes
+    carriageway = shapely.union_all([closed, stubs, *islets])
+    carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _opened(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     pieces = within_window([lane.intersection(carriageway) for lane in lanes] + [between], window)
     carriageway = shapely.union_all([shapely.Polygon(p) for p in pieces])
