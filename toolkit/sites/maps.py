@@ -200,7 +200,10 @@ def import_osm(
         network = _in_site_frame(_converted(options, path, (longitude, latitude)), map_SE3_site)
         if parking and (strips := osm_parking.strips(network, parking)):
             options = [*osm_parking.widened(Path(folder), strips), "--no-warnings", *driving]
-            network = _in_site_frame(_converted(options, path, (longitude, latitude)), map_SE3_site)
+            try:
+                network = _in_site_frame(convert(options), map_SE3_site)
+            except ValueError as error:
+                notes.append(f"parking along the kerbs was left out ({error})")
     site = Site(
         name=name or path.name.partition(".")[0],
         area=area,

@@ -36,7 +36,7 @@ Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: nobody pa
 
 
 class Sides(NamedTuple):
-    """Parking at the kerb of a lane and on its other side; of a line left and right."""
+    """Parking at the kerb of a lane, which is right where traffic keeps right, and on its other side."""
 
     kerb: Angle = None
     inner: Angle = None
@@ -44,31 +44,32 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True)
 class Parking:
-    """Where vehicles park along roads: each road's line with parking left and right of it, areas beside roads with
+    """Where vehicles park along roads: each road's line with the angles left and right of it, areas beside roads with
     their angles. lefthand: traffic keeps left."""
 
-    roads: tuple[tuple[shapely.LineString, Sides], ...]
+    roads: tuple[tuple[shapely.LineString, tuple[Angle, Angle]], ...]
     areas: tuple[tuple[shapely.Polygon, int], ...] = ()
     lefthand: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.areas) or any(sides != Sides() for _, sides in self.roads)
+        return bool(self.areas) or any(angles != (None, None) for _, angles in self.roads)
 
     def beside(self, lane: shapely.LineString, at: float) -> Sides:
         """Parking at the kerb and on the other side of a lane, `at` m along it."""
         spot, ahead = lane.interpolate(at), _direction(lane, at)
-        found, nearest = Sides(), _NEAR
+        tagged: tuple[Angle, Angle] = (None, None)
+        nearest = _NEAR
         for number in self._tree.query(spot, predicate="dwithin", distance=_NEAR).tolist():
-            line, sides = self.roads[number]
+            line, (left, right) = self.roads[number]
             cosine, distance = float(ahead @ _direction(line, line.project(spot))), float(line.distance(spot))
             if distance < nearest and abs(cosine) > _ALIKE:
-                found, nearest = sides if cosine > 0 else Sides(*sides[::-1]), distance
-        left = np.array([-ahead[1], ahead[0]])
-        both = [
-            self._area(spot, across) if tagged is None else tagged
-            for tagged, across in zip(found, (left, -left), strict=True)
-        ]
-        return Sides(*(both if self.lefthand else both[::-1]))
+                tagged, nearest = (left, right) if cosine > 0 else (right, left), distance
+        across = np.array([-ahead[1], ahead[0]])
+        left, right = (
+            self._area(spot, side) if angle is None else angle
+            for angle, side in zip(tagged, (across, -across), strict=True)
+        )
+        return Sides(left, right) if self.lefthand else Sides(right, left)
 
     def _area(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
         """The angle of the first area of parking from `spot` on."""
@@ -101,7 +102,7 @@ def parking_beside(extract: Extract, kinds: Collection[str], window: shapely.Geo
     ]
     near = [(line, tags) for line, tags in roads if line.intersects(window)]
     return Parking(
-        tuple((line, Sides(_side(tags, "left"), _side(tags, "right"))) for line, tags in near),
+        tuple((line, (_angle(tags, "left"), _angle(tags, "right"))) for line, tags in near),
         tuple((shape, angle) for shape, angle in areas if shape.intersects(window)),
         lefthand,
     )
@@ -195,7 +196,7 @@ def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
     return ahead / max(float(np.hypot(*ahead)), 1e-9)
 
 
-def _side(tags: Tags, side: str) -> Angle:
+def _angle(tags: Tags, side: str) -> Angle:
     """The angle at which vehicles park on a side (left, right) of a road."""
 
     def said(key: str, rest: str = "") -> str:

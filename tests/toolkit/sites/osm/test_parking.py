@@ -7,7 +7,7 @@ import shapely
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
 from toolkit.sites.imported import bay_outline, driven
-from toolkit.sites.osm.parking import Parking, Sides
+from toolkit.sites.osm.parking import Parking
 from toolkit.traffic.snapshots import simulate
 
 
@@ -131,4 +131,4 @@ def test_vehicles_park_there_and_traffic_passes(tmp_path, imported, east_west):
 def test_no_network_is_made_twice_where_nobody_parks(tmp_path, imported, east_west):
     site = imported(east_west(parking__both="no"), tmp_path)
     assert site.network == imported(east_west(), tmp_path).network
-    assert not Parking(((shapely.LineString([(0, 0), (9, 0)]), Sides()),))
+    assert not Parking(((shapely.LineString([(0, 0), (9, 0)]), (None, None)),))
