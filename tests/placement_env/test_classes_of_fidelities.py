@@ -168,11 +168,17 @@ def test_the_surrogate_of_classes_is_that_of_each_class():
         Surrogate(seen, "early", [model("vehicle"), model("pedestrian")], classes=MEAN)
 
 
-def test_a_shipped_surrogate_of_vehicles_refuses_other_classes():
-    with pytest.raises(ValueError, match=r"of tjunction for early at IoU 0.5 of cyclist: .*coview surrogate fits one"):
-        shipped_model("early", 0.5, "tjunction", label="cyclist")
-    with pytest.raises(ValueError, match="of cyclist"):
-        Objective("tjunction", 2, classes=("vehicle", "cyclist"))
+def test_a_shipped_surrogate_refuses_classes_that_it_does_not_know():
+    with pytest.raises(ValueError, match=r"of general for early at IoU 0.7 of heavy: .*coview surrogate fits one"):
+        shipped_model("early", 0.7, "general", label="heavy")
+
+
+@pytest.mark.parametrize("scheme", ["early", "late"])
+@pytest.mark.parametrize("site", ["tjunction", "roundabout"])
+def test_the_sites_own_surrogates_know_cyclists_and_pedestrians(site, scheme):
+    for label, iou in (("vehicle", 0.7), ("cyclist", 0.5), ("pedestrian", 0.5)):
+        model = shipped_model(scheme, iou, site, label=label)
+        assert (model.label, model.scheme) == (label, scheme)
 
 
 def test_files_of_surrogates_keep_their_class(tmp_path):
