@@ -148,7 +148,7 @@ def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
     assert made["chosen"]["judged"]["kind"] == "object"
     assert (made["question"]["classes"], made["question"]["combine"]) == (["vehicle", "pedestrian"], "worst")
     assert made["provenance"]["network"] == "tjunction"
-    assert made["provenance"]["search_fidelity"] == "coverage"
+    assert made["provenance"]["search_fidelity"] == "surrogate"
     assert [row["label"] for row in made["by_class"]] == ["vehicle", "cyclist", "pedestrian", "heavy"]
     for name, row in each.items():
         judged = row["judged"]
