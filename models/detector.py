@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import SupportsFloat
 
@@ -13,22 +13,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import VoxelNetConfig
-from models.network.anchors import anchors, decode, per_anchor
+from models.network.anchors import anchors
+from models.network.candidates import Candidates, all_candidates, candidates, suppressed
 from models.network.faces import measured
 from models.network.rivals import LEAST_RIVAL, contested
 from models.network.sparse import SparseVoxelNet
-from models.network.voxelnet import Prediction, VoxelNet
+from models.network.tiles import Entries, PlacedClouds, TiledVoxelNet, TilePredictions, tileable
+from models.network.voxelnet import VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_of, digest_with, load_weights
-from toolkit.arrays import Bool, Float, Float32, Int64
-from toolkit.boxes import iou_bev, nms
+from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.runtime.memory import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
-MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
-_SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more than the second
 
 
 class VoxelNetDetector:
@@ -62,6 +60,7 @@ class VoxelNetDetector:
         self.nms_threshold = nms_threshold
         self._weights = digest_of(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
+        self._tiled = TiledVoxelNet(self.network) if tileable(self.network) else None
         self.anchors = anchors(self.config).to(self.device)
         self.faces = None if network.faces is None else copy.deepcopy(network.faces).cpu().eval()
 
@@ -99,6 +98,42 @@ class VoxelNetDetector:
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
 
+    def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+        """Detect in many unions of the same clouds, such as those of all sets of a site's sensors: what the points of
+        each give together, to the rounding of float32. It takes much less time than one after the other where most
+        clouds reach a part of the area only (`models.network.tiles`)."""
+        found = [Detections.empty()] * len(unions)
+        together = [partial(_together, clouds, union) for union in unions]
+        placed = PlacedClouds.of(
+            [torch.as_tensor(each, dtype=torch.float32).to(self.device) for each in clouds], self.config
+        )
+        alone = placed.crowded(unions, self.config) if self._tiled else np.ones(len(unions), bool)
+        for row in np.flatnonzero(alone):
+            found[row] = self(together[row]())
+        reaching = (unions & (placed.counts() > 0).cpu().numpy()).any(axis=1)
+        rows = np.flatnonzero(~alone & reaching)
+        if self._tiled and len(rows):
+            for some, entries, predictions in self._tiled(placed, unions[rows]):
+                for row, boxes in zip(rows[some], self._by_union(entries, predictions), strict=True):
+                    found[row] = self._measured(
+                        self._sure(suppressed(*boxes, self.config, self.nms_threshold)), together[row]()
+                    )
+        return found
+
+    def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
+        """Boxes and scores of each union, in the order of the map."""
+        parts = []
+        for first, corner, maps in predictions:
+            part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
+            parts.append(part._replace(item=part.item + first))
+        found = Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
+        count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
+        begin = np.cumsum(count) - count
+        for of in entries.of.T:
+            row = np.repeat(begin[of] - np.cumsum(count[of]) + count[of], count[of]) + np.arange(count[of].sum())
+            rows = torch.from_numpy(row).to(found.item.device)
+            yield found.of(rows[torch.argsort(found.place[rows])]).best()
+
     def _sure(self, found: Detections) -> Detections:
         """The detections that are above the thresholds with the scores that their rivals leave them."""
         if not self.config.rivalry:
@@ -115,124 +150,11 @@ class VoxelNetDetector:
         return measured(self.faces, found, np.asarray(cloud), self.config.faces)
 
 
-def candidates(
-    prediction: Prediction,
-    anchors: Float32[Tensor, "H W A 7"],
-    config: VoxelNetConfig,
-    thresholds: Sequence[float],
-) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
-    """Per cloud, the boxes of the best anchors above the threshold of a label, and their score for each label, 0 where
-    it is not above that."""
-    count = len(config.anchor_labels)
-    logits, residuals = (per_anchor(each, count) for each in (prediction.class_logits, prediction.residuals))
-    quality, direction = (
-        None if each is None else per_anchor(each, count)[..., 0]
-        for each in (prediction.quality_logits, prediction.direction_logits)
+def _together(clouds: Sequence[np.ndarray], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
+    """The points of a union."""
+    return np.concatenate(
+        [np.zeros((0, 3), np.float32), *(cloud for cloud, among in zip(clouds, union, strict=True) if among)]
     )
-    label = torch.tensor(config.anchor_labels, device=logits.device)
-    own = torch.eye(len(config.labels), device=logits.device)
-    least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
-    found = []
-    for item, some in enumerate(hopeful(logits, least, config)):
-        cell = torch.nonzero(some, as_tuple=True)
-        at = label[cell[2]]
-        scores = _scores(logits[item][cell], None if quality is None else quality[item][cell][:, None], at, config)
-        scores = torch.where(scores > (least[at][:, None] if config.kinds else least), scores, 0.0)
-        best = scores.amax(-1)
-        chosen = torch.nonzero(best > 0)[:, 0]
-        if len(chosen) > MOST_CANDIDATES:
-            chosen = chosen[torch.topk(best[chosen], MOST_CANDIDATES).indices]
-        scores, at, cell = scores[chosen], at[chosen], tuple(axis[chosen] for axis in cell)
-        turned = None if direction is None else direction[item][cell] > 0
-        by_label = scores * own[at] if config.kinds else scores
-        found.append((decode(residuals[item][cell], anchors[cell], turned), by_label))
-    return found
-
-
-def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
-    """How sure the network is of each label at each anchor, 0 to 1; where anchors are of one class, of that alone."""
-    count = len(config.anchor_labels)
-    logits = per_anchor(prediction.class_logits, count)
-    quality = None if prediction.quality_logits is None else per_anchor(prediction.quality_logits, count)
-    return _scores(logits, quality, torch.tensor(config.anchor_labels, device=logits.device), config)
-
-
-def _scores(
-    logits: Float[Tensor, "*n K"], quality: Float[Tensor, "*n 1"] | None, label: Int64[Tensor, "*m"],
-    config: VoxelNetConfig,
-) -> Float[Tensor, "*n L"]:  # fmt: skip
-    """`label_scores` of anchors of these labels (of all anchors, or of those of a cell)."""
-    if config.head == "published":
-        return torch.softmax(logits, -1)[..., 1:]
-    scores = torch.sigmoid(logits)
-    if quality is not None and config.quality_power:
-        scores = scores * torch.sigmoid(quality) ** config.quality_power
-    return calibrated(scores, label, config)
-
-
-def calibrated(
-    scores: Float[Tensor, "*n L"], label: Int64[Tensor, "*m"], config: VoxelNetConfig
-) -> Float[Tensor, "*n L"]:
-    """Scores that say which share of the detections of that score are true, by the configuration's calibration."""
-    if not config.calibration:
-        return scores
-    slope, intercept = _calibration(label, config, scores)
-    return torch.sigmoid(torch.logit(scores, 1e-6) * slope + intercept)
-
-
-def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Slope and intercept for anchors of these labels."""
-    by_label = torch.tensor(config.calibration, dtype=like.dtype, device=like.device)
-    slope, intercept = by_label[label].T[..., None] if config.kinds else by_label.T
-    return slope, intercept
-
-
-def hopeful(
-    logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
-) -> Bool[Tensor, "B H W A"]:
-    """Anchors, hardly any, that can have a score above the least of a label: a glance at their class alone.
-
-    A predicted IoU only lowers a score. Whoever is left out would be, with all that is known of it.
-    """
-    if config.head == "published":
-        return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
-    label = torch.tensor(config.anchor_labels, device=logits.device)
-    bound = torch.logit(least[label][:, None] if config.kinds else least)
-    if config.calibration:
-        slope, intercept = _calibration(label, config, logits)
-        bound = (bound - intercept) / slope
-    bound = torch.where(bound > math.log(1e-6), bound.clamp(max=_SURE_LOGIT), -torch.inf)
-    return (logits > bound - _ROUNDING).any(-1)
-
-
-def suppressed(
-    boxes: Float[Tensor, "n 7"], scores: Float[Tensor, "n L"], config: VoxelNetConfig, nms_threshold: float
-) -> Detections:
-    """Candidates without those whose centre is outside the area, and without duplicates."""
-    xmin, ymin, xmax, ymax = config.area
-    x, y = boxes[:, 0], boxes[:, 1]
-    inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
-    best, label = scores[inside].max(1)
-    labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
-    found = Detections(boxes[inside].double().cpu().numpy(), best.double().cpu().numpy(), labels)
-    kept = nms(found.boxes, found.scores, nms_threshold, labels=found.labels)
-    return averaged(found, kept, config.averaging) if config.averaging else found[kept]
-
-
-def averaged(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """The candidates kept, each box the mean of those of its class whose footprints overlap it by more than the
-    threshold, weighted by their squared scores: neighbouring anchors err independently ("box voting", Gidaris and
-    Komodakis 2015)."""
-    boxes, best = candidates.boxes, candidates.boxes[kept]
-    together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
-    weights = np.where(together, candidates.scores**2, 0.0)
-    weights[np.arange(len(kept)), kept] = candidates.scores[kept] ** 2
-    weights /= weights.sum(axis=1, keepdims=True)
-    turn = boxes[:, 6] - best[:, 6:]
-    turn = (turn + np.pi / 2) % np.pi - np.pi / 2  # a candidate that faces the other way lies along the same line
-    mean = weights @ boxes
-    mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
-    return Detections(mean, candidates.scores[kept], candidates.labels[kept])
 
 
 def load_detector(

@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.detector import MOST_CANDIDATES, candidates, suppressed
 from models.network.anchors import anchors
+from models.network.candidates import MOST_CANDIDATES, candidates, suppressed
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.network.voxels import voxelise

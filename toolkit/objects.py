@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32, Shaped
+from toolkit.arrays import Bool, Float32, Shaped
 
 LABELS = ("vehicle", "cyclist", "pedestrian", "heavy")
 VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
@@ -111,6 +111,17 @@ class Detector(Protocol):
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
+        ...
+
+
+@runtime_checkable
+class UnionDetector(Detector, Protocol):
+    """A detector that is quicker on many unions of the same clouds than on one after the other."""
+
+    def unions(
+        self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> Sequence[Detections]:
+        """What it detects in the points of each union together, to the rounding of numbers."""
         ...
 
 

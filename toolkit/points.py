@@ -17,7 +17,7 @@ from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled, on_slope
-from toolkit.objects import Detections, Detector
+from toolkit.objects import Detections, Detector, UnionDetector
 from toolkit.sensors.model import returned
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, check_area
@@ -138,6 +138,15 @@ def detect_on_ground(detector: Detector, points: Float32[np.ndarray, "n 3"], pla
     slope = slope_of(place)
     detections = detector(levelled(points, slope))
     return detections if slope == LEVEL else replace(detections, boxes=on_slope(detections.boxes, slope))
+
+
+def detect_unions_on_ground(
+    detector: UnionDetector, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"], place: Area
+) -> list[Detections]:
+    """`detect_on_ground` in many unions of the same clouds."""
+    slope = slope_of(place)
+    found = detector.unions([levelled(cloud, slope) for cloud in clouds], unions)
+    return [each if slope == LEVEL else replace(each, boxes=on_slope(each.boxes, slope)) for each in found]
 
 
 def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:

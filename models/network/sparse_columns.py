@@ -30,16 +30,21 @@ class SparseColumns(nn.Module):
         self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())  # 3, 3, inputs, outputs
         self.bias = nn.Parameter(first.bias.detach().clone())
 
-    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K h w"]:
-        """The map after the ReLU, channels last in memory."""
-        column, key = columns(voxels, self.shape)
+    def forward(
+        self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
+    ) -> Float32[Tensor, "B K h w"]:
+        """The map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
+        shape = shape or self.shape
+        column, key = columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
         x = torch.relu_(folded_columns(features, voxels.cells[:, 3], column, self.levels, start))
-        return self._spread(x, key, voxels.items)
+        return self._spread(x, key, voxels.items, shape[:2])
 
-    def _spread(self, x: Float32[Tensor, "n I"], key: Int64[Tensor, " n"], items: int) -> Float32[Tensor, "B K h w"]:
+    def _spread(
+        self, x: Float32[Tensor, "n I"], key: Int64[Tensor, " n"], items: int, shape: tuple[int, int]
+    ) -> Float32[Tensor, "B K h w"]:
         """The convolution of columns at places `key` of the flat map."""
-        nx, ny, _ = self.shape
+        nx, ny = shape
         rows, cells = nx // 2, ny // 2
         ix, iy = key // ny % nx, key % ny
         place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2

@@ -80,13 +80,26 @@ def _inside(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
     return sides[0] & sides[1] & sides[2]
 
 
-def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
-    """The number of each point's voxel, counted z by z, then x by x (float64: a float32 1.4 is below 7 voxels)."""
+def grid_cells(
+    cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
+) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
+    """The points of a cloud inside the grid, and the indices of each one's voxel along x, y and z."""
+    cloud = cloud[_inside(cloud, config)]
+    return cloud, torch.stack(_indices(cloud, config), 1)
+
+
+def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
+    """Of each point's voxel along x, y and z (float64: a float32 1.4 is below 7 voxels)."""
     origin = (config.area[0], config.area[1], config.height[0])
-    ix, iy, iz = (
+    return [
         torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
         for axis, low, size, cells in zip(cloud.unbind(1), origin, config.voxel_size, config.grid_shape, strict=True)
-    )
+    ]
+
+
+def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
+    """The number of each point's voxel, counted z by z, then x by x."""
+    ix, iy, iz = _indices(cloud, config)
     nx, ny, _ = config.grid_shape
     return (iz * nx + ix) * ny + iy
 

@@ -39,8 +39,8 @@ from toolkit.detection.metrics import average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.detection.view import Captured, Cloud, View, together
-from toolkit.objects import LABELS, Detections, Detector, Objects, check_known
-from toolkit.points import detect_on_ground
+from toolkit.objects import LABELS, Detections, Detector, Objects, UnionDetector, check_known
+from toolkit.points import detect_on_ground, detect_unions_on_ground
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
@@ -307,6 +307,7 @@ class _Scoring:
             sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
         _, k, sets = task
         frame = _Frame(self.rules, k)
+        frame.detect_together(sets)
         return [frame.outcome(chosen) for chosen in sets], frame.new
 
 
@@ -343,10 +344,36 @@ class _Frame:
                 truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
         return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
+    def detect_together(self, sets: Sequence[tuple[int, ...]]) -> None:
+        """Detect at once for many sets what the scheme will ask for, with a detector that gains by it."""
+        rules, detector = self._rules, self._rules.detector
+        if len(sets) < 2 or not isinstance(detector, UnionDetector):
+            return
+        wanted: dict[bytes, list[Cloud]] = {}
+        for chosen in filter(None, sets):
+            for clouds in self._view.asked(partial(_fuse, rules.scheme, chosen)):
+                key, adding = self._key(clouds)
+                wanted[key] = adding
+        unknown = [key for key, kept in zip(wanted, rules.memo.get(list(wanted)), strict=True) if kept is None]
+        clouds = list(dict.fromkeys(cloud for key in unknown for cloud in wanted[key]))
+        if len(unknown) < 2 or not clouds:
+            return
+        place = {cloud: column for column, cloud in enumerate(clouds)}
+        unions = np.zeros((len(unknown), len(clouds)), bool)
+        for row, key in enumerate(unknown):
+            unions[row, [place[cloud] for cloud in wanted[key]]] = True
+        found = detect_unions_on_ground(detector, [each.points for each in clouds], unions, rules.renders.site)
+        for key, each in zip(unknown, found, strict=True):
+            self.new[key], self._detected[key] = (each.boxes, each.scores, each.labels), each
+
+    def _key(self, clouds: Sequence[Cloud]) -> tuple[bytes, list[Cloud]]:
+        """Under which detections in some clouds are kept, and those of the clouds that add points."""
+        adding = [cloud for cloud in clouds if len(cloud.points)]
+        return self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]), adding
+
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
         """What the detector says of the points of some clouds together."""
-        adding = [cloud for cloud in clouds if len(cloud.points)]
-        key = self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding])
+        key, adding = self._key(clouds)
         if key not in self._detected:
             kept = self._rules.memo.get([key])[0]
             if kept is None:
@@ -354,6 +381,10 @@ class _Frame:
                 kept = self.new[key] = found.boxes, found.scores, found.labels
             self._detected[key] = Detections(*kept)
         return self._detected[key]
+
+
+def _fuse(scheme: Scheme, chosen: tuple[int, ...], view: View) -> Fused:
+    return scheme.fuse(view, chosen)
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:

@@ -1,27 +1,17 @@
 """`VoxelNetDetector` and `load_detector`: maps become detections, files become detectors or one-line errors."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 import torch
 
 from models.config import VoxelNetConfig, road_users
-from models.detector import (
-    MOST_CANDIDATES,
-    VoxelNetDetector,
-    averaged,
-    candidates,
-    label_scores,
-    load_detector,
-    suppressed,
-)
-from models.network.anchors import anchors, encode, faces_back
+from models.detector import VoxelNetDetector, load_detector
 from models.network.rivals import LEAST_RIVAL, contested
-from models.network.voxelnet import Prediction, VoxelNet
+from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, load_weights, save_weights
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Detector
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 
@@ -35,64 +25,6 @@ def network(config=CONFIG, seed=0, logit=-1.0):
 
 def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
-
-
-def prediction_of(boxes, config=CONFIG, sure=5.0):
-    """Maps whose nearest anchors of each box hold it, as a perfect network would give them."""
-    grid, boxes = anchors(config), torch.tensor(boxes, dtype=torch.float32)
-    rows, columns, count, _ = grid.shape
-    logits = torch.full((rows, columns, count, 1), -9.0)
-    residuals, direction = torch.zeros(rows, columns, count, 8), torch.zeros(rows, columns, count)
-    quality = torch.zeros(rows, columns, count)
-    for number, box in enumerate(boxes):
-        near = (grid[..., :2] - box[:2]).norm(dim=-1) < 0.7
-        logits[near] = sure - number
-        residuals[near] = encode(box.expand_as(grid[near]), grid[near])
-        direction[near] = faces_back(box.expand_as(grid[near]), grid[near]) * 2.0 - 1
-        quality[near] = 4.0
-    shaped = [
-        each.reshape(1, rows, columns, -1).permute(0, 3, 1, 2) for each in (logits, residuals, direction, quality)
-    ]
-    return Prediction(*shaped)
-
-
-def test_perfect_maps_become_the_boxes_they_hold():
-    boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
-    found = suppressed(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
-    np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
-    turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
-    np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
-    assert np.all(np.diff(found.scores) < 0)
-
-
-def test_boxes_centred_outside_the_area_are_dropped():
-    config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
-    boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
-    found = suppressed(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
-    np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
-
-
-def test_scores_are_probabilities_and_a_quality_lowers_them():
-    prediction = prediction_of([[0.0, 0.0, 0.8, 4, 2, 1.6, 0.0]])
-    with_quality = label_scores(prediction, CONFIG)
-    without = label_scores(prediction, dataclasses.replace(CONFIG, quality_power=0.0))
-    assert torch.all((with_quality >= 0) & (with_quality <= without) & (without <= 1))
-    published = dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area)
-    logits = torch.randn(1, 4, *published.map_shape)
-    scores = label_scores(Prediction(logits, torch.zeros(1, 14, *published.map_shape)), published)
-    torch.testing.assert_close(scores[0, :, :, 1, 0], torch.softmax(logits[0, 2:], 0)[1])
-
-
-def test_averaging_weighs_by_squared_scores_and_heeds_neither_far_nor_turned_boxes():
-    best = [0.0, 0, 1, 4, 2, 1.5, 0.1]
-    beside = [0.2, 0, 1, 4, 2, 1.5, 0.1 + np.pi]  # the same line, the other way
-    across, far = [0.0, 0, 1, 4, 2, 1.5, 0.1 + np.pi / 2], [9.0, 0, 1, 4, 2, 1.5, 0]
-    found = Detections(np.array([best, beside, across, far]), np.array([0.8, 0.4, 0.7, 0.6]), np.zeros(4, np.int64))
-    mean = averaged(found, np.array([0, 3]), 0.75)
-    np.testing.assert_allclose(mean.boxes[0], [0.2 / 5, 0, 1, 4, 2, 1.5, 0.1], atol=1e-12)
-    np.testing.assert_allclose(mean.boxes[1], far)
-    np.testing.assert_array_equal(mean.scores, [0.8, 0.6])
-    assert len(averaged(Detections.empty(), np.array([], np.int64), 0.75)) == 0
 
 
 def test_it_is_a_detector_that_ignores_what_is_outside():
@@ -216,83 +148,7 @@ def test_digest_changes_with_weights_configuration_and_thresholds():
 
 
 CLASSES = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
-LEAST = (0.1, 0.1, 0.1, 0.1)
 FIRST_ANCHOR = {VEHICLE: 0, HEAVY: 2, CYCLIST: 4, PEDESTRIAN: 6}
-
-
-def class_prediction(boxes, labels, sure):
-    """Maps in which the first anchor of a class in the cells nearest to each box holds it."""
-    grid = anchors(CLASSES)
-    shape = grid.shape[:3]
-    logits, quality = torch.full((*shape, 1), -9.0), torch.full(shape, 9.0)
-    residuals, direction = torch.zeros(*shape, 8), torch.full(shape, -9.0)
-    for box, label, logit in zip(torch.tensor(boxes, dtype=torch.float32), labels, sure, strict=True):
-        anchor = FIRST_ANCHOR[label]
-        near = (grid[:, :, anchor, :2] - box[:2]).norm(dim=-1) < 0.5
-        logits[..., anchor, :][near] = logit
-        residuals[..., anchor, :][near] = encode(box.expand_as(grid[near][:, anchor]), grid[near][:, anchor])
-    maps = (logits, residuals, direction, quality)
-    return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
-
-
-def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
-    """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
-    boxes = [
-        [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
-        [-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2], [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2],
-    ]  # fmt: skip
-    labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
-    prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
-    found = suppressed(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)
-    assert found.labels.tolist() == labels
-    np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
-    expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
-    np.testing.assert_allclose(found.scores, expected, atol=1e-6)
-
-
-def test_candidates_of_a_class_have_scores_of_that_class_alone():
-    prediction = class_prediction([[0, 0, 0.9, 1.8, 0.6, 1.7, 0.3]], [CYCLIST], [3.0])
-    ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, LEAST)
-    assert len(scores) > 2
-    assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
-    assert (scores[:, 2] > 0.9).all()
-
-
-CONFIGS = {
-    "one class": CONFIG,
-    "one class, calibrated": dataclasses.replace(CONFIG, calibration=((1.4, -0.6),)),
-    "classes": CLASSES,
-    "classes, calibrated": dataclasses.replace(CLASSES, calibration=((1.5, 0.4), (0.7, -1.0), (9.0, 3.0), (0.1, 0.2))),
-    "published": dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area),
-}
-
-
-@pytest.mark.parametrize("least", [0.0, 1e-7, 0.05, 0.6, 0.9999, 1.0])
-@pytest.mark.parametrize("name", CONFIGS)
-def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
-    """Beside scores of every anchor and label, as `label_scores` has them, one that is not a number among them."""
-    config = CONFIGS[name]
-    shape, torch_rng = config.map_shape, torch.Generator().manual_seed(7)
-    count = len(config.anchor_labels)
-    widths = (count * config.classes, count * config.residuals, count, count)
-    maps = [6 * torch.randn(2, width, *shape, generator=torch_rng) for width in widths]
-    maps[0][0, 0, 3, 3] = torch.nan
-    prediction = Prediction(*maps) if config.head == "quality" else Prediction(*maps[:2])
-    scores = label_scores(prediction, config)
-    thresholds = [least] * len(config.labels)
-    found = candidates(prediction, anchors(config), config, thresholds)
-    for item, (_, by_label) in enumerate(found):
-        above = torch.where(scores[item] > least, scores[item], 0).amax(-1).flatten()
-        expected = above.sort(descending=True).values[:MOST_CANDIDATES]
-        torch.testing.assert_close(by_label.amax(-1).sort(descending=True).values, expected[expected > 0])
-
-
-def test_a_box_is_no_mean_of_other_classes():
-    box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
-    found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
-    mean = averaged(found, np.array([0, 1]), 0.75)
-    np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
-    assert mean.labels.tolist() == [VEHICLE, HEAVY]
 
 
 def test_of_several_classes_a_batch_is_its_items_and_boxes_of_a_class_keep_apart():
@@ -319,7 +175,7 @@ def test_a_configuration_has_a_threshold_that_callers_may_replace(tmp_path):
 
 
 def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
-    monkeypatch.setattr("models.detector.MOST_CANDIDATES", 10**6)
+    monkeypatch.setattr("models.network.candidates.MOST_CANDIDATES", 10**6)
     small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users())
     made = network(dataclasses.replace(small, averaging=0.0), logit=0.5)
     found = VoxelNetDetector(made)(points())

@@ -96,7 +96,8 @@ def ours_of_the_same_size() -> None:
 
 def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
-    from models.detector import candidates, load_detector, suppressed
+    from models.detector import load_detector
+    from models.network.candidates import candidates, suppressed
     from models.network.voxels import voxelise
 
     detector, points = load_detector("tjunction"), fused_cloud()
@@ -127,7 +128,7 @@ def _selective(network):
     """Let the 600 best of the anchors pass the threshold, on the benchmark's cloud."""
     import torch
 
-    from models.detector import label_scores
+    from models.network.candidates import label_scores
     from models.network.sparse import SparseVoxelNet
     from models.network.voxels import voxelise
 

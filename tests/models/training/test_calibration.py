@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.detector import calibrated
+from models.network.candidates import calibrated
 from models.network.rivals import logit, sigmoid
 from models.network.voxelnet import VoxelNet
 from models.training import calibration

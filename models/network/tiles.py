@@ -1,0 +1,315 @@
+"""`TiledVoxelNet`: the light network on many unions of the same clouds at once, such as every set of a site's sensors.
+
+A cell of a map depends on the points within some metres of it, and few sensors see anything there. So the maps are cut
+into tiles, and what several unions have the same points for is computed once: of a tile that three of eight sensors
+see, there are 8 values, not 255. Layer by layer
+
+    seen      which clouds have a point within reach of a tile, the reach growing with each convolution
+    entries   the values of a tile: unions that have the same seen clouds share one; so do all that see nothing there
+    patch     a tile of the layer before, with a border of one cell out of the tiles about it
+
+A convolution of all patches gives the entries of the next layer. The maps are those of the unions one after the other,
+to the rounding of float32.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from models.config import VoxelNetConfig
+from models.network.folding import PlainJoin, cell_by_cell
+from models.network.sparse import SparseVoxelNet
+from models.network.sparse_columns import SparseColumns
+from models.network.voxelnet import Prediction
+from models.network.voxels import Voxels, grid_cells
+from toolkit.arrays import Bool, Float32, Int64
+
+TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
+AT_ONCE = 64
+MOST_ENTRIES = 4000  # of a layer held in memory, some 100 kB each
+_STRIDES = 4  # of the coarsest block, in cells of the head's map
+
+
+class Entries(NamedTuple):
+    """The n values of a layer's tiles. tile, union: one that each is of; of: which one each tile has in each union."""
+
+    tile: Int64[np.ndarray, " n"]
+    union: Int64[np.ndarray, " n"]
+    of: Int64[np.ndarray, "tiles unions"]
+
+
+class TilePredictions(NamedTuple):
+    """Raw maps of the head for some entries. first: their number; corner: the cell of the map that each begins at."""
+
+    first: int
+    corner: Int64[Tensor, "m 2"]
+    maps: Prediction
+
+
+def tileable(network: SparseVoxelNet) -> bool:
+    """Whether a network is of the kind that this computes: columns folded, blocks added, a head of single cells."""
+    join = network.rpn.join
+    plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
+    return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
+
+
+class TiledVoxelNet:
+    """A network for inference on unions of clouds; see `tileable`."""
+
+    def __init__(self, network: SparseVoxelNet) -> None:
+        self._network, self.config = network, network.config
+        rows, columns = self.config.map_shape
+        self._map = rows, columns
+        self._grid = -(-rows // TILE), -(-columns // TILE)
+        blocks: Any = network.rpn.blocks
+        order = [[blocks[0][k] for k in network.rpn.order[0][1:]]]
+        order += [[block[k] for k in numbers] for block, numbers in zip(blocks[1:], network.rpn.order[1:], strict=True)]
+        self._blocks = order
+        join: Any = network.rpn.join
+        self._finest, *raised = join.upsample
+        self._raised = [_cell_by_cell(layer) for layer in raised]
+
+    def __call__(
+        self, placed: PlacedClouds, unions: Bool[np.ndarray, "U C"]
+    ) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
+        """Some unions after the others, as many as memory is for: which, the entries of the head's tiles, and the
+        head's maps for all of them. No voxel may be crowded in a union."""
+        seen = self._seen(placed)
+        count = len(unions)
+        while count > 1 and len(_entries(seen[-1], unions[:count]).tile) > MOST_ENTRIES:
+            count = (count + 1) // 2
+        for first in range(0, len(unions), count):
+            some = slice(first, first + count)
+            yield some, *self._maps(placed, seen, unions[some])
+
+    @torch.inference_mode()
+    def _maps(
+        self, placed: PlacedClouds, seen: list[Bool[np.ndarray, "tiles C"]], unions: Bool[np.ndarray, "U C"]
+    ) -> tuple[Entries, Iterator[TilePredictions]]:
+        strides = self._strides()
+        entries = _entries(seen[0], unions)
+        bank, size, layer, maps = _bank(self._first(placed, entries, unions), entries), TILE, 0, []
+        for block in self._blocks:
+            for conv in block:
+                layer += 1
+                after = _entries(seen[layer], unions)
+                bank = _bank(self._convolved(conv, bank, entries, after, size), after)
+                size, entries = size // strides[layer], after
+            maps.append((bank, entries))
+        return entries, self._heads(maps)
+
+    def _strides(self) -> list[int]:
+        return [2, *(conv.stride[0] for block in self._blocks for conv in block)]
+
+    def _seen(self, placed: PlacedClouds) -> list[Bool[np.ndarray, "tiles C"]]:
+        """By layer, which clouds have a point within reach of which tiles."""
+        nx, ny, _ = self.config.grid_shape
+        reach = torch.zeros(placed.clouds, nx * ny, device=placed.points.device)
+        reach[placed.cloud, placed.cells[:, 0] * ny + placed.cells[:, 1]] = 1
+        reach, size, found = reach.view(placed.clouds, 1, nx, ny), 2 * TILE, []
+        for stride in self._strides():
+            reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
+            by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
+            found.append(by_tile.view(placed.clouds, -1).T.cpu().numpy())
+        return found
+
+    def _first(
+        self, placed: PlacedClouds, entries: Entries, unions: np.ndarray
+    ) -> Iterator[Float32[Tensor, "m t t K"]]:
+        """The first convolution, of the columns in and about each entry's tile."""
+        wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
+        by_tile = placed.by_tile(self._grid)
+        for _, tiles, union in _parts(entries):
+            rows, item = by_tile.rows(tiles, unions[union])
+            corner = 2 * TILE * torch.from_numpy(self._at(tiles)).to(rows.device) - 2
+            voxels = _voxels(placed, rows, item, len(tiles), self.config)
+            features = self._network.features(voxels)
+            local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
+            middle: Any = self._network.middle
+            x = middle(features, local, (wide, wide, self.config.grid_shape[2]))
+            yield self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
+
+    def _convolved(
+        self, conv: Any, bank: Tensor, before: Entries, after: Entries, size: int
+    ) -> Iterator[Float32[Tensor, "m t t K"]]:
+        """The entries after a 3x3 convolution and its ReLU."""
+        for _, tiles, union in _parts(after):
+            patches = self._patches(bank, before, tiles, union, size)
+            x = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
+            yield self._within(x.permute(0, 2, 3, 1), tiles)
+
+    def _patches(
+        self, bank: Tensor, before: Entries, tiles: np.ndarray, union: np.ndarray, size: int
+    ) -> Float32[Tensor, "m p p K"]:
+        """Tiles of unions with a border of one cell, zeros beyond the map."""
+        patches = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3])
+        at = self._at(tiles)
+        sides = {-1: (slice(0, 1), slice(-1, None)), 0: (slice(1, -1), slice(None)), 1: (slice(-1, None), slice(0, 1))}
+        for dx, (to_x, from_x) in sides.items():
+            for dy, (to_y, from_y) in sides.items():
+                x, y = at[:, 0] + dx, at[:, 1] + dy
+                there = (x >= 0) & (x < self._grid[0]) & (y >= 0) & (y < self._grid[1])
+                rows = before.of[x[there] * self._grid[1] + y[there], union[there]]
+                part = bank[:, from_x, from_y][torch.from_numpy(rows).to(bank.device)]
+                patches[torch.from_numpy(there).to(bank.device), to_x, to_y] = part
+        return patches
+
+    def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
+        for first, tiles, union in _parts(maps[-1][1]):
+            yield self._head(maps, first, tiles, union)
+
+    @torch.inference_mode()
+    def _head(self, maps: list[tuple[Tensor, Entries]], first: int, tiles: Any, union: Any) -> TilePredictions:
+        fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
+        x = _cells(self._finest, fine)
+        for conv, y in zip(self._raised, coarser, strict=True):
+            side, k, width = y.shape[1], TILE // y.shape[1], x.shape[3]
+            raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
+            x.view(-1, side, k, side, k, width).add_(raised)
+        rpn = self._network.rpn
+        x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
+        corner = torch.from_numpy(TILE * self._at(tiles)).to(x.device)
+        return TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
+
+    def _at(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
+        """Row and column of tiles."""
+        return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
+
+    def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
+        """The same with zeros beyond the map, which convolutions find there."""
+        size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
+        at = torch.from_numpy(self._at(tiles)).to(x.device)
+        for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):
+            if not fits:
+                place = at[:, axis, None] * size + torch.arange(size, device=x.device)
+                inside = (place < cells * size // TILE).to(x.dtype)
+                x = x * (inside[:, :, None, None] if axis == 0 else inside[:, None, :, None])
+        return x
+
+
+def _parts(entries: Entries) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
+    """Some entries after the others: the number of the first, and their tiles and unions."""
+    for first in range(0, len(entries.tile), AT_ONCE):
+        yield first, entries.tile[first : first + AT_ONCE], entries.union[first : first + AT_ONCE]
+
+
+def _bank(parts: Iterable[Float32[Tensor, "_ t t K"]], entries: Entries) -> Float32[Tensor, "n t t K"]:
+    """The values of all entries of a layer, which come some after the others."""
+    first, bank = 0, torch.empty(0)
+    for part in parts:
+        bank = bank if first else part.new_empty(len(entries.tile), *part.shape[1:])
+        bank[first : first + len(part)] = part
+        first += len(part)
+    return bank
+
+
+def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
+    """A transposed convolution whose kernel is its stride, as one that gives all cells it makes of a cell as channels:
+    k, k, outputs."""
+    inputs, outputs, k, _ = layer.weight.shape
+    conv = nn.Conv2d(inputs, k * k * outputs, 1, bias=False)
+    conv.weight.data = layer.weight.detach().permute(2, 3, 1, 0).reshape(-1, inputs, 1, 1)
+    return conv.requires_grad_(False)
+
+
+def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m t t L"]:
+    """A 1x1 convolution of tiles, as of one map: they stand on each other."""
+    y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
+    return y.reshape(*x.shape[:3], -1)
+
+
+class PlacedClouds(NamedTuple):
+    """The points of all clouds within the grid, cloud after cloud: which cloud they are of, and their voxels (indices
+    along x, y and z)."""
+
+    points: Float32[Tensor, "n 3"]
+    cloud: Int64[Tensor, " n"]
+    cells: Int64[Tensor, "n 3"]
+    clouds: int
+
+    @staticmethod
+    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
+        """Of points in the frame of the grid, m."""
+        kept, cells = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
+        number = torch.arange(len(clouds), device=kept[0].device)
+        counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
+        return PlacedClouds(torch.cat(kept), torch.repeat_interleave(number, counts), torch.cat(cells), len(clouds))
+
+    def counts(self) -> Int64[Tensor, " C"]:
+        """Points of each cloud."""
+        return torch.bincount(self.cloud, minlength=self.clouds)
+
+    def crowded(self, unions: Bool[np.ndarray, "U C"], config: VoxelNetConfig) -> Bool[np.ndarray, " U"]:
+        """In which unions a voxel holds more points than the network takes, so that some are left out at random."""
+        nx, ny, _ = config.grid_shape
+        ix, iy, iz = self.cells.unbind(1)
+        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
+        full = torch.nonzero(count > config.max_points)[:, 0]
+        some = torch.isin(voxel, full)
+        row = torch.searchsorted(full, voxel[some])
+        by_cloud = torch.bincount(row * self.clouds + self.cloud[some], minlength=len(full) * self.clouds)
+        together = unions @ by_cloud.view(-1, self.clouds).T.cpu().numpy()
+        return (together > config.max_points).any(axis=1)
+
+    def by_tile(self, grid: tuple[int, int]) -> _ByTile:
+        """The points in and about each tile, which is two columns before it."""
+        (tx, ty), (from_x, from_y) = (self.cells[:, :2] // (2 * TILE)).T, (self.cells[:, :2] % (2 * TILE)).T
+        rows, keys = [], []
+        for dx in (0, 1):
+            for dy in (0, 1):
+                there = ((from_x >= 2 * TILE - 2) | (dx == 0)) & ((from_y >= 2 * TILE - 2) | (dy == 0))
+                there &= (tx + dx < grid[0]) & (ty + dy < grid[1])
+                some = torch.nonzero(there)[:, 0]
+                rows.append(some)
+                keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
+        row, key = torch.cat(rows), torch.cat(keys)
+        order = torch.argsort(key * max(len(self.points), 1) + row)
+        count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
+        first = np.cumsum(count) - count
+        return _ByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
+
+
+class _ByTile(NamedTuple):
+    """Points in order of their tile and cloud: the rows of each, and where a tile's of a cloud begin and how many."""
+
+    row: Int64[Tensor, " k"]
+    begin: Int64[np.ndarray, "tiles clouds"]
+    points: Int64[np.ndarray, "tiles clouds"]
+
+    def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
+        """The points of some tiles in unions, and to which of them each belongs."""
+        clouds = self.begin.shape[1]
+        count = np.where(union, self.points[tiles], 0).ravel()
+        total = int(count.sum())
+        place = np.arange(total) + np.repeat(self.begin[tiles].ravel() - np.cumsum(count) + count, count)
+        item = np.repeat(np.repeat(np.arange(len(tiles)), clouds), count)
+        return self.row[torch.from_numpy(place).to(self.row.device)], torch.from_numpy(item).to(self.row.device)
+
+
+def _voxels(placed: PlacedClouds, rows: Tensor, item: Tensor, items: int, config: VoxelNetConfig) -> Voxels:
+    """Points as the voxels of a batch."""
+    nx, ny, nz = config.grid_shape
+    ix, iy, iz = placed.cells[rows].unbind(1)
+    occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
+    plane = occupied % (nx * ny)
+    level = occupied // (nx * ny)
+    cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
+    return Voxels(placed.points[rows], voxel, cells, items)
+
+
+def _entries(seen: Bool[np.ndarray, "tiles C"], unions: Bool[np.ndarray, "U C"]) -> Entries:
+    """What unions share in each tile."""
+    tiles, count = len(seen), len(unions)
+    code = np.repeat(np.arange(tiles), count)
+    for first in range(0, unions.shape[1], 31):
+        some = slice(first, first + 31)
+        bits = (seen[:, None, some] & unions[None, :, some]) @ (1 << np.arange(len(unions.T[some])))
+        code = np.unique(code << 31 | bits.ravel(), return_inverse=True)[1]
+    _, one, of = np.unique(code, return_index=True, return_inverse=True)
+    return Entries(one // count, one % count, of.reshape(tiles, count))
