@@ -177,13 +177,22 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
     return inside
 
 
+def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
+    """For each box the rows of the points in it, in no order; coordinates that are not finite are in none.
+
+    >>> rows_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
+    [array([0])]
+    """
+    return list(_rows_inside(_points(points), check_boxes(boxes)))
+
+
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
     """Number of points in each box, as `points_in_boxes(points, boxes).sum(axis=0)` but without that array.
 
     >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     array([1])
     """
-    return np.array([len(rows) for rows in _rows_inside(_points(points), check_boxes(boxes))], np.int64)
+    return np.array([len(rows) for rows in rows_in_boxes(points, boxes)], np.int64)
 
 
 def _labels_of(labels: ArrayLike, count: int) -> np.ndarray:

@@ -22,6 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from toolkit.arrays import Float, Float32, Int64
+from toolkit.boxes import rows_in_boxes
 from toolkit.objects import LABELS, Detections, label_index
 
 STEP = 0.04  # m
@@ -138,18 +139,15 @@ def face_features(
 ) -> FaceFeatures:
     """What the points about each face of each box look like; points that are not finite are left out."""
     count = len(boxes)
-    end, side, top = np.zeros((2, count, _OWN)), np.zeros((2, count, _OWN)), np.zeros((1, count, _OWN))
-    for row, near in enumerate(_near_points(points, boxes)):
-        length, width, height = boxes[row, 3:6]
-        u, v, t = near.T
-        across, along = np.abs(v) <= width / 2 + BESIDE, np.abs(u) <= length / 2 + BESIDE
-        high, ahead, band = t > 0.5 * height, u > 0.05 * length, np.digitize(t, [0.4 * height, 0.7 * height])
-        third = np.digitize(u, [-length / 6, length / 6])
-        zone = np.where(high, 1 + ahead, 0)
-        for face, sign in enumerate((1, -1)):
-            end[face, row] = _counts(sign * u - length / 2, band, across)
-            side[face, row] = _counts(sign * v - width / 2, zone, along)
-        top[0, row] = _counts(t - height, third, across & along)
+    row, (u, v, t) = _near_points(points, boxes)
+    length, width, height = boxes[row, 3:6].T
+    across, along = np.abs(v) <= width / 2 + BESIDE, np.abs(u) <= length / 2 + BESIDE
+    band = (t >= 0.4 * height).astype(np.int64) + (t >= 0.7 * height)
+    third = (u >= -length / 6).astype(np.int64) + (u >= length / 6)
+    zone = np.where(t > 0.5 * height, 1 + (u > 0.05 * length), 0)
+    end = np.stack([_counts(sign * u - length / 2, band, across, row, count) for sign in (1, -1)])
+    side = np.stack([_counts(sign * v - width / 2, zone, along, row, count) for sign in (1, -1)])
+    top = _counts(t - height, third, across & along, row, count)[None]
     kind = np.eye(len(LABELS))[labels]
     extras = np.column_stack([np.log(boxes[:, 3:6] / [4.5, 1.8, 1.6]), kind])
     (ends, by_end), (sides, by_side), (tops, by_top) = (_with_opposite(own, extras) for own in (end, side, top))
@@ -168,26 +166,29 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
     return rows.reshape(-1, rows.shape[2]).astype(np.float32), np.tile(counted, faces).astype(np.int64)
 
 
-def _counts(distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray) -> Float[np.ndarray, " F"]:
-    """How many of the chosen points there are in each zone and step of distance."""
-    step = np.floor((distance - NEAREST) / STEP).astype(np.int64)
+def _counts(
+    distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
+) -> Float[np.ndarray, "n F"]:
+    """How many of the chosen points there are about each box (row) in each zone and step of distance."""
+    step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
-    return np.bincount(zone[inside] * BINS + step[inside], minlength=_OWN)[:_OWN].astype(np.float64)
+    place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)
+    return np.bincount(place, minlength=boxes * _OWN).reshape(boxes, _OWN).astype(np.float64)
 
 
-def _near_points(points: np.ndarray, boxes: np.ndarray) -> list[Float[np.ndarray, "k 3"]]:
-    """Per box the points on it and about it, in its own frame: u ahead and v left of its middle, t above its floor."""
-    points = points[np.isfinite(points).all(axis=1)]
-    points = points[np.argsort(points[:, 0])]
+def _near_points(
+    points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"]
+) -> tuple[Int64[np.ndarray, " m"], Float[np.ndarray, "3 m"]]:
+    """Of each box the points on it and about it: the box's row, and the points in its frame, u ahead and v left of its
+    middle, t above its floor."""
     reach = NEAREST + STEP * BINS  # of the counts, beyond a face
-    around = np.hypot(boxes[:, 3] / 2 + reach, boxes[:, 4] / 2 + reach)
-    first, last = (np.searchsorted(points[:, 0], boxes[:, 0] + sign * around) for sign in (-1, 1))
-    near = []
-    for box, begin, end in zip(boxes, first, last, strict=True):
-        (x, y, z), (cos, sin) = (points[begin:end] - box[:3]).T, (np.cos(box[6]), np.sin(box[6]))
-        u, v, t = x * cos + y * sin, y * cos - x * sin, z + box[5] / 2
-        inside = (
-            (np.abs(u) < box[3] / 2 + reach) & (np.abs(v) < box[4] / 2 + reach) & (t > FLOOR_GAP) & (t < box[5] + reach)
-        )
-        near.append(np.stack([u[inside], v[inside], t[inside]], axis=1).astype(np.float64))
-    return near
+    about = boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0])
+    found = rows_in_boxes(points, about)
+    row = np.repeat(np.arange(len(boxes)), [len(each) for each in found])
+    near = np.concatenate([np.zeros(0, np.int64), *found])
+    x, y, z = (points[near].astype(np.float64) - boxes[row, :3]).T
+    cos, sin = np.cos(boxes[:, 6])[row], np.sin(boxes[:, 6])[row]
+    u, v, t = x * cos + y * sin, y * cos - x * sin, z + boxes[row, 5] / 2
+    length, width, height = boxes[row, 3:6].T
+    inside = (np.abs(u) < length / 2 + reach) & (np.abs(v) < width / 2 + reach) & (t > FLOOR_GAP) & (t < height + reach)
+    return row[inside], np.stack([u[inside], v[inside], t[inside]])

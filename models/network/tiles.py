@@ -32,7 +32,7 @@ from toolkit.arrays import Bool, Float32, Int64
 
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
 AT_ONCE = 64
-MOST_ENTRIES = 4000  # of a layer held in memory, some 100 kB each
+MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
 _STRIDES = 4  # of the coarsest block, in cells of the head's map
 
 

@@ -22,70 +22,31 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.frame_detections import FrameDetections, Measured
 from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.traffic import scored
-from toolkit.arrays import Bool, Float32, Float64, Shaped
-from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.arrays import Bool, Float64, Shaped
 from toolkit.detection.codec import PAPER, Codec, check_codec
-from toolkit.detection.metrics import average_precision, match, precision_recall
+from toolkit.detection.metrics import average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import scheme_of
-from toolkit.detection.view import Captured, Cloud, View, together
-from toolkit.objects import LABELS, Detections, Detector, Objects, UnionDetector, check_known
-from toolkit.points import detect_on_ground, detect_unions_on_ground
+from toolkit.detection.view import Cloud
+from toolkit.objects import LABELS, Detections, Detector, check_known
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
-from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Site
 
 IOUS = (0.7, 0.8, 0.9)
 FALSE_ALARM, IGNORED = -1, -2
 AT_ONCE = 500  # sets whose outcomes are held in memory
-
-
-@runtime_checkable
-class Measured(Protocol):
-    """What candidates measure in frames at a site, such as `placement_env.fidelity.renders.Renders`."""
-
-    site: Site
-    sensors: tuple[Sensor, ...]
-    frames: int
-
-    @property
-    def digest(self) -> str:
-        """Of all that the measurements depend on but the sensors."""
-        ...
-
-    def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """The points of candidate c in frame k inside the crop, with noise."""
-        ...
-
-    def objects(self, k: int) -> Objects:
-        """All that is there in frame k."""
-        ...
-
-
-@runtime_checkable
-class MeasuredImages(Protocol):
-    """What schemes and codecs that send images need beside."""
-
-    @property
-    def scene(self) -> Callable[[int], EmptyScene]:
-        """Gives the empty scene of candidate c."""
-        ...
-
-    def captured(self, k: int, c: int) -> Captured:
-        """The image behind the points of candidate c in frame k."""
-        ...
 
 
 class Outcome(NamedTuple):
@@ -247,10 +208,31 @@ class Detected:
 
     def detections(self, chosen: tuple[int, ...], k: int) -> Detections:
         """What a set (ascending indices) detects together in frame k, in the order of its `Outcome`."""
-        frame = _Frame(self, k)
+        frame = self.frame(k)
         found = frame.fused(chosen).detections
         self.memo.put(frame.new)
         return found
+
+    def frame(self, k: int) -> FrameDetections:
+        """What is detected in frame k, set by set, with what the memo has of it."""
+
+        def key(clouds: Sequence[Cloud]) -> bytes:
+            return self.key(k, "detections", [c.sensor for c in clouds], [c.history for c in clouds])
+
+        def kept(key: bytes) -> Arrays | None:
+            return self.memo.get([key])[0]
+
+        return FrameDetections(self.renders, k, self.detector, self.scheme, self.codec, key=key, kept=kept)
+
+    def outcome(self, k: int, fused: Fused) -> Outcome:
+        """What a set detects together in frame k, matched."""
+        objects, counted = self.renders.objects(k), self.scored(k)
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
+        truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
+        for label, ious in self.thresholds:
+            for row, matched in enumerate(matches(fused.detections, objects, ious, label=label, counted=counted)):
+                truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
+        return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
         """What a value of frame k depends on, for a set of sensors."""
@@ -266,17 +248,14 @@ class Detected:
         """Those of them that are of one class."""
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
-    def iou_of(self, label: int, iou: float) -> float:
-        """The IoU threshold of a class where that of vehicles is `iou`."""
-        return self.classes.iou_of(LABELS[label], iou)
-
     def _outcome_key(self, chosen: tuple[int, ...], k: int) -> bytes:
-        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self._thresholds)
+        return self.key(k, "outcome", chosen, self.scheme.digest, self.codec.digest, self.thresholds)
 
     @property
-    def _thresholds(self) -> list[tuple[int, list[float]]]:
+    def thresholds(self) -> list[tuple[int, list[float]]]:
         """What outcomes are matched by: class after class, at which IoU thresholds."""
-        return [(label, [self.iou_of(label, iou) for iou in self.ious]) for label in self.classes.labels]
+        of = self.classes.iou_of
+        return [(label, [of(LABELS[label], iou) for iou in self.ious]) for label in self.classes.labels]
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
         if subsets.shape[1] != len(self.renders.sensors):
@@ -306,85 +285,9 @@ class _Scoring:
         if (self.rules.workers > 1 or self.rules.ray) and "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)  # a process is given to each core already
         _, k, sets = task
-        frame = _Frame(self.rules, k)
-        frame.detect_together(sets)
-        return [frame.outcome(chosen) for chosen in sets], frame.new
-
-
-class _Frame:
-    """One frame, each step done when first asked for; what is to be kept is gathered in `new`."""
-
-    def __init__(self, rules: Detected, k: int) -> None:
-        self._rules, self._k = rules, k
-        self._detected: dict[bytes, Detections] = {}
-        self.new: dict[bytes, Arrays] = {}
-        renders = rules.renders
-        images: dict[str, Any] = {}
-        if isinstance(renders, MeasuredImages):
-            images = {"capture": partial(renders.captured, k), "scene": renders.scene}
-        self._view = View(
-            renders.site, renders.sensors, measure=partial(renders.clouds, k), run=self._detections, codec=rules.codec,
-            **images,
-        )  # fmt: skip
-
-    def fused(self, chosen: tuple[int, ...]) -> Fused:
-        """What the sensors of a set detect together, and what they sent."""
-        nothing = Fused(Detections.empty(), np.zeros(0, np.int64))
-        return self._rules.scheme.fuse(self._view, chosen) if chosen else nothing
-
-    def outcome(self, chosen: tuple[int, ...]) -> Outcome:
-        """What the sensors of a set detect together, matched."""
-        fused, rules = self.fused(chosen), self._rules
-        objects, counted = rules.renders.objects(self._k), rules.scored(self._k)
-        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; the last one is that of no truth
-        truth = np.full((len(rules.ious), len(fused.detections)), IGNORED, np.int16)
-        for label in rules.classes.labels:
-            for row, iou in enumerate(rules.ious):
-                matched = match(fused.detections, objects, rules.iou_of(label, iou), label=label, counted=counted)
-                truth[row] = np.where(matched.ignored, truth[row], place[matched.truth])
-        return Outcome(fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8))
-
-    def detect_together(self, sets: Sequence[tuple[int, ...]]) -> None:
-        """Detect at once for many sets what the scheme will ask for, with a detector that gains by it."""
-        rules, detector = self._rules, self._rules.detector
-        if len(sets) < 2 or not isinstance(detector, UnionDetector):
-            return
-        wanted: dict[bytes, list[Cloud]] = {}
-        for chosen in filter(None, sets):
-            for clouds in self._view.asked(partial(_fuse, rules.scheme, chosen)):
-                key, adding = self._key(clouds)
-                wanted[key] = adding
-        unknown = [key for key, kept in zip(wanted, rules.memo.get(list(wanted)), strict=True) if kept is None]
-        clouds = list(dict.fromkeys(cloud for key in unknown for cloud in wanted[key]))
-        if len(unknown) < 2 or not clouds:
-            return
-        place = {cloud: column for column, cloud in enumerate(clouds)}
-        unions = np.zeros((len(unknown), len(clouds)), bool)
-        for row, key in enumerate(unknown):
-            unions[row, [place[cloud] for cloud in wanted[key]]] = True
-        found = detect_unions_on_ground(detector, [each.points for each in clouds], unions, rules.renders.site)
-        for key, each in zip(unknown, found, strict=True):
-            self.new[key], self._detected[key] = (each.boxes, each.scores, each.labels), each
-
-    def _key(self, clouds: Sequence[Cloud]) -> tuple[bytes, list[Cloud]]:
-        """Under which detections in some clouds are kept, and those of the clouds that add points."""
-        adding = [cloud for cloud in clouds if len(cloud.points)]
-        return self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]), adding
-
-    def _detections(self, clouds: Sequence[Cloud]) -> Detections:
-        """What the detector says of the points of some clouds together."""
-        key, adding = self._key(clouds)
-        if key not in self._detected:
-            kept = self._rules.memo.get([key])[0]
-            if kept is None:
-                found = detect_on_ground(self._rules.detector, together(adding), self._rules.renders.site)
-                kept = self.new[key] = found.boxes, found.scores, found.labels
-            self._detected[key] = Detections(*kept)
-        return self._detected[key]
-
-
-def _fuse(scheme: Scheme, chosen: tuple[int, ...], view: View) -> Fused:
-    return scheme.fuse(view, chosen)
+        frame = self.rules.frame(k)
+        frame.fuse_together(sets)
+        return [self.rules.outcome(k, frame.fused(chosen)) for chosen in sets], frame.new
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:

@@ -11,7 +11,7 @@ from models.detector import VoxelNetDetector, load_detector
 from models.network.rivals import LEAST_RIVAL, contested
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, load_weights, save_weights
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 
@@ -231,3 +231,51 @@ def test_a_file_that_lacks_its_second_stage_is_refused(tmp_path):
     save_weights(path, made, Header("general"))
     with pytest.raises(ValueError, match=r"lacks faces\.end\.0\.bias"):
         load_detector(path)
+
+
+def assert_unions(detector, clouds, unions):
+    """Of each union what its points together give."""
+    found = detector.unions(clouds, unions)
+    assert len(found) == len(unions)
+    for row, each in zip(unions, found, strict=True):
+        alone = detector(np.concatenate([np.zeros((0, 3), np.float32), *(clouds[c] for c in np.flatnonzero(row))]))
+        np.testing.assert_array_equal(each.labels, alone.labels)
+        np.testing.assert_allclose(each.boxes, alone.boxes, atol=1e-4)
+        np.testing.assert_allclose(each.scores, alone.scores, atol=1e-5)
+    return found
+
+
+EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        CONFIG,
+        dataclasses.replace(CLASSES, faces=("vehicle", "heavy"), averaging=0.7),
+        dataclasses.replace(CONFIG, max_points=2),  # voxels of some unions are crowded
+        dataclasses.replace(VoxelNetConfig.published("tjunction"), area=CONFIG.area, middle_widths=(8, 8, 8)),
+    ],
+    ids=["light", "classes, faces", "crowded", "published"],
+)
+def test_unions_are_detected_in_as_their_points_are(config):
+    detector = VoxelNetDetector(network(config, logit=0.0))
+    assert isinstance(detector, UnionDetector)
+    clouds = [points(150, seed=1), points(150, seed=2) * np.float32([0.3, 0.3, 1]), points(0)]
+    found = assert_unions(detector, clouds, EIGHT)
+    assert len(found[6]) > 0
+    assert len(found[0]) == len(found[1]) == 0
+
+
+def test_a_union_may_have_more_candidates_than_are_looked_at(monkeypatch):
+    detector = VoxelNetDetector(network(logit=1.0))
+    clouds = [points(60, seed=1), points(60, seed=2)]
+    monkeypatch.setattr("models.network.candidates.MOST_CANDIDATES", 30)
+    assert_unions(detector, clouds, EIGHT[:4, 1:])
+
+
+def test_without_unions_or_points_there_is_nothing():
+    detector = VoxelNetDetector(network())
+    assert detector.unions([points()], np.zeros((0, 1), bool)) == []
+    outside = points() + np.float32([100, 0, 0])
+    assert [len(each) for each in detector.unions([outside, points(0)], EIGHT[:4, 1:])] == [0] * 4

@@ -252,3 +252,15 @@ def test_nms_takes_a_label_for_each_box():
     assert bx.nms([CAR, CAR, CAR], [1, 2, 3], 0.5, labels=["a", "b", "a"]).tolist() == [2, 1]
     with pytest.raises(ValueError, match=r"labels must have one entry for each of the 2 boxes, got shape \(1,\)"):
         bx.nms([CAR, CAR], [1, 2], 0.5, labels=[0])
+
+
+def test_rows_in_boxes_are_those_of_the_matrix():
+    rng = np.random.default_rng(5)
+    points = rng.uniform(-6, 6, (500, 3))
+    points[::50] = np.nan, np.inf, -np.inf
+    boxes = np.column_stack([rng.uniform(-5, 5, (9, 3)), rng.uniform(0.5, 6, (9, 3)), rng.uniform(-4, 4, 9)])
+    inside = bx.points_in_boxes(points, boxes)
+    assert inside.any()
+    for row, rows in enumerate(bx.rows_in_boxes(points, boxes)):
+        assert sorted(rows) == np.flatnonzero(inside[:, row]).tolist()
+    assert bx.rows_in_boxes(points, []) == []

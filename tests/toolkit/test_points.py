@@ -5,12 +5,13 @@ from toolkit.boxes import count_points
 from toolkit.clouds import crop, from_depth, from_points, positions
 from toolkit.frame import Frame
 from toolkit.geometry import levelled, look, on_slope, pose
-from toolkit.objects import Detections, Objects
+from toolkit.objects import Detections, Objects, UnionDetector
 from toolkit.points import (
     beyond,
     centred_in,
     cropped_pixels,
     detect_on_ground,
+    detect_unions_on_ground,
     frame_points,
     inside,
     points_on,
@@ -164,3 +165,28 @@ def test_a_detector_of_level_ground_serves_on_a_slope():
     assert found.scores.tolist() == [0.9]
     np.testing.assert_allclose(detect_on_ground(detect, points, AREA).boxes[0, 2], 1.0)
     assert given[1] is points
+
+
+def test_unions_of_clouds_come_back_onto_the_slope():
+    given = []
+
+    class Detector:
+        def __call__(self, points):
+            raise AssertionError
+
+        def unions(self, clouds, unions):
+            given.append((clouds, unions))
+            return [Detections(np.array([[10.0, 20, 1, 4, 2, 1.5, 0.3]]), np.array([0.9])), Detections.empty()]
+
+    assert isinstance(Detector(), UnionDetector)
+    assert not isinstance(detect_on_ground, UnionDetector)
+    steep = Site("steep", np.array([-50.0, -50, 50, 50]), relief=Relief(0.0, 0, (0.05, -0.02)))
+    clouds = [np.array([[10.0, 20, 1.1]], np.float32), np.array([[0, 0, 1]], np.float32)]
+    unions = np.array([[True, True], [False, True]])
+    first, second = detect_unions_on_ground(Detector(), clouds, unions, steep)
+    np.testing.assert_allclose(np.concatenate(given[0][0]), [[10, 20, 1.0], [0, 0, 1]], atol=1e-6)
+    np.testing.assert_array_equal(given[0][1], unions)
+    np.testing.assert_allclose(first.boxes, [[10.0, 20, 1.1, 4, 2, 1.5, 0.3]])
+    assert len(second) == 0
+    np.testing.assert_allclose(detect_unions_on_ground(Detector(), clouds, unions, AREA)[0].boxes[0, 2], 1.0)
+    assert given[1][0][0] is clouds[0]

@@ -180,25 +180,42 @@ def match(
     >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
     array([-1,  0])
     """
+    (found,) = matches(
+        detections, truths, [iou_threshold], metric=metric, protocol=protocol, label=label, counted=counted
+    )
+    return found
+
+
+def matches(
+    detections: Detections,
+    truths: Objects,
+    iou_thresholds: Iterable[float],
+    *,
+    metric: Overlap = "3d",
+    protocol: Protocol = "exact",
+    label: str | int = "vehicle",
+    counted: ArrayLike | None = None,
+) -> Iterator[Match]:
+    """`match` at several IoU thresholds."""
     _check_names(metric, protocol)
     frame = _frame(detections, truths, label_index(label), counted)
     overlaps = _overlaps(frame, metric, protocol)
-    taken, ignored = _resolve(overlaps, _check_threshold(iou_threshold), protocol)
     rows = frame.rows[overlaps.order]
-    hitting = np.flatnonzero(taken >= 0)
-
-    result = Match(
-        truth=np.full(len(detections), -1),
-        iou=np.zeros(len(detections)),
-        ignored=np.ones(len(detections), bool),
-        hit=np.zeros(len(truths), bool),
-        scored=np.isin(np.arange(len(truths)), frame.columns),
-    )
-    result.truth[rows[hitting]] = frame.columns[taken[hitting]]
-    result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
-    result.ignored[rows] = ignored
-    result.hit[frame.columns[taken[hitting]]] = True
-    return result
+    for threshold in iou_thresholds:
+        taken, ignored = _resolve(overlaps, _check_threshold(threshold), protocol)
+        hitting = np.flatnonzero(taken >= 0)
+        result = Match(
+            truth=np.full(len(detections), -1),
+            iou=np.zeros(len(detections)),
+            ignored=np.ones(len(detections), bool),
+            hit=np.zeros(len(truths), bool),
+            scored=np.isin(np.arange(len(truths)), frame.columns),
+        )
+        result.truth[rows[hitting]] = frame.columns[taken[hitting]]
+        result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
+        result.ignored[rows] = ignored
+        result.hit[frame.columns[taken[hitting]]] = True
+        yield result
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:

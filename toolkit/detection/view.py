@@ -7,7 +7,6 @@ after the measurement, the sensors working side by side, so that a step begins w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from time import perf_counter
@@ -142,21 +141,6 @@ class View:
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
         self._sent_clouds: dict[Cloud, SentCloud] = {}
         self._sent_boxes: dict[Boxes, SentBoxes] = {}
-
-    def asked(self, fuse: Callable[[View], object]) -> list[Sequence[Cloud]]:
-        """The clouds that detection is asked for when a scheme fuses, as far as that does not depend on what is
-        detected: the scheme is told that nothing is, and nothing of it stays but what sensors measured and sent."""
-        found: list[Sequence[Cloud]] = []
-
-        def note(clouds: Sequence[Cloud]) -> Detections:
-            found.append(clouds)
-            return Detections.empty()
-
-        rehearsal = copy(self)
-        rehearsal._run, rehearsal._memory = note, {}
-        rehearsal._transmitted, rehearsal._detected, rehearsal._sent_boxes = {}, {}, {}
-        fuse(rehearsal)
-        return found
 
     def cloud(self, sensor: int) -> Cloud:
         """What a sensor measured: its points in the site's area, world frame."""

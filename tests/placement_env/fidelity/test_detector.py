@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measured
+from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected
+from placement_env.fidelity.frame_detections import Measured
 from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.renders import Renders
 from toolkit.boxes import count_points

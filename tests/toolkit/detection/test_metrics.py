@@ -11,6 +11,7 @@ from toolkit.detection.metrics import (
     average_precision,
     evaluate,
     match,
+    matches,
     precision_recall,
     reliability,
     sampled_iou,
@@ -268,9 +269,11 @@ def test_match_and_evaluate_agree(protocol):
     detections, truths = random_frames(3, frames=8)
     result = evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
     pairs = [p for p in zip(detections, truths, strict=True) if protocol == "exact" or (p[1].labels == 0).any()]
-    matches = [match(d, t, 0.5, protocol=protocol) for d, t in pairs]
-    assert sum(int(m.hit.sum()) for m in matches) == result.tp
-    assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in matches) == result.fp
+    found = [match(d, t, 0.5, protocol=protocol) for d, t in pairs]
+    assert sum(int(m.hit.sum()) for m in found) == result.tp
+    assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in found) == result.fp
+    for pair, alone in zip(pairs, found, strict=True):
+        np.testing.assert_equal(vars(list(matches(*pair, AT, protocol=protocol))[AT.index(0.5)]), vars(alone))
 
 
 def test_equal_scores_make_one_point_of_the_curve():

@@ -1,0 +1,138 @@
+"""`TiledVoxelNet` gives of every union of clouds what the network gives of its points; what is alike comes once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from models.config import VoxelNetConfig, road_users
+from models.network import tiles
+from models.network.sparse import SparseVoxelNet
+from models.network.tiles import TILE, PlacedClouds, TiledVoxelNet, tileable
+from models.network.voxels import voxelise
+
+NARROW = {"voxel_width": 8, "column_width": 8, "rpn_widths": (8, 16, 16), "upsample_width": 8}
+AREAS = {
+    "smaller than a tile": (-4.0, -3.2, 4.0, 4.8),
+    "one tile": (0.0, 0.0, 9.6, 9.6),
+    "whole tiles": (-9.6, 0.0, 19.2, 9.6),
+    "a part of a tile at each end": (-20.0, -8.0, 6.4, 14.4),
+}
+
+
+def light(area, **more):
+    return VoxelNetConfig.light(area, **(NARROW | more))
+
+
+def drawn(config, count, seed=0, n=160):
+    """Clouds that reach a part of the area each, some of which overlap; the last one has no point."""
+    rng = np.random.default_rng(seed)
+    xmin, ymin, xmax, ymax = config.area
+    centres = rng.uniform((xmin, ymin), (xmax, ymax), (count - 1, 2))
+    clouds = [np.column_stack([rng.normal(at, 2.0, (n, 2)), rng.uniform(-0.3, 4.3, n)]) for at in centres]
+    return [torch.from_numpy(cloud.astype(np.float32)) for cloud in (*clouds, np.zeros((0, 3)))]
+
+
+def whole_maps(network, clouds, unions):
+    """The head's maps of each union, put together from its tiles."""
+    config = network.config
+    (rows, columns), grid = config.map_shape, [-(-cells // TILE) for cells in config.map_shape]
+    placed = PlacedClouds.of(clouds, config)
+    assert not placed.crowded(unions, config).any()
+    found, entries_there = {}, 0
+    for some, entries, predictions in TiledVoxelNet(network)(placed, unions):
+        parts = list(predictions)
+        joined = [
+            None if maps[0] is None else torch.cat(maps) for maps in zip(*(each.maps for each in parts), strict=True)
+        ]
+        corner = torch.cat([each.corner for each in parts])
+        assert [each.first for each in parts] == list(np.cumsum([0, *(len(each.corner) for each in parts[:-1])]))
+        entries_there += len(entries.tile)
+        for union, of in zip(np.arange(len(unions))[some], entries.of.T, strict=True):
+            for number, maps in enumerate(joined):
+                if maps is None:
+                    continue
+                full = torch.full((maps.shape[1], grid[0] * TILE, grid[1] * TILE), torch.nan)
+                for entry in of:
+                    x, y = corner[entry]
+                    full[:, x : x + TILE, y : y + TILE] = maps[entry]
+                found[union, number] = full[:, :rows, :columns]
+    return found, entries_there
+
+
+def assert_maps_are_those_of_the_network(network, clouds, unions):
+    found, entries = whole_maps(network, clouds, unions)
+    for union, row in enumerate(unions):
+        points = torch.cat([torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, row, strict=True) if among)])
+        for number, maps in enumerate(network(voxelise(points, network.config))):
+            if maps is not None:
+                torch.testing.assert_close(found[union, number], maps[0], atol=1e-4, rtol=0)
+    return entries
+
+
+@pytest.mark.parametrize("name", AREAS)
+def test_maps_of_every_union_are_those_of_its_points(name, trained):
+    network = SparseVoxelNet(trained(light(AREAS[name])))
+    clouds = drawn(network.config, 4)
+    assert_maps_are_those_of_the_network(network, clouds, np.array(list(np.ndindex(2, 2, 2, 2)), bool))
+
+
+def test_several_classes_several_rounds_of_layers_and_more_clouds_than_a_number_has_bits(trained):
+    config = light((-10.0, -10.0, 12.0, 10.0), **road_users(), rpn_layers=((0, 1, 1), (0, 1, 2), (0, 1)))
+    network = SparseVoxelNet(trained(config))
+    clouds = drawn(config, 70, n=12)
+    unions = np.random.default_rng(1).random((9, 70)) < 0.3
+    unions[1] = unions[0]
+    unions[1, [0, 35, 68]] ^= True  # they differ by clouds of each word of the number
+    assert_maps_are_those_of_the_network(network, clouds, unions)
+
+
+def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
+    network = SparseVoxelNet(trained(light(AREAS["whole tiles"])))
+    clouds = drawn(network.config, 6)
+    unions = np.random.default_rng(3).permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))
+    at_once = assert_maps_are_those_of_the_network(network, clouds, unions)
+    monkeypatch.setattr(tiles, "MOST_ENTRIES", 8)
+    monkeypatch.setattr(tiles, "AT_ONCE", 3)
+    assert assert_maps_are_those_of_the_network(network, clouds, unions) > at_once
+
+
+def test_what_unions_see_alike_is_computed_once(trained):
+    """Eight clouds, each in the middle of a tile of its own that is far from the next: 255 unions, 8 tiles with points
+    and the 8 about each that its points reach, of which each has two values."""
+    config = light((0.0, 0.0, 3 * 9.6, 24 * 9.6))
+    network = SparseVoxelNet(trained(config))
+    middles = [(1.5 * 9.6, (3 * k + 1.5) * 9.6) for k in range(8)]
+    clouds = [torch.tensor([[x, y, 1.0], [x, y + 0.3, 2.0]]) for x, y in middles]
+    unions = np.array(list(np.ndindex(*(2,) * 8)), bool)
+    placed = PlacedClouds.of(clouds, config)
+    ((some, entries, predictions),) = TiledVoxelNet(network)(placed, unions)
+    computed = sum(len(each.corner) for each in predictions)
+    assert (some.start, entries.of.shape) == (0, (72, 256))
+    assert computed == len(entries.tile) <= 2 * 72
+    assert computed >= 72 + 8
+
+
+def test_a_crowded_voxel_is_one_with_the_points_of_all_clouds_of_a_union():
+    config = replace(light((0.0, 0.0, 8.0, 8.0)), max_points=5)
+    clouds = [torch.tensor([[1.1, 1.1, 0.2]]).repeat(n, 1) for n in (3, 2, 4)] + [
+        torch.rand(9, 3) * 3 + 3 - torch.tensor([0, 0, 2.5])
+    ]
+    unions = np.array([[1, 1, 0, 1], [1, 0, 1, 0], [0, 1, 1, 0], [0, 0, 1, 1], [0, 0, 0, 0]], bool)
+    placed = PlacedClouds.of(clouds, config)
+    assert placed.crowded(unions, config).tolist() == [False, True, True, False, False]
+    assert placed.counts().tolist() == [3, 2, 4, 9]
+
+
+@pytest.mark.parametrize(
+    ("config", "whether"),
+    [
+        (light((0, 0, 8, 8)), True),
+        (light((0, 0, 8, 8), head3x3=16), False),
+        (light((0, 0, 8, 8), upsample="concatenate"), False),
+        (VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0)), False),
+    ],
+)
+def test_which_networks_it_computes(config, whether, trained):
+    assert tileable(SparseVoxelNet(trained(config))) == whether
