@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import SupportsFloat
 
@@ -24,6 +23,7 @@ from models.network.voxels import collate, voxelise
 from models.weight_files import digest_of, digest_with, load_weights
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
+from toolkit.points import union_of
 from toolkit.runtime.memory import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -103,20 +103,19 @@ class VoxelNetDetector:
         each give together, to the rounding of float32. It takes much less time than one after the other where most
         clouds reach a part of the area only (`models.network.tiles`)."""
         found = [Detections.empty()] * len(unions)
-        together = [partial(_together, clouds, union) for union in unions]
         placed = PlacedClouds.of(
             [torch.as_tensor(each, dtype=torch.float32).to(self.device) for each in clouds], self.config
         )
         alone = placed.crowded(unions, self.config) if self._tiled else np.ones(len(unions), bool)
         for row in np.flatnonzero(alone):
-            found[row] = self(together[row]())
+            found[row] = self(union_of(clouds, unions[row]))
         reaching = (unions & (placed.counts() > 0).cpu().numpy()).any(axis=1)
         rows = np.flatnonzero(~alone & reaching)
         if self._tiled and len(rows):
             for some, entries, predictions in self._tiled(placed, unions[rows]):
                 for row, boxes in zip(rows[some], self._by_union(entries, predictions), strict=True):
                     found[row] = self._measured(
-                        self._sure(suppressed(*boxes, self.config, self.nms_threshold)), together[row]()
+                        self._sure(suppressed(*boxes, self.config, self.nms_threshold)), union_of(clouds, unions[row])
                     )
         return found
 
@@ -148,13 +147,6 @@ class VoxelNetDetector:
         if self.faces is None:
             return found
         return measured(self.faces, found, np.asarray(cloud), self.config.faces)
-
-
-def _together(clouds: Sequence[np.ndarray], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
-    """The points of a union."""
-    return np.concatenate(
-        [np.zeros((0, 3), np.float32), *(cloud for cloud, among in zip(clouds, union, strict=True) if among)]
-    )
 
 
 def load_detector(

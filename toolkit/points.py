@@ -149,6 +149,16 @@ def detect_unions_on_ground(
     return [each if slope == LEVEL else replace(each, boxes=on_slope(each.boxes, slope)) for each in found]
 
 
+def union_of(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
+    """The points of the clouds of a union together, in their order.
+
+    >>> union_of([np.zeros((2, 3)), np.ones((1, 3)), np.zeros((4, 3))], np.array([True, True, False])).shape
+    (3, 3)
+    """
+    among = [cloud for cloud, chosen in zip(clouds, union, strict=True) if chosen]
+    return np.concatenate(among) if among else np.zeros((0, 3), np.float32)
+
+
 def centred_in(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
     """Which boxes have their centre in the area, its edge included, at any height."""
     (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()

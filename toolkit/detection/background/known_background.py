@@ -8,6 +8,7 @@ points is left out. It costs no recall but for who was there while the site was 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,8 @@ from toolkit.arrays import Bool, Float
 from toolkit.boxes import count_points
 from toolkit.detection.background.background import Background
 from toolkit.detection.provenance import detector_origin
-from toolkit.objects import Detections, Detector
+from toolkit.objects import Detections, Detector, UnionDetector
+from toolkit.points import union_of
 
 LEAST_NEW = 0.2  # share of the points in a box that the background does not hold, from which on somebody is in it
 
@@ -58,11 +60,30 @@ class KnownBackground:
         found = self.detector(points)
         return found[self.somebody(found, points)]
 
+    def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+        """Detect in many unions of the same clouds, at once if the detector can."""
+        if isinstance(self.detector, UnionDetector):
+            found = self.detector.unions(clouds, unions)
+        else:
+            found = [self.detector(union_of(clouds, union)) for union in unions]
+        new = [self._new(cloud) for cloud in clouds]
+        somebody = (
+            self._filled(each, union_of(clouds, union), union_of(new, union))
+            for each, union in zip(found, unions, strict=True)
+        )
+        return [each[rows] for each, rows in zip(found, somebody, strict=True)]
+
     def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
         """Which detections hold enough points, and one at least, that are not background."""
-        if not len(found):
-            return np.zeros(0, bool)
+        return self._filled(found, points, self._new(points)) if len(found) else np.zeros(0, bool)
+
+    def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
+        """The points that are not background."""
         finite = points[np.isfinite(points).all(axis=1)]
-        there = count_points(finite, found.boxes)
-        new = count_points(finite[~self.background.holds(finite)], found.boxes)
-        return np.asarray((new > 0) & (new >= self.least * there))
+        return finite[~self.background.holds(finite)]
+
+    def _filled(
+        self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]
+    ) -> Bool[np.ndarray, " n"]:
+        there, not_background = count_points(points, found.boxes), count_points(new, found.boxes)
+        return np.asarray((not_background > 0) & (not_background >= self.least * there))

@@ -7,6 +7,7 @@ from toolkit.detection.background.background import Background
 from toolkit.detection.background.known_background import LEAST_NEW, KnownBackground
 from toolkit.detection.provenance import detector_origin
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, known_labels
+from toolkit.points import union_of
 
 WALL = np.array([6.0, 0, 1.0, 4, 0.6, 1.8, 0])
 CAR = np.array([0.0, 0, 0.8, 4, 1.8, 1.5, 0])
@@ -100,3 +101,25 @@ def test_it_says_of_itself_what_the_detector_says_and_what_it_knows(background):
 def test_a_share_that_is_none_is_refused(background, least):
     with pytest.raises(ValueError, match="least must be a share"):
         KnownBackground(Fixed(), background, least)
+
+
+class FixedAtOnce(Fixed):
+    """It is asked for unions alone."""
+
+    def __call__(self, points):
+        raise AssertionError
+
+    def unions(self, clouds, unions):
+        return [Fixed()(None)] * len(unions)
+
+
+@pytest.mark.parametrize("detector", [Fixed(), FixedAtOnce()])
+def test_of_many_unions_it_says_what_it_says_of_each(background, detector):
+    lost = np.full((10, 3), np.nan, np.float32)
+    clouds = [seen(0), seen(49), seen(60, old=0), np.concatenate([on(BEHIND, 9).astype(np.float32), lost]), lost[:0]]
+    unions = np.array(list(np.ndindex(*(2,) * 5)), bool)
+    found = KnownBackground(detector, background).unions(clouds, unions)
+    for row, each in zip(unions, found, strict=True):
+        alone = KnownBackground(Fixed(), background)(union_of(clouds, row))
+        np.testing.assert_array_equal(each.boxes, alone.boxes)
+    assert {len(each) for each in found} == {0, 1, 2}
