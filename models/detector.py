@@ -17,7 +17,7 @@ from models.network.candidates import Candidates, all_candidates, candidates, su
 from models.network.faces import measured
 from models.network.rivals import LEAST_RIVAL, contested
 from models.network.sparse import SparseVoxelNet
-from models.network.tiles import Entries, PlacedClouds, TiledVoxelNet, TilePredictions, tileable
+from models.network.tiles import Entries, TiledVoxelNet, TilePredictions, tileable
 from models.network.voxelnet import VoxelNet
 from models.network.voxels import collate, voxelise
 from models.weight_files import digest_of, digest_with, load_weights
@@ -102,22 +102,25 @@ class VoxelNetDetector:
         """Detect in many unions of the same clouds, such as those of all sets of a site's sensors: what the points of
         each give together, to the rounding of float32. It takes much less time than one after the other where most
         clouds reach a part of the area only (`models.network.tiles`)."""
-        found = [Detections.empty()] * len(unions)
-        placed = PlacedClouds.of(
-            [torch.as_tensor(each, dtype=torch.float32).to(self.device) for each in clouds], self.config
-        )
-        alone = placed.crowded(unions, self.config) if self._tiled else np.ones(len(unions), bool)
-        for row in np.flatnonzero(alone):
-            found[row] = self(union_of(clouds, unions[row]))
-        reaching = (unions & (placed.counts() > 0).cpu().numpy()).any(axis=1)
-        rows = np.flatnonzero(~alone & reaching)
-        if self._tiled and len(rows):
-            for some, entries, predictions in self._tiled(placed, unions[rows]):
-                for row, boxes in zip(rows[some], self._by_union(entries, predictions), strict=True):
-                    found[row] = self._measured(
-                        self._sure(suppressed(*boxes, self.config, self.nms_threshold)), union_of(clouds, unions[row])
-                    )
-        return found
+        found = dict(self._at_once(clouds, unions)) if clouds else {}
+        return [found[row] if row in found else self(union_of(clouds, union)) for row, union in enumerate(unions)]
+
+    def _at_once(
+        self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> Iterator[tuple[int, Detections]]:
+        """Rows of unions and what is detected in them: of those that gain by going together."""
+        if self._tiled is None:
+            return
+        plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
+        if not len(unions) or not self._tiled.gains(plan):
+            return
+        reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
+        for some, entries, predictions in self._tiled(plan):
+            rows = np.arange(len(unions))[some].tolist()
+            for row, boxes in zip(rows, self._by_union(entries, predictions), strict=True):
+                if reaching[row]:
+                    sure = self._sure(suppressed(*boxes, self.config, self.nms_threshold))
+                    yield row, self._measured(sure, union_of(clouds, unions[row]))
 
     def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
         """Boxes and scores of each union, in the order of the map."""

@@ -27,13 +27,13 @@ from models.network.folding import PlainJoin, cell_by_cell
 from models.network.sparse import SparseVoxelNet
 from models.network.sparse_columns import SparseColumns
 from models.network.voxelnet import Prediction
-from models.network.voxels import Voxels, grid_cells
+from models.network.voxels import Voxels, grid_cells, thinned
 from toolkit.arrays import Bool, Float32, Int64
 
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
-AT_ONCE = 64
+AT_ONCE = 64  # tiles that a layer takes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
-_STRIDES = 4  # of the coarsest block, in cells of the head's map
+MOST_OWN = 0.5  # share of all unions' tiles that are nobody else's, above which one after the other is quicker
 
 
 class Entries(NamedTuple):
@@ -42,6 +42,22 @@ class Entries(NamedTuple):
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
     of: Int64[np.ndarray, "tiles unions"]
+
+
+class Seen(NamedTuple):
+    """By layer, which clouds have a point within reach of which tiles, and which tiles a voxel is within reach of that
+    may be crowded."""
+
+    clouds: list[Bool[np.ndarray, "tiles C"]]
+    crowd: list[Bool[np.ndarray, " tiles"]]
+
+
+class Crowded(NamedTuple):
+    """Voxels that hold more points than the network takes. thinning: how they are thinned in each union, a number, 0
+    where there are none; dropped: the points left out, ascending: the thinning's number · points + the point's row."""
+
+    thinning: Int64[np.ndarray, " U"]
+    dropped: Int64[Tensor, " k"]
 
 
 class TilePredictions(NamedTuple):
@@ -75,30 +91,34 @@ class TiledVoxelNet:
         self._finest, *raised = join.upsample
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
-    def __call__(
-        self, placed: PlacedClouds, unions: Bool[np.ndarray, "U C"]
-    ) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
+    def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> Plan:
+        """What is to be computed for unions of clouds: points in the frame of the grid, m."""
+        placed = PlacedClouds.of(clouds, self.config)
+        return Plan(placed, self._seen(placed), unions, placed.crowded(unions, self.config.max_points))
+
+    def gains(self, plan: Plan) -> bool:
+        """Whether unions have enough tiles in common for this to be quicker than one after the other."""
+        distinct = len(_entries(plan, -1).tile)
+        return distinct <= MOST_OWN * len(plan.seen.clouds[-1]) * len(plan.unions)
+
+    def __call__(self, plan: Plan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
         """Some unions after the others, as many as memory is for: which, the entries of the head's tiles, and the
-        head's maps for all of them. No voxel may be crowded in a union."""
-        seen = self._seen(placed)
-        count = len(unions)
-        while count > 1 and len(_entries(seen[-1], unions[:count]).tile) > MOST_ENTRIES:
+        head's maps for all of them."""
+        count = len(plan.unions)
+        while count > 1 and len(_entries(plan.part(slice(count)), -1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2
-        for first in range(0, len(unions), count):
+        for first in range(0, len(plan.unions), count):
             some = slice(first, first + count)
-            yield some, *self._maps(placed, seen, unions[some])
+            yield some, *self._maps(plan.part(some))
 
     @torch.inference_mode()
-    def _maps(
-        self, placed: PlacedClouds, seen: list[Bool[np.ndarray, "tiles C"]], unions: Bool[np.ndarray, "U C"]
-    ) -> tuple[Entries, Iterator[TilePredictions]]:
-        strides = self._strides()
-        entries = _entries(seen[0], unions)
-        bank, size, layer, maps = _bank(self._first(placed, entries, unions), entries), TILE, 0, []
+    def _maps(self, plan: Plan) -> tuple[Entries, Iterator[TilePredictions]]:
+        strides, entries = self._strides(), _entries(plan, 0)
+        bank, size, layer, maps = _bank(self._first(plan, entries), entries), TILE, 0, []
         for block in self._blocks:
             for conv in block:
                 layer += 1
-                after = _entries(seen[layer], unions)
+                after = _entries(plan, layer)
                 bank = _bank(self._convolved(conv, bank, entries, after, size), after)
                 size, entries = size // strides[layer], after
             maps.append((bank, entries))
@@ -107,26 +127,32 @@ class TiledVoxelNet:
     def _strides(self) -> list[int]:
         return [2, *(conv.stride[0] for block in self._blocks for conv in block)]
 
-    def _seen(self, placed: PlacedClouds) -> list[Bool[np.ndarray, "tiles C"]]:
-        """By layer, which clouds have a point within reach of which tiles."""
+    def _seen(self, placed: PlacedClouds) -> Seen:
+        """What is within reach of the tiles."""
         nx, ny, _ = self.config.grid_shape
-        reach = torch.zeros(placed.clouds, nx * ny, device=placed.points.device)
-        reach[placed.cloud, placed.cells[:, 0] * ny + placed.cells[:, 1]] = 1
-        reach, size, found = reach.view(placed.clouds, 1, nx, ny), 2 * TILE, []
+        full = placed.crowd > self.config.max_points
+        reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
+        column = placed.cells[:, 0] * ny + placed.cells[:, 1]
+        reach[placed.cloud, column] = 1
+        reach[-1, column[full]] = 1
+        reach, size, found = reach.view(-1, 1, nx, ny), 2 * TILE, []
         for stride in self._strides():
             reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
-            found.append(by_tile.view(placed.clouds, -1).T.cpu().numpy())
-        return found
+            found.append(by_tile.flatten(1).T.cpu().numpy())
+        return Seen([each[:, :-1] for each in found], [each[:, -1] for each in found])
 
-    def _first(
-        self, placed: PlacedClouds, entries: Entries, unions: np.ndarray
-    ) -> Iterator[Float32[Tensor, "m t t K"]]:
+    def _first(self, plan: Plan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
         """The first convolution, of the columns in and about each entry's tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
+        placed, crowded = plan.placed, plan.crowded
         by_tile = placed.by_tile(self._grid)
         for _, tiles, union in _parts(entries):
-            rows, item = by_tile.rows(tiles, unions[union])
+            rows, item = by_tile.rows(tiles, plan.unions[union])
+            if len(crowded.dropped):
+                thinning = torch.from_numpy(crowded.thinning[union]).to(rows.device)[item]
+                keep = ~torch.isin(thinning * len(placed.points) + rows, crowded.dropped)
+                rows, item = rows[keep], item[keep]
             corner = 2 * TILE * torch.from_numpy(self._at(tiles)).to(rows.device) - 2
             voxels = _voxels(placed, rows, item, len(tiles), self.config)
             features = self._network.features(voxels)
@@ -225,37 +251,46 @@ def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m
 
 
 class PlacedClouds(NamedTuple):
-    """The points of all clouds within the grid, cloud after cloud: which cloud they are of, and their voxels (indices
-    along x, y and z)."""
+    """The points of all clouds within the grid, cloud after cloud: which cloud they are of, their voxels (indices along
+    x, y and z), the voxels' numbers, and how many points of all clouds are in each one's."""
 
     points: Float32[Tensor, "n 3"]
     cloud: Int64[Tensor, " n"]
     cells: Int64[Tensor, "n 3"]
+    voxel: Int64[Tensor, " n"]
+    crowd: Int64[Tensor, " n"]
     clouds: int
 
     @staticmethod
     def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
         """Of points in the frame of the grid, m."""
-        kept, cells = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
+        kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
         number = torch.arange(len(clouds), device=kept[0].device)
         counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
-        return PlacedClouds(torch.cat(kept), torch.repeat_interleave(number, counts), torch.cat(cells), len(clouds))
+        cells, (nx, ny, _) = torch.cat(indices), config.grid_shape
+        ix, iy, iz = cells.unbind(1)
+        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
+        cloud = torch.repeat_interleave(number, counts)
+        return PlacedClouds(torch.cat(kept), cloud, cells, voxel, count[voxel], len(clouds))
 
     def counts(self) -> Int64[Tensor, " C"]:
         """Points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def crowded(self, unions: Bool[np.ndarray, "U C"], config: VoxelNetConfig) -> Bool[np.ndarray, " U"]:
-        """In which unions a voxel holds more points than the network takes, so that some are left out at random."""
-        nx, ny, _ = config.grid_shape
-        ix, iy, iz = self.cells.unbind(1)
-        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
-        full = torch.nonzero(count > config.max_points)[:, 0]
-        some = torch.isin(voxel, full)
-        row = torch.searchsorted(full, voxel[some])
-        by_cloud = torch.bincount(row * self.clouds + self.cloud[some], minlength=len(full) * self.clouds)
-        together = unions @ by_cloud.view(-1, self.clouds).T.cpu().numpy()
-        return (together > config.max_points).any(axis=1)
+    def crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
+        """Where voxels of unions hold more than so many points, those left out that `voxelise` leaves out of each."""
+        rows = torch.nonzero(self.crowd > most)[:, 0]
+        concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
+        alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
+        thinning, dropped = np.zeros(len(alike), np.int64), [rows[:0]]
+        for place, union in enumerate(alike):
+            some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
+            _, voxel, count = torch.unique(self.voxel[some], return_inverse=True, return_counts=True)
+            keep = thinned(voxel, (count > most)[voxel], most)
+            if not keep.all():
+                thinning[place] = len(dropped)
+                dropped.append(some[~keep] + len(dropped) * len(self.points))
+        return Crowded(thinning[number.ravel()], torch.cat(dropped))
 
     def by_tile(self, grid: tuple[int, int]) -> _ByTile:
         """The points in and about each tile, which is two columns before it."""
@@ -273,6 +308,20 @@ class PlacedClouds(NamedTuple):
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
         first = np.cumsum(count) - count
         return _ByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
+
+
+class Plan(NamedTuple):
+    """Unions of clouds, what of them is within reach of which tiles, and where they are crowded."""
+
+    placed: PlacedClouds
+    seen: Seen
+    unions: Bool[np.ndarray, "U C"]
+    crowded: Crowded
+
+    def part(self, some: slice) -> Plan:
+        """Of some of the unions."""
+        crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
+        return self._replace(unions=self.unions[some], crowded=crowded)
 
 
 class _ByTile(NamedTuple):
@@ -303,13 +352,16 @@ def _voxels(placed: PlacedClouds, rows: Tensor, item: Tensor, items: int, config
     return Voxels(placed.points[rows], voxel, cells, items)
 
 
-def _entries(seen: Bool[np.ndarray, "tiles C"], unions: Bool[np.ndarray, "U C"]) -> Entries:
-    """What unions share in each tile."""
-    tiles, count = len(seen), len(unions)
+def _entries(plan: Plan, layer: int) -> Entries:
+    """What unions share in each tile of a layer."""
+    clouds, unions = plan.seen.clouds[layer], plan.unions
+    tiles, count = len(clouds), len(unions)
     code = np.repeat(np.arange(tiles), count)
+    parts = [plan.seen.crowd[layer][:, None] * plan.crowded.thinning]
     for first in range(0, unions.shape[1], 31):
         some = slice(first, first + 31)
-        bits = (seen[:, None, some] & unions[None, :, some]) @ (1 << np.arange(len(unions.T[some])))
-        code = np.unique(code << 31 | bits.ravel(), return_inverse=True)[1]
+        parts.append((clouds[:, None, some] & unions[None, :, some]) @ (1 << np.arange(len(unions.T[some]))))
+    for part in parts:
+        code = np.unique(code << 31 | part.ravel(), return_inverse=True)[1]
     _, one, of = np.unique(code, return_index=True, return_inverse=True)
     return Entries(one // count, one % count, of.reshape(tiles, count))

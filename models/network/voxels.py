@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from toolkit.arrays import Float, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class Voxels(NamedTuple):
@@ -56,7 +56,7 @@ def voxelise(
     occupied, voxel = torch.unique(key, return_inverse=True)  # sorts: less work than a map of all voxels
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
-        keep = _thinned(voxel, crowded, config.max_points, rng)
+        keep = thinned(voxel, crowded, config.max_points, rng)
         cloud, voxel = cloud[keep], voxel[keep]
     return Voxels(cloud, voxel, _cells(occupied, config))
 
@@ -110,8 +110,10 @@ def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
     return torch.stack((torch.zeros_like(key), plane // ny, plane % ny, key // (nx * ny)), 1)
 
 
-def _thinned(voxel: Tensor, crowded: Tensor, limit: int, rng: np.random.Generator | int) -> Tensor:
-    """Which points stay, (n,) bool: of those in crowded voxels, a random `limit` per voxel."""
+def thinned(
+    voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: np.random.Generator | int = 0
+) -> Bool[Tensor, " n"]:
+    """Which points stay: of those in crowded voxels, a random `limit` per voxel, each subset as likely as any other."""
     rows = torch.nonzero(crowded)[:, 0]
     rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
     rows = rows[torch.argsort(voxel[rows], stable=True)]

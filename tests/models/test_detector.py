@@ -258,10 +258,12 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
     ],
     ids=["light", "classes, faces", "crowded", "published"],
 )
-def test_unions_are_detected_in_as_their_points_are(config):
+@pytest.mark.parametrize("most_own", [0.0, 1.0], ids=["one by one", "at once"])
+def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatch):
     detector = VoxelNetDetector(network(config, logit=0.0))
     assert isinstance(detector, UnionDetector)
     clouds = [points(150, seed=1), points(150, seed=2) * np.float32([0.3, 0.3, 1]), points(0)]
+    monkeypatch.setattr("models.network.tiles.MOST_OWN", most_own)
     found = assert_unions(detector, clouds, EIGHT)
     assert len(found[6]) > 0
     assert len(found[0]) == len(found[1]) == 0
@@ -279,3 +281,4 @@ def test_without_unions_or_points_there_is_nothing():
     assert detector.unions([points()], np.zeros((0, 1), bool)) == []
     outside = points() + np.float32([100, 0, 0])
     assert [len(each) for each in detector.unions([outside, points(0)], EIGHT[:4, 1:])] == [0] * 4
+    assert [len(each) for each in detector.unions([], np.zeros((2, 0), bool))] == [0, 0]

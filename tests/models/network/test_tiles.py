@@ -38,10 +38,9 @@ def whole_maps(network, clouds, unions):
     """The head's maps of each union, put together from its tiles."""
     config = network.config
     (rows, columns), grid = config.map_shape, [-(-cells // TILE) for cells in config.map_shape]
-    placed = PlacedClouds.of(clouds, config)
-    assert not placed.crowded(unions, config).any()
     found, entries_there = {}, 0
-    for some, entries, predictions in TiledVoxelNet(network)(placed, unions):
+    tiled = TiledVoxelNet(network)
+    for some, entries, predictions in tiled(tiled.plan(clouds, unions)):
         parts = list(predictions)
         joined = [
             None if maps[0] is None else torch.cat(maps) for maps in zip(*(each.maps for each in parts), strict=True)
@@ -106,23 +105,37 @@ def test_what_unions_see_alike_is_computed_once(trained):
     middles = [(1.5 * 9.6, (3 * k + 1.5) * 9.6) for k in range(8)]
     clouds = [torch.tensor([[x, y, 1.0], [x, y + 0.3, 2.0]]) for x, y in middles]
     unions = np.array(list(np.ndindex(*(2,) * 8)), bool)
-    placed = PlacedClouds.of(clouds, config)
-    ((some, entries, predictions),) = TiledVoxelNet(network)(placed, unions)
+    tiled = TiledVoxelNet(network)
+    plan = tiled.plan(clouds, unions)
+    assert tiled.gains(plan)
+    assert not tiled.gains(plan.part(slice(1)))
+    ((some, entries, predictions),) = tiled(plan)
     computed = sum(len(each.corner) for each in predictions)
     assert (some.start, entries.of.shape) == (0, (72, 256))
     assert computed == len(entries.tile) <= 2 * 72
     assert computed >= 72 + 8
 
 
-def test_a_crowded_voxel_is_one_with_the_points_of_all_clouds_of_a_union():
-    config = replace(light((0.0, 0.0, 8.0, 8.0)), max_points=5)
-    clouds = [torch.tensor([[1.1, 1.1, 0.2]]).repeat(n, 1) for n in (3, 2, 4)] + [
-        torch.rand(9, 3) * 3 + 3 - torch.tensor([0, 0, 2.5])
-    ]
-    unions = np.array([[1, 1, 0, 1], [1, 0, 1, 0], [0, 1, 1, 0], [0, 0, 1, 1], [0, 0, 0, 0]], bool)
+def test_crowded_voxels_are_thinned_as_those_of_each_union_are(trained):
+    """Two heaps of some hundred points in few voxels, each of several clouds that overlap, and somebody far off."""
+    config = replace(light((0.0, 0.0, 4 * 9.6, 9.6)), max_points=4)
+    rng = np.random.default_rng(2)
+    heaps = [rng.normal(at, (0.2, 0.2, 0.4), (60, 3)) for at in [(5, 5, 1.5)] * 3 + [(21, 5, 1.5)] * 2]
+    clouds = [torch.from_numpy(heap.astype(np.float32)) for heap in (*heaps, rng.normal((35, 4, 1), 0.5, (9, 3)))]
+    unions = rng.permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))[:40]
     placed = PlacedClouds.of(clouds, config)
-    assert placed.crowded(unions, config).tolist() == [False, True, True, False, False]
-    assert placed.counts().tolist() == [3, 2, 4, 9]
+    crowded = placed.crowded(unions, 4)
+    assert placed.counts().tolist() == [60] * 5 + [9]
+    for union, thinning in zip(unions, crowded.thinning, strict=True):
+        points = torch.cat([torch.zeros(0, 3), *(cloud for cloud, among in zip(clouds, union, strict=True) if among)])
+        kept = voxelise(points, config).points
+        rows = np.flatnonzero(union[placed.cloud])
+        dropped = crowded.dropped[crowded.dropped // len(placed.points) == thinning] % len(placed.points)
+        rows = rows if thinning == 0 else rows[~np.isin(rows, dropped)]
+        np.testing.assert_array_equal(placed.points[rows], kept)
+    assert len(np.unique(crowded.thinning)) > 9
+    assert (crowded.thinning[~unions[:, :5].any(axis=1)] == 0).all()
+    assert_maps_are_those_of_the_network(SparseVoxelNet(trained(config)), clouds, unions)
 
 
 @pytest.mark.parametrize(
