@@ -18,15 +18,15 @@ from toolkit.sites.files import load_site
 SCHEMES = ("early", "late", "hybrid")
 FILES = {
     "tjunction": "92642fd79d9473829e1cfe5274ab444cacb47bbfc73abd27a06ab3f458160319",
-    "roundabout": "b61a78a98ec2e930d4f151c92b34beeb1a7449750794b56fc2df397c4d90a593",
+    "roundabout": "45fa4322016fc21e505dfe758216e49a5f2f80f087f841f7c80b34d6af31c57c",
 }
 TABLES = {
     ("tjunction", "early"): "fb666aca598ffbc5",
     ("tjunction", "late"): "e08d34b5b0a5c945",
     ("tjunction", "hybrid"): "8234404245f923d9",
-    ("roundabout", "early"): "38c571ea01828b86",
-    ("roundabout", "late"): "2057523396cf4cfc",
-    ("roundabout", "hybrid"): "53e6a0d507793cf1",
+    ("roundabout", "early"): "156cb70d04afcdfe",
+    ("roundabout", "late"): "589a2ef0449b933e",
+    ("roundabout", "hybrid"): "b6757b7b3eb6cf26",
 }
 CHEAP = {
     ("coverage", "early"): [26.225, 26.225],
