@@ -27,7 +27,7 @@ from models.network.folding import PlainJoin, cell_by_cell
 from models.network.sparse import SparseVoxelNet
 from models.network.sparse_columns import SparseColumns
 from models.network.voxelnet import Prediction
-from models.network.voxels import Voxels, grid_cells, thinned
+from models.network.voxels import Voxels, grid_cells, thinned_voxels
 from toolkit.arrays import Bool, Float32, Int64
 
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
@@ -286,7 +286,7 @@ class PlacedClouds(NamedTuple):
         for place, union in enumerate(alike):
             some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
             _, voxel, count = torch.unique(self.voxel[some], return_inverse=True, return_counts=True)
-            keep = thinned(voxel, (count > most)[voxel], most)
+            keep = thinned_voxels(voxel, (count > most)[voxel], most)
             if not keep.all():
                 thinning[place] = len(dropped)
                 dropped.append(some[~keep] + len(dropped) * len(self.points))

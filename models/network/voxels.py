@@ -56,7 +56,7 @@ def voxelise(
     occupied, voxel = torch.unique(key, return_inverse=True)  # sorts: less work than a map of all voxels
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
-        keep = thinned(voxel, crowded, config.max_points, rng)
+        keep = thinned_voxels(voxel, crowded, config.max_points, rng)
         cloud, voxel = cloud[keep], voxel[keep]
     return Voxels(cloud, voxel, _cells(occupied, config))
 
@@ -110,7 +110,7 @@ def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
     return torch.stack((torch.zeros_like(key), plane // ny, plane % ny, key // (nx * ny)), 1)
 
 
-def thinned(
+def thinned_voxels(
     voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: np.random.Generator | int = 0
 ) -> Bool[Tensor, " n"]:
     """Which points stay: of those in crowded voxels, a random `limit` per voxel, each subset as likely as any other."""
