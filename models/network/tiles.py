@@ -22,12 +22,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.config import VoxelNetConfig
 from models.network.folding import PlainJoin, cell_by_cell
+from models.network.placed_clouds import Crowded, PlacedClouds
 from models.network.sparse import SparseVoxelNet
 from models.network.sparse_columns import SparseColumns
 from models.network.voxelnet import Prediction
-from models.network.voxels import Voxels, grid_cells, thinned_voxels
 from toolkit.arrays import Bool, Float32, Int64
 
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
@@ -50,14 +49,6 @@ class Seen(NamedTuple):
 
     clouds: list[Bool[np.ndarray, "tiles C"]]
     crowd: list[Bool[np.ndarray, " tiles"]]
-
-
-class Crowded(NamedTuple):
-    """Voxels that hold more points than the network takes. thinning: how they are thinned in each union, a number, 0
-    where there are none; dropped: the points left out, ascending: the thinning's number · points + the point's row."""
-
-    thinning: Int64[np.ndarray, " U"]
-    dropped: Int64[Tensor, " k"]
 
 
 class TilePredictions(NamedTuple):
@@ -146,7 +137,7 @@ class TiledVoxelNet:
         """The first convolution, of the columns in and about each entry's tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, crowded = plan.placed, plan.crowded
-        by_tile = placed.by_tile(self._grid)
+        by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
         for _, tiles, union in _parts(entries):
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(crowded.dropped):
@@ -154,7 +145,7 @@ class TiledVoxelNet:
                 keep = ~torch.isin(thinning * len(placed.points) + rows, crowded.dropped)
                 rows, item = rows[keep], item[keep]
             corner = 2 * TILE * torch.from_numpy(self._at(tiles)).to(rows.device) - 2
-            voxels = _voxels(placed, rows, item, len(tiles), self.config)
+            voxels = placed.batch(rows, item, len(tiles), self.config)
             features = self._network.features(voxels)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
             middle: Any = self._network.middle
@@ -250,66 +241,6 @@ def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m
     return y.reshape(*x.shape[:3], -1)
 
 
-class PlacedClouds(NamedTuple):
-    """The points of all clouds within the grid, cloud after cloud: which cloud they are of, their voxels (indices along
-    x, y and z), the voxels' numbers, and how many points of all clouds are in each one's."""
-
-    points: Float32[Tensor, "n 3"]
-    cloud: Int64[Tensor, " n"]
-    cells: Int64[Tensor, "n 3"]
-    voxel: Int64[Tensor, " n"]
-    crowd: Int64[Tensor, " n"]
-    clouds: int
-
-    @staticmethod
-    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
-        """Of points in the frame of the grid, m."""
-        kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
-        number = torch.arange(len(clouds), device=kept[0].device)
-        counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
-        cells, (nx, ny, _) = torch.cat(indices), config.grid_shape
-        ix, iy, iz = cells.unbind(1)
-        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
-        cloud = torch.repeat_interleave(number, counts)
-        return PlacedClouds(torch.cat(kept), cloud, cells, voxel, count[voxel], len(clouds))
-
-    def counts(self) -> Int64[Tensor, " C"]:
-        """Points of each cloud."""
-        return torch.bincount(self.cloud, minlength=self.clouds)
-
-    def crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
-        """Where voxels of unions hold more than so many points, those left out that `voxelise` leaves out of each."""
-        rows = torch.nonzero(self.crowd > most)[:, 0]
-        concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
-        alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
-        thinning, dropped = np.zeros(len(alike), np.int64), [rows[:0]]
-        for place, union in enumerate(alike):
-            some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
-            _, voxel, count = torch.unique(self.voxel[some], return_inverse=True, return_counts=True)
-            keep = thinned_voxels(voxel, (count > most)[voxel], most)
-            if not keep.all():
-                thinning[place] = len(dropped)
-                dropped.append(some[~keep] + len(dropped) * len(self.points))
-        return Crowded(thinning[number.ravel()], torch.cat(dropped))
-
-    def by_tile(self, grid: tuple[int, int]) -> _ByTile:
-        """The points in and about each tile, which is two columns before it."""
-        (tx, ty), (from_x, from_y) = (self.cells[:, :2] // (2 * TILE)).T, (self.cells[:, :2] % (2 * TILE)).T
-        rows, keys = [], []
-        for dx in (0, 1):
-            for dy in (0, 1):
-                there = ((from_x >= 2 * TILE - 2) | (dx == 0)) & ((from_y >= 2 * TILE - 2) | (dy == 0))
-                there &= (tx + dx < grid[0]) & (ty + dy < grid[1])
-                some = torch.nonzero(there)[:, 0]
-                rows.append(some)
-                keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
-        row, key = torch.cat(rows), torch.cat(keys)
-        order = torch.argsort(key * max(len(self.points), 1) + row)
-        count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
-        first = np.cumsum(count) - count
-        return _ByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
-
-
 class Plan(NamedTuple):
     """Unions of clouds, what of them is within reach of which tiles, and where they are crowded."""
 
@@ -322,34 +253,6 @@ class Plan(NamedTuple):
         """Of some of the unions."""
         crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
         return self._replace(unions=self.unions[some], crowded=crowded)
-
-
-class _ByTile(NamedTuple):
-    """Points in order of their tile and cloud: the rows of each, and where a tile's of a cloud begin and how many."""
-
-    row: Int64[Tensor, " k"]
-    begin: Int64[np.ndarray, "tiles clouds"]
-    points: Int64[np.ndarray, "tiles clouds"]
-
-    def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
-        """The points of some tiles in unions, and to which of them each belongs."""
-        clouds = self.begin.shape[1]
-        count = np.where(union, self.points[tiles], 0).ravel()
-        total = int(count.sum())
-        place = np.arange(total) + np.repeat(self.begin[tiles].ravel() - np.cumsum(count) + count, count)
-        item = np.repeat(np.repeat(np.arange(len(tiles)), clouds), count)
-        return self.row[torch.from_numpy(place).to(self.row.device)], torch.from_numpy(item).to(self.row.device)
-
-
-def _voxels(placed: PlacedClouds, rows: Tensor, item: Tensor, items: int, config: VoxelNetConfig) -> Voxels:
-    """Points as the voxels of a batch."""
-    nx, ny, nz = config.grid_shape
-    ix, iy, iz = placed.cells[rows].unbind(1)
-    occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
-    plane = occupied % (nx * ny)
-    level = occupied // (nx * ny)
-    cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
-    return Voxels(placed.points[rows], voxel, cells, items)
 
 
 def _entries(plan: Plan, layer: int) -> Entries:
