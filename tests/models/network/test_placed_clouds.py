@@ -64,10 +64,8 @@ def test_a_tile_has_its_points_and_those_of_the_columns_before_it():
     ]
     placed = PlacedClouds.of(clouds, CONFIG)
     by_tile = placed.by_tile((8, 2), 24, 2)
-    tiles, unions = (
-        np.arange(16),
-        np.array([[True, False, False], [False, True, True], [True, True, True], [False] * 3])[np.arange(16) % 4],
-    )
+    tiles = np.arange(16)
+    unions = np.array([[1, 0, 0], [0, 1, 1], [1, 1, 1], [0, 0, 0]], bool)[tiles % 4]
     rows, item = by_tile.rows(tiles, unions)
     column = placed.cells[:, :2]
     for tile, union in zip(tiles, unions, strict=True):
