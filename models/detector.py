@@ -36,6 +36,7 @@ class VoxelNetDetector:
     detections at or below it are dropped, None for the configuration's own, which may differ by label. nms_threshold:
     of two boxes of one class whose footprints have a larger IoU, the better scored one stays (0.1 in the paper).
 
+    >>> from models.config import VoxelNetConfig
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
     >>> len(detector(np.zeros((0, 3), np.float32)))
     0
