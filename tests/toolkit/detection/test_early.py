@@ -41,7 +41,8 @@ def test_nobody_sends_nothing():
 
 
 def test_points_in_the_crop_are_sent_and_no_boxes():
-    counts = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
+    ten, four = (np.full((2, 3), number, np.float32) for number in (10, 4))
+    counts = SimpleNamespace(sent=ten, on_objects=four, far=four)
     assert Early().sent_points(counts) is counts.sent
     assert (Early().sends_points, Early().sends_boxes) == (True, False)
     scheme: Scheme = Early()

@@ -17,7 +17,8 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
 AREA = (-40.0, -20.0, 40.0, 20.0)
-COUNTS = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
+TEN, FOUR = (np.full((2, 3), number, np.float32) for number in (10, 4))
+COUNTS = SimpleNamespace(sent=TEN, on_objects=FOUR, far=FOUR)
 SENSORS = tuple(Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0)))
 POINTS = [np.array([[x, y, 1.0] for y in (0.0, 3.0, 15.0)], np.float32) for x in (-9.0, 9.0)]
 

@@ -42,7 +42,8 @@ def test_of_boxes_that_overlap_one_stays_but_both_were_sent():
 
 
 def test_boxes_are_sent_and_no_points():
-    counts = SimpleNamespace(sent=np.full((2, 3), 10, np.float32), far=np.full((2, 3), 4, np.float32))
+    ten, four = (np.full((2, 3), number, np.float32) for number in (10, 4))
+    counts = SimpleNamespace(sent=ten, on_objects=four, far=four)
     assert not Late().sent_points(counts).any()
     assert (Late().sends_points, Late().sends_boxes) == (False, True)
     scheme: Scheme = Late()
