@@ -5,7 +5,8 @@
     python tests/benchmarks/models/bench_conditions.py tj_test.hdf5 --bodies       recall by kind of body
 
 Early fusion of all sensors, exact protocol; vehicles and heavy ones at IoU 0.7 / 0.8 / 0.9, others at 0.25 / 0.5 / 0.7.
-False alarms, precision and calibration error are of the detector's own threshold. Tables are Markdown.
+False alarms, precision and calibration error are of the detector's own threshold, or of that which --least says: an AP
+ends where it stops, since whatever is less sure was not reported. Tables are Markdown.
 """
 
 from __future__ import annotations
@@ -30,13 +31,16 @@ def main() -> None:
     arguments.add_argument("--weights", help="the site's own, else general, when left out")
     arguments.add_argument("--errors", nargs="+", default=["paper", "surveyed", "typical", "poor"])
     arguments.add_argument("--frames", type=int, default=60)
+    arguments.add_argument(
+        "--least", type=float, help="score threshold of all classes, the detector's own when left out"
+    )
     arguments.add_argument("--crossing", action="store_true")
     arguments.add_argument("--bodies", action="store_true")
     asked = arguments.parse_args()
 
     import torch
 
-    from models.detector import load_detector, load_site_detector
+    from models.detector import SHIPPED, load_detector
     from toolkit.datasets.dataset import CoopDataset
 
     torch.set_num_threads(1)
@@ -44,9 +48,8 @@ def main() -> None:
     for path in asked.recordings:
         dataset = CoopDataset(path)
         site = dataset.site
-        detector = (
-            load_detector(asked.weights, area=site.area) if asked.weights else load_site_detector(site.name, site.area)
-        )
+        own = site.name if (SHIPPED / f"{site.name}.safetensors").exists() else "general"
+        detector = load_detector(asked.weights or own, area=site.area, score_threshold=asked.least)
         shown(path, dataset, detector, asked)
 
 
