@@ -27,8 +27,6 @@ COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
     "train": "detection",
     "search": "placement",
     "plan": "placement",
-    "propose": "placement",
-    "teach": "placement",
     "table": "placement",
     "surrogate": "placement",
     "reproduce": "placement",

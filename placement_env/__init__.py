@@ -38,8 +38,6 @@ if TYPE_CHECKING:
         SelectConfig as SelectConfig,
         SubsetConfig as SubsetConfig,
     )
-    from placement_env.envs.maps.map_select import MapConfig as MapConfig, SensorMapEnv as SensorMapEnv
-    from placement_env.envs.maps.terms import Terms as Terms
     from placement_env.envs.pose import SensorPoseEnv as SensorPoseEnv
     from placement_env.envs.select import SensorSelectEnv as SensorSelectEnv
     from placement_env.envs.subset import SensorSubsetEnv as SensorSubsetEnv
@@ -60,10 +58,6 @@ if TYPE_CHECKING:
     from placement_env.report.planning.planning import Planned as Planned, plan as plan
     from placement_env.report.planning.question import Question as Question
     from placement_env.rl.adapter import SB3VecEnv as SB3VecEnv, as_sb3 as as_sb3
-    from placement_env.rl.maps.map_policy import MapAnswer as MapAnswer, MapPolicy as MapPolicy
-    from placement_env.rl.maps.map_starts import MapStarts as MapStarts
-    from placement_env.rl.maps.reinforcement import Reinforcement as Reinforcement
-    from placement_env.rl.maps.schooling import train_map_policy as train_map_policy
     from placement_env.rl.training import (
         Learning as Learning,
         load_policy as load_policy,
@@ -101,8 +95,6 @@ else:
             "candidates.sensor_catalogue": ("SensorCatalogue", "load_sensor_catalogue"),
             "classes": ("Classes",),
             "envs.config": ("PoseConfig", "SelectConfig", "SubsetConfig"),
-            "envs.maps.map_select": ("MapConfig", "SensorMapEnv"),
-            "envs.maps.terms": ("Terms",),
             "envs.pose": ("SensorPoseEnv",),
             "envs.select": ("SensorSelectEnv",),
             "envs.subset": ("SensorSubsetEnv",),
@@ -123,10 +115,6 @@ else:
             "report.planning.planning": ("Planned", "plan"),
             "report.planning.question": ("Question",),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
-            "rl.maps.map_policy": ("MapAnswer", "MapPolicy"),
-            "rl.maps.map_starts": ("MapStarts",),
-            "rl.maps.reinforcement": ("Reinforcement",),
-            "rl.maps.schooling": ("train_map_policy",),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
             "search.exact": ("cheapest", "cpsat", "exhaustive", "hits"),

@@ -11,11 +11,10 @@ from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
-ENVIRONMENTS: dict[str, tuple[str, str | None]] = {
+ENVIRONMENTS: dict[str, tuple[str, str]] = {
     "coview/SensorSelect-v0": ("select:SensorSelectEnv", "vector:SensorSelectVectorEnv"),
     "coview/SensorSubset-v0": ("subset:SensorSubsetEnv", "vector:SensorSubsetVectorEnv"),
     "coview/SensorPose-v0": ("pose:SensorPoseEnv", "vector:SensorPoseVectorEnv"),
-    "coview/SensorMap-v0": ("maps.map_select:SensorMapEnv", None),
 }
 
 
@@ -28,8 +27,7 @@ def register() -> None:
         raise ImportError("the environments need Gymnasium: pip install coview[rl]") from None
     for name, (scalar, vector) in ENVIRONMENTS.items():
         if name not in registry:
-            beside = vector and f"placement_env.envs.{vector}"
-            register_one(name, f"placement_env.envs.{scalar}", vector_entry_point=beside)
+            register_one(name, f"placement_env.envs.{scalar}", vector_entry_point=f"placement_env.envs.{vector}")
 
 
 def register_with_gymnasium() -> None:

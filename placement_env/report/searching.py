@@ -35,7 +35,6 @@ from placement_env.search.exact.demand import Demand
 from placement_env.search.methods import METHODS, check_search, search_of
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
-from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.result import Result
 from placement_env.search.verification import ap_at_profiles, verified_best
 from toolkit.detection.codec import PAPER
@@ -55,10 +54,10 @@ UNFINISHED = ".parts"  # after the name of a folder: where the search for it is 
 class SearchOrder:
     """What is to be searched, and how. method: of `placement_env.search.methods`; verify: fidelity by which an answer
     and its neighbours are scored, None for none; judge: fidelity of a portfolio's race and assessment; errors: of the
-    sensors, for what detects, as of `Objective`; policy: of the map, that proposes sets to a portfolio in place of the
-    shipped one; limits: seconds and evaluations; demand: what a method beside these is asked for; currency: of prices,
-    "" for those of one ordinary pole; curve: the best set of every number of sensors up to the budget, or for every
-    amount of money where it is limited, by a portfolio; settings: of `Objective` beside these.
+    sensors, for what detects, as of `Objective`; limits: seconds and evaluations; demand: what a method beside
+    these is asked for; currency: of prices, "" for those of one ordinary pole; curve: the best set of every number
+    of sensors up to the budget, or for every amount of money where it is limited, by a portfolio; settings: of
+    `Objective` beside these.
 
     Raises ValueError and ImportError, before anything is rendered, where these do not fit.
     """
@@ -78,7 +77,6 @@ class SearchOrder:
     detector: Detector | None = None
     surrogate: Path | None = None
     table: Path | None = None
-    policy: Path | None = None
     limits: Mapping[str, Any] = field(default_factory=dict)
     demand: Mapping[str, Any] = field(default_factory=dict)
     currency: str = ""
@@ -103,20 +101,9 @@ class SearchOrder:
         check_fidelity_for(place, pool, scheme, self.fidelity, **asked, surrogate=self.surrogate, table=self.table)
         if self.verify is not None:
             check_fidelity_for(place, pool, scheme, self.verify, **asked)
-        if self.policy is not None:
-            if self.method != PORTFOLIO:
-                raise ValueError(f"a policy proposes sets to method {PORTFOLIO} alone, got {self.method}")
-            self.proposer()
         if self.method == PORTFOLIO:
             own: dict[str, Any] = {"surrogate": self.surrogate} if self.judge == "surrogate" else {}
             check_fidelity_for(place, pool, scheme, self.judge, **asked, **own)
-
-    def proposer(self) -> Proposer:
-        """Who proposes sets to a portfolio. Raises FileNotFoundError and ValueError for a file that holds no policy."""
-        from placement_env.rl.maps.map_policy import MapPolicy
-        from placement_env.rl.maps.map_starts import MapStarts
-
-        return MapStarts.shipped() if self.policy is None else MapStarts(MapPolicy.load(self.policy))
 
     @property
     def detects(self) -> bool:
@@ -160,7 +147,7 @@ def question_of(order: SearchOrder) -> dict[str, Any]:
         for name in ("method", "budget", "fidelity", "verify", "judge", "confidence", "frames", "currency", "curve")
     }
     settings = order.settings
-    files = {"surrogate": order.surrogate, "table": order.table, "policy": order.policy}
+    files = {"surrogate": order.surrogate, "table": order.table}
     counting = counting_of(settings)
     codec, scheme = settings.get("codec", PAPER), scheme_of(order.scheme)
     return {
@@ -257,7 +244,6 @@ def _judging(order: SearchOrder, objective: Objective, progress: Stages | None) 
         "race_frames": min(RACE_FRAMES, order.frames),
         "final_frames": min(JUDGED_FRAMES, order.frames),
         "preparation": replace(made, errors=errors, surrogate=surrogate),
-        "proposer": order.proposer(),
         "progress": progress,
     }
 

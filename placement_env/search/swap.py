@@ -8,7 +8,7 @@ set is a local optimum under such changes. Then it starts again from a random se
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,13 +46,12 @@ def search(
     evaluations: int | None = None,
     starts: int | None = None,
     start: Iterable[int | str] | None = None,
-    also: Sequence[Iterable[int | str]] = (),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """The best local optimum of several starts: greedy's set first, or the one of `start`, then those of `also`, then
-    sets drawn from `seed`.
+    """The best local optimum of several starts: greedy's set first, or the one of `start`, then sets
+    drawn from `seed`.
 
-    start, also: candidates by index or name, such as answers of other searches; those that do not fit the budget, their
+    start: candidates by index or name, such as another search's answer; those that do not fit the budget, their
     links or the money beside those before them are left out. starts: how many in all; None for as many as the limits
     allow, or `STARTS` without a limit; checkpoint: where the state of the search is kept. The certificate is "local
     optimum" where the best set was searched around to its end. Raises ValueError where `starts` is below 1 and for a
@@ -79,10 +78,7 @@ def search(
             if progress.spent and number:
                 break
             before = progress.reward if number else -np.inf
-            if number <= len(also):
-                begins = _fitting(progress, also[number - 1]) if number else _first(progress, start)
-            else:
-                begins = neighbourhood.sample(rng)
+            begins = neighbourhood.sample(rng) if number else _first(progress, start)
             climb = _begun(progress, number, before, begins)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven

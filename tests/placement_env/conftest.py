@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.candidates.drawing import drawn_pool
 from placement_env.candidates.pool import paper_candidates
-from placement_env.envs.maps.junctions import Junction
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.traffic import Traffic
-from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective, Weights
 from placement_env.report.planning.judging import Judge
 from toolkit.bodies.body import Body
@@ -188,34 +185,3 @@ def street():
     return SimpleNamespace(
         site=site, candidates=candidates, objective=objective, detected=detected, judge=Judge(detected, 0)
     )
-
-
-ROAD = np.array([[-24.0, -2.0], [24.0, -2.0], [24.0, 2.0], [-24.0, 2.0]])
-
-
-def made_up_junction(seed: int = 0, mounts: int = 3, poses: int = 4) -> Junction:
-    """Vehicles on a road; a candidate that is headed for one has points on it, fewer the farther off it is."""
-    rng = np.random.default_rng(seed)
-    poles = tuple(
-        Mount(f"m{k}", np.append(rng.uniform(-20, 20, 2), 0.0), capacity=400.0 * (k + 1)) for k in range(mounts)
-    )
-    site = Site(f"made-up-{seed}", np.array([-24.0, -24.0, 24.0, 24.0]), lanes=(ROAD,), mounts=poles)
-    some = drawn_pool(site, rng, places=mounts, poses=poses)
-    boxes = np.column_stack(
-        [rng.uniform(-23, 23, 40), rng.uniform(-2, 2, 40), np.full(40, 0.75), np.full((40, 3), 2.0)]
-    )
-    boxes = np.column_stack([boxes, np.zeros(40)])
-    places = np.array([sensor.position[:2] for sensor in some.sensors])
-    ahead = np.array([sensor.pose[:2, 2] for sensor in some.sensors])
-    offsets = boxes[None, :, :2] - places[:, None]
-    near = np.linalg.norm(offsets, axis=2)
-    seen = np.einsum("cok,ck->co", offsets, ahead) > 0.6 * near
-    sent = np.tile(rng.integers(500, 9000, (len(some), 1)), (1, 8)).astype(np.float32)
-    points = (seen * 4000 / (1 + near) ** 1.5).astype(np.float32)
-    return Junction(site, some, Visibility(points, near.astype(np.float32), np.arange(40) // 5, boxes, sent, sent / 2))
-
-
-@pytest.fixture(scope="session")
-def made_up():
-    """Makes a junction of a seed, mounts and poses at once: what its candidates see is made up."""
-    return made_up_junction

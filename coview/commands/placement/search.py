@@ -66,7 +66,6 @@ def search(
     small_iou: float = 0.5,
     surrogate: Path | None = None,
     table: Path | None = None,
-    policy: Path | None = None,
     comm: float = 0.0,
     price: float = 0.0,
     seed: int = 0,
@@ -118,7 +117,6 @@ def search(
         small_iou: In place of --iou for cyclists and pedestrians.
         surrogate: File of coview surrogate, for fidelity surrogate in place of the shipped ones.
         table: File of coview table, for fidelity table in place of the shipped ones.
-        policy: File of coview teach, that proposes sets to a portfolio in place of the shipped one.
         comm: AP that a kbit per sensor and frame costs.
         price: AP that one ordinary mount costs.
         seed: Of traffic and search.
@@ -161,7 +159,7 @@ def search(
     if verify is not None and chosen == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
     detects = "detector" in (fidelity, verify) or (chosen == "portfolio" and judge in (None, "detector"))
-    for option, said in (("--judge", judge), ("--policy", policy), ("--curve", curve or None)):
+    for option, said in (("--judge", judge), ("--curve", curve or None)):
         if said is not None and chosen != "portfolio":
             raise ValueError(f"{option} is for --method portfolio, got {chosen}: leave one of them out")
     for option, given in (("--errors", errors != ("paper",)), ("--detector", detector is not None)):
@@ -186,7 +184,7 @@ def search(
     order = SearchOrder(
         site=place, candidates=pool, method=chosen, budget=budget, scheme=scheme, fidelity=fidelity, verify=verify,
         judge=judge or "detector", confidence=confidence, weights=Weights(comm, price), frames=frames, errors=profiles,
-        detector=own, surrogate=surrogate, table=table, policy=policy, demand=demand, currency=currency, curve=curve,
+        detector=own, surrogate=surrogate, table=table, demand=demand, currency=currency, curve=curve,
         limits={"seconds": seconds, "evaluations": evaluations},
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,

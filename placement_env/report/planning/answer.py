@@ -110,7 +110,6 @@ def answer(
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
         assumptions=sentences.assumptions(
             question, search_fidelity=terms.fidelity, detector=detector, worth_sampled=not chosen.is_small,
-            notes=terms.found.notes,
         ),
         unknown=sentences.unknown(counted),
         provenance=plan_origin(

@@ -92,7 +92,6 @@ class _Planning:
 
     def run(self) -> Planned:
         """All stages."""
-        from placement_env.rl.maps.map_starts import MapStarts
 
         question = self.question
         fidelity = self._search_fidelity()
@@ -116,7 +115,6 @@ class _Planning:
             searched.disk_cache,
             depends_on=searched.traffic.digest(),
             seed=question.seed,
-            proposer=MapStarts.shipped(),
             progress=self.progress,
         )
         judging = [self._preparation(candidates, part, question.errors) for part in (1, 2)]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from placement_env.classes import VEHICLES
 from placement_env.fidelity.combined.error_profiles import profiles_in, several
 from placement_env.fidelity.combined.mean_iou import iou_text
@@ -159,10 +157,8 @@ def _of_codec(question: Question) -> str:
     return f"are of messages as {codec.digest} writes them: in searches by what it expects, in judgements as sent"
 
 
-def assumptions(
-    question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool, notes: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """What the figures take for granted. notes: of the searches, why they made no start from the map."""
+def assumptions(question: Question, *, search_fidelity: str, detector: str, worth_sampled: bool) -> tuple[str, ...]:
+    """Assumptions behind the figures."""
     classes = question.classes
     others = [label for label in LABELS if label not in classes.names]
     of = (
@@ -206,7 +202,6 @@ def assumptions(
         )
     if search_fidelity == "coverage":
         sentences.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
-    sentences += [f"Searches made {note}." for note in notes]
     if worth_sampled:
         sentences.append(
             "With so many sensors what each is worth, and the order of building, go by the fidelity of the searches."

@@ -34,7 +34,6 @@ from placement_env.search.portfolio.portfolio import (
     evaluators_of,
     found_entrants,
 )
-from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, rows_of
 from placement_env.search.result import ProfileAP
@@ -105,7 +104,6 @@ def budget_curve(
     neighbours: int = ENTRANTS,
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
-    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> tuple[CurvePoint, ...]:
@@ -122,7 +120,7 @@ def budget_curve(
     racing, final = evaluators or evaluators_of(objective, preparation, judge, parts, seed=seed)
     each = schedule.searching(SEARCHES * (len(amounts) or most))
     effort = Effort((most,) if amounts else tuple(range(1, most + 1)), each, evaluations, neighbours)
-    search = partial(found_entrants, effort=effort, seed=seed, progress=progress, proposer=proposer)
+    search = partial(found_entrants, effort=effort, seed=seed, progress=progress)
     sized, paid = _of_sizes(objective, search, checkpoint), _of_amounts(objective, amounts, search, checkpoint)
     groups = list(paid if amounts else sized)
     races = checkpoint.part("races")
@@ -209,7 +207,7 @@ def _of_sizes(
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
         searches = tuple(found.searches[row] for row in rows)
-        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered, found.notes)
+        yield np.inf, Entrants(found.sets[rows], found.predicted[rows], searches, found.considered)
 
 
 def _of_amounts(

@@ -3,9 +3,8 @@
 No fast score is right everywhere, and a search goes where its score is wrong. So different searches answer by different
 scores: greedy and swap by the objective, swap by perception entropy (Ma, Liu, Li), CP-SAT by coverage where OR-Tools is
 installed, every set where the candidates are few, and where prices differ a thrifty search for sets that cost less.
-Where a set is proposed to them, swap starts from it too, and it is an entrant itself. To their answers come neighbours:
-the best by the objective, and those that no other beats in the objective's reward, perception entropy and coverage at
-once.
+To their answers come neighbours: the best by the objective, and those that no other beats in the objective's reward,
+perception entropy and coverage at once.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from placement_env.objective import Objective, Stages, Weights
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
-from placement_env.search.portfolio.proposals import Proposals, Proposer
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from toolkit.arrays import Bool, Float64
@@ -39,33 +37,30 @@ EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
-NOBODY = Proposals()
 FRONT_OF = 400  # neighbours of an answer, the best by reward, of which the front is looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Entrants:
     """sets: rows of booleans, all feasible and different, small ones first; predicted: AP by the fidelity of the
-    searches; searches: those that answered with each, and who proposed it; considered: how many sets were scored in
-    all; notes: why no set was proposed to the searches, none where one was, or nobody was asked."""
+    searches; searches: those that answered with each; considered: how many sets were scored in all."""
 
     sets: Bool[np.ndarray, "n C"]
     predicted: Float64[np.ndarray, " n"]
     searches: tuple[tuple[str, ...], ...]
     considered: int
-    notes: tuple[str, ...] = ()
 
     def arrays(self) -> Arrays:
         """What a cache keeps of them."""
         names = np.array([json.dumps(each) for each in self.searches], np.str_)
-        return self.sets, self.predicted, names, np.array([self.considered]), np.array([json.dumps(self.notes)])
+        return self.sets, self.predicted, names, np.array([self.considered])
 
     @staticmethod
     def of(arrays: Arrays) -> Entrants:
         """From what `arrays` gave."""
-        sets, predicted, names, considered, notes = arrays
+        sets, predicted, names, considered = arrays
         searches = tuple(tuple(json.loads(str(each))) for each in names)
-        return Entrants(sets, predicted, searches, int(considered[0]), tuple(json.loads(str(notes[0]))))
+        return Entrants(sets, predicted, searches, int(considered[0]))
 
 
 @dataclass(frozen=True)
@@ -87,20 +82,18 @@ def kept_entrants(
     *,
     depends_on: str,
     seed: int = 0,
-    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
     """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
-    beside its candidates and settings, such as the traffic; proposer: who proposes sets to the searches."""
-    proposals = Proposals.of(proposer, objective, effort.sizes)
-    asked = (objective.provenance, objective.most_price, vars(effort), seed, proposals.origin)
+    beside its candidates and settings, such as the traffic."""
+    asked = (objective.provenance, objective.most_price, vars(effort), seed)
     key = key_of("entrants", code_digest(__name__), depends_on, *asked)
     kept = None if cache is None else cache.get([key])[0]
     if kept is not None:
         return Entrants.of(kept)
     settings: dict[str, Any] = {"seed": seed, "progress": progress, "checkpoint": checkpoint}
-    found = entrants(objective, effort, proposals=proposals, **settings)
+    found = entrants(objective, effort, **settings)
     if cache is not None:
         cache.put({key: found.arrays()})
     return found
@@ -111,22 +104,18 @@ def entrants(
     effort: Effort,
     *,
     seed: int = 0,
-    proposals: Proposals = NOBODY,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """The entrants of all sizes; none where nothing may be built. proposals: sets that are entrants of their sizes, and
-    from which swap starts after greedy's; checkpoint: keeps the answer of each search that has ended, and how far the
-    one on its way is, for the same proposals."""
-    if proposals.sets:
-        checkpoint = checkpoint.part(key_of(proposals.origin).hex()[:16])
+    """The entrants of all sizes; none where nothing may be built. checkpoint: keeps the answer of each search that has
+    ended, and how far the one on its way is."""
     ended: KeptState = checkpoint.load() or {}
     answers: dict[bytes, list[str]] = {}
     rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
     considered = 0
     for done, size in enumerate(effort.sizes, 1):
         own: list[bytes] = []
-        swapped = _Swapped(size, effort, seed, proposals.starts(size), checkpoint)
+        swapped = _Swapped(size, effort, seed, checkpoint)
         for name, run in _searches(objective, swapped):
             part = f"{size} {name}"
             if part not in ended:
@@ -148,30 +137,25 @@ def entrants(
         considered += count
         for row in near:
             rows.setdefault(np.packbits(row).tobytes(), row)
-        for row in map(objective.row, proposals.starts(size)):
-            if objective.feasible(row[None])[0]:
-                rows.setdefault(np.packbits(row).tobytes(), row)
-                answers.setdefault(np.packbits(row).tobytes(), []).append(proposals.name)
         if progress is not None:
             progress("searching", done, len(effort.sizes))
     if not rows:
         none = np.zeros((0, len(objective.candidates)), bool)
-        return Entrants(none, np.zeros(0), (), considered, proposals.notes)
+        return Entrants(none, np.zeros(0), (), considered)
     keys = list(rows)
     sets = np.array([rows[key] for key in keys])
     order = np.argsort(sets.sum(axis=1), kind="stable")
     searches = tuple(tuple(dict.fromkeys(answers.get(keys[i], ()))) for i in order)
-    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered, proposals.notes)
+    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
 
 
 @dataclass(frozen=True)
 class _Swapped:
-    """Swap for at most `size` sensors, from greedy's set, `starts` and drawn ones."""
+    """Swap for at most `size` sensors, from greedy's set and drawn ones."""
 
     size: int
     effort: Effort
     seed: int
-    starts: tuple[tuple[int, ...], ...]
     checkpoint: Checkpoint
 
     def __call__(self, objective: Objective, part: str) -> Result:
@@ -179,7 +163,7 @@ class _Swapped:
         effort = self.effort
         most = SWAP_EVALUATIONS if effort.evaluations is None else effort.evaluations
         return swap.search(
-            objective, self.size, seed=self.seed, starts=swap.STARTS, also=self.starts, seconds=effort.seconds,
+            objective, self.size, seed=self.seed, starts=swap.STARTS, seconds=effort.seconds,
             evaluations=most, checkpoint=self.checkpoint.part(f"{self.size}.{part}"),
         )  # fmt: skip
 

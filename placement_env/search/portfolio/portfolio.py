@@ -24,7 +24,6 @@ from placement_env.racing import Contest, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, kept_entrants
 from placement_env.search.portfolio.evaluators import Evaluated, Evaluator, ProfileEvaluator, evaluator_of, race_order
-from placement_env.search.portfolio.proposals import Proposer
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
@@ -53,7 +52,6 @@ def search(
     neighbours: int = ENTRANTS,
     preparation: Preparation | None = None,
     evaluators: tuple[Evaluator, Evaluator] | None = None,
-    proposer: Proposer | None = None,
     progress: Stages | None = None,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
@@ -65,11 +63,8 @@ def search(
     each search; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`; judge:
     fidelity of race and assessment; race_frames, final_frames: of their traffic, of the seeds after the objective's;
     neighbours: that join the answers; preparation: what the judge is made from, None for the objective's own, which
-    must be of a site; evaluators: of race and assessment, in place of all these; proposer: of a set that
-    races too, and from which swap starts as well, such as `placement_env.rl.maps.map_starts.MapStarts`; where it has
-    none, the certificate's note says why; checkpoint: keeps how far the searches are (what race and assessment detect
-    is in the cache). Raises ValueError where these do not fit.
-    """
+    must be of a site; evaluators: of race and assessment, in place of all these; checkpoint: keeps how far the
+    searches are (what race and assessment detect is in the cache). Raises ValueError where these do not fit."""
     check_whole("budget", budget, least=1)
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
@@ -78,7 +73,7 @@ def search(
     frames = schedule.frames(race_frames), schedule.frames(final_frames)
     racing, final = evaluators or evaluators_of(objective, preparation, judge, frames, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, neighbours)
-    found = found_entrants(objective, effort, seed, progress, checkpoint, proposer=proposer)
+    found = found_entrants(objective, effort, seed, progress, checkpoint)
     limits.count = found.considered
     if not len(found.sets):
         return _without(objective, found, limits, "no search found a set that may be built and pays")
@@ -93,7 +88,7 @@ def search(
     searched = limits.elapsed
     assessment = _assessed(objective, found, ran, (final, schedule), asked=confidence, progress=progress)
     note = f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets"
-    certificate = Certificate("none", winner.reward, note="; ".join((note, *found.notes)))
+    certificate = Certificate("none", winner.reward, note=note)
     history = limits.history(winner.reward)
     return Result("portfolio", winner, history, certificate, found.considered, searched, assessment=assessment)
 
@@ -101,7 +96,7 @@ def search(
 def _without(objective: Objective, found: Entrants, limits: Limits, note: str) -> Result:
     """The answer that nothing is to be built."""
     best = objective.score([])
-    certificate = Certificate("none", best.reward, note="; ".join((note, *found.notes)))
+    certificate = Certificate("none", best.reward, note=note)
     return Result("portfolio", best, limits.history(best.reward), certificate, found.considered, limits.elapsed)
 
 
@@ -163,8 +158,6 @@ def found_entrants(
     seed: int,
     progress: Stages | None,
     checkpoint: Checkpoint = NOWHERE,
-    *,
-    proposer: Proposer | None = None,
 ) -> Entrants:
     """The entrants, from the cache of the objective's preparation where it keeps them."""
     made = objective.preparation
@@ -172,7 +165,6 @@ def found_entrants(
     depends_on = "" if made is None else made.traffic.digest()
     settings: dict[str, Any] = {
         "seed": seed,
-        "proposer": proposer,
         "progress": progress,
         "checkpoint": checkpoint,
     }

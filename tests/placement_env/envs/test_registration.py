@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-KNOWN = "assert sum(name.startswith('coview/') for name in gymnasium.registry) == 4"
+KNOWN = "assert sum(name.startswith('coview/') for name in gymnasium.registry) == 3"
 LIGHT = "import sys; assert not {'torch', 'open3d', 'libsumo'} & set(sys.modules)"
 ROOT = Path(__file__).parents[3]
 
@@ -41,7 +41,7 @@ def test_the_entry_point_registers() -> None:
     EntryPoint(name, value, "gymnasium.envs").load()()
     import gymnasium
 
-    assert sum(known.startswith("coview/") for known in gymnasium.registry) == 4
+    assert sum(known.startswith("coview/") for known in gymnasium.registry) == 3
 
 
 def test_without_gymnasium_there_is_a_remedy() -> None:

@@ -1,7 +1,6 @@
 """One search from its settings to what is printed."""
 
 import json
-from hashlib import sha256
 
 import pytest
 
@@ -9,7 +8,6 @@ from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.objective import Weights
 from placement_env.report.searching import SearchOrder, answered, question_of
-from placement_env.rl.maps.map_policy import SHIPPED_POLICY
 from toolkit.objects import Detections
 from toolkit.runtime.json_files import finite
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
@@ -41,7 +39,6 @@ def test_a_portfolio_says_what_fresh_traffic_says(common):
     assert {name for each in said["contenders"] for name in each["searches"]} >= {
         "greedy",
         "swap",
-        "map policy",
     }
     assert all(len(each["sensors"]) == len(each["subset"]) for each in said["contenders"])
     assert found.lines[0].startswith(
@@ -74,19 +71,6 @@ class Wary:
 
     def __call__(self, points, /):
         return Detections.empty()
-
-
-def test_a_policy_of_ones_own_proposes_to_a_portfolio(common, tmp_path):
-    with pytest.raises(ValueError, match="to method portfolio alone, got swap"):
-        SearchOrder(**common | {"method": "swap", "policy": SHIPPED_POLICY})
-    with pytest.raises(FileNotFoundError):
-        SearchOrder(**common | {"policy": tmp_path / "none.safetensors"})
-    own = tmp_path / "own.safetensors"
-    own.write_bytes(SHIPPED_POLICY.read_bytes())
-    shipped, same = SearchOrder(**common), SearchOrder(**common | {"policy": own})
-    assert question_of(shipped)["policy"] is None
-    assert question_of(same)["policy"] == sha256(own.read_bytes()).hexdigest()
-    assert answered(same).summary["sensors"] == answered(shipped).summary["sensors"]
 
 
 def test_a_question_says_all_its_error_profiles(common):

@@ -67,7 +67,6 @@ def ways(make):
     return {
         "annealing": (partial(annealing.search, pool, 3, seed=1, evaluations=900), 7),
         "swap": (partial(swap.search, pool, 4, seed=2, starts=6), 4),
-        "swap from others": (partial(swap.search, pool, 4, seed=2, starts=5, also=[[0, 5], [20, 9, 3]]), 4),
         "nsga2": (partial(nsga2.search, pool, 4, seed=3, evaluations=700, population=24), 5),
         "cmaes": (posed(cmaes.improve, make, evaluations=200), 4),
     }

@@ -39,26 +39,3 @@ def test_a_start_of_ones_own(make):
     assert len(misfit.best.subset) <= 2
     with pytest.raises(ValueError, match="nowhere"):
         swap.search(objective, 2, start=["nowhere"])
-
-
-def test_further_starts_come_next(make):
-    def fresh():
-        return make(15, 2, views=2, most=0.3, seed=1)
-
-    optimum = swap.search(fresh(), 4, starts=5)
-    poor = swap.search(fresh(), 4, starts=1, start=[0], evaluations=5)
-    alone = swap.search(fresh(), 4, starts=1, start=optimum.best.subset)
-    first = swap.search(fresh(), 4, starts=1)
-    both = swap.search(fresh(), 4, starts=2, also=[optimum.best.subset])
-    assert poor.best.reward < optimum.best.reward
-    assert first.best.reward <= both.best.reward == optimum.best.reward
-    assert both.evaluations == first.evaluations + alone.evaluations  # around an optimum the order does not matter
-    assert both.certificate.kind == "local optimum"
-    assert swap.search(fresh(), 4, starts=1, also=[optimum.best.subset]).evaluations == first.evaluations
-    names = [fresh().names[member] for member in optimum.best.subset]
-    third = swap.search(fresh(), 4, starts=3, also=[[], names])
-    assert third.best.reward >= optimum.best.reward
-    drawn = swap.search(fresh(), 4, starts=3, also=[optimum.best.subset])
-    assert drawn.evaluations > both.evaluations
-    with pytest.raises(ValueError, match="nowhere"):
-        swap.search(fresh(), 2, starts=2, also=[["nowhere"]])

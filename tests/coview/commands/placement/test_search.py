@@ -92,8 +92,6 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
             "method cmaes knows one IoU threshold",
         ),
         (("--curve", "--method", "greedy"), "--curve is for --method portfolio, got greedy"),
-        (("--policy", "p.safetensors", "--method", "swap"), "--policy is for --method portfolio, got swap"),
-        (("--policy", "missing.safetensors"), "missing.safetensors"),
         (("--money", -1), "--money must be at least 0"),
         (("--sensors", "none.toml"), "none.toml"),
         (("--sensors", "none.toml", "--model", "depth-camera"), "leave one of them out"),

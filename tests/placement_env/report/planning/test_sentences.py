@@ -120,17 +120,6 @@ def test_assumptions_follow_the_question():
     assert "With so many sensors" in other
 
 
-def test_why_searches_made_no_start_from_the_map_is_said():
-    said = assumptions(
-        Question(site=SITE),
-        search_fidelity="surrogate",
-        detector="x",
-        worth_sampled=False,
-        notes=("no start from the map: there is none",),
-    )
-    assert "Searches made no start from the map: there is none." in said
-
-
 def test_how_bits_are_counted_is_said():
     def said(**asked):
         question = Question(site=SITE, **asked)

@@ -10,7 +10,6 @@ from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.evaluators import DetectorEvaluator, ProfileEvaluator
-from placement_env.search.portfolio.proposals import Proposal
 
 
 def test_each_number_has_the_winner_of_its_race(street):
@@ -29,23 +28,6 @@ def test_each_number_has_the_winner_of_its_race(street):
     assert points[2].predicted == street.objective.scores(row).ap[0]
     assert "greedy" in points[1].searches
     assert points[1].kbit == pytest.approx(street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0])
-
-
-def test_proposals_race_at_every_number(street):
-    class Proposing:
-        name = "map policy"
-
-        def __call__(self, objective, budget):
-            return Proposal((0, 1, 2)[:budget])
-
-    evaluator = DetectorEvaluator(street.detected)
-    points = budget_curve(street.objective, 3, evaluators=(evaluator, evaluator), proposer=Proposing())
-    assert [point.subset for point in points][1:] == [(0, 1), (0, 1, 2)]
-    assert all("map policy" in point.searches for point in points[1:])
-    amounts = budget_curve(
-        street.objective, 3, amounts=(32.5,), evaluators=(evaluator, evaluator), proposer=Proposing()
-    )
-    assert "map policy" in amounts[0].searches
 
 
 def test_what_costs_as_much_and_finds_less_does_not_pay(street):

@@ -4,73 +4,10 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search import swap
-from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio.entrants import Effort, Entrants, entrants, kept_entrants
-from placement_env.search.portfolio.proposals import Proposal, Proposals
 from toolkit.runtime.cache import Cache
 
 TWO = Effort((1, 2))
-
-
-class Proposing:
-    """Proposes the last candidates."""
-
-    name = "map policy"
-
-    def __init__(self, note=""):
-        self.note = note
-
-    def __call__(self, objective, budget):
-        count = len(objective.candidates)
-        return Proposal((), self.note) if self.note else Proposal(tuple(range(count - budget, count)))
-
-
-@pytest.fixture
-def started(monkeypatch):
-    """From which further sets each swap started."""
-    starts, search = [], swap.search
-
-    def noted(*given, also=(), **settings):
-        starts.append(also)
-        return search(*given, also=also, **settings)
-
-    monkeypatch.setattr(swap, "search", noted)
-    return starts
-
-
-def test_a_proposal_is_an_entrant_and_swap_starts_from_it(make, started):
-    objective = make(mounts=6, poses=4)
-    found = entrants(objective, TWO, proposals=Proposals("map policy", {1: (3,), 2: (0, 9)}))
-    assert started == [((3,),)] * 2 + [((0, 9),)] * 2  # by the objective, and the thrifty one
-    rows = [tuple(np.flatnonzero(row).tolist()) for row in found.sets]
-    for members in ((3,), (0, 9)):
-        assert "map policy" in found.searches[rows.index(members)]
-    assert sum("map policy" in names for names in found.searches) == 2
-    assert found.notes == ()
-    assert not any("map policy" in names for names in entrants(objective, TWO).searches)
-    assert started[4:] == [()] * 4
-
-
-def test_what_may_not_be_built_is_no_entrant(make):
-    found = entrants(make(mounts=6, poses=4), TWO, proposals=Proposals("map policy", {2: (0, 1)}))  # on one mount
-    assert not any("map policy" in names for names in found.searches)
-    assert not (found.sets[:, 0] & found.sets[:, 1]).any()
-
-
-def test_a_state_of_other_proposals_is_not_gone_on_with(street, started, tmp_path):
-    one, other = (Proposals("map policy", {1: members}) for members in ((0,), (2,)))
-    for proposals, times in ((one, 2), (one, 2), (other, 4), (Proposals(), 6), (one, 6)):
-        entrants(street.objective, Effort((1,)), proposals=proposals, checkpoint=Checkpoint(tmp_path))
-        assert len(started) == times
-
-
-def test_why_nothing_is_proposed_is_kept(street):
-    cache, asked = Cache(), {"depends_on": "a", "proposer": Proposing("no map")}
-    first, again = (kept_entrants(street.objective, TWO, cache, **asked) for _ in range(2))
-    assert first.notes == again.notes == ("no map",)
-    poor = Objective.of(street.candidates, street.objective.scored_by, "late", most_price=1.0)
-    assert kept_entrants(poor, TWO, cache, **asked).notes == ("no map",)
 
 
 def test_every_size_has_the_best_set_of_all(street):
@@ -135,8 +72,6 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
         (street.objective, Effort((1, 2), evaluations=9), {}),
         (street.objective, TWO, {"depends_on": "b"}),
         (street.objective, TWO, {"seed": 2}),
-        (street.objective, TWO, {"proposer": Proposing()}),
-        (street.objective, TWO, {"proposer": Proposing("no map")}),
         (rich, TWO, {}),
     ):
         with pytest.raises(pytest.fail.Exception, match="searched"):

@@ -10,7 +10,6 @@ from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated, ProfileEvaluator
-from placement_env.search.portfolio.proposals import Proposal
 
 VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
 
@@ -106,40 +105,6 @@ def test_the_race_and_the_judgement_are_over_error_profiles(deceived):
     assert all(each.low <= each.ap <= each.high for each in said.by_errors)
     alone = portfolio.search(deceived, 2, evaluators=(Truth(), Truth())).assessment
     assert (alone.by_errors, alone.errors_by) == ((), "")
-
-
-class Proposing:
-    """Proposes the second and the third sensor, or says why not."""
-
-    name = "map policy"
-
-    def __init__(self, note=""):
-        self.note = note
-
-    def __call__(self, objective, budget):
-        return Proposal((), self.note) if self.note else Proposal((1, 2)[:budget])
-
-
-def test_a_proposal_races_with_the_answers_of_searches(deceived):
-    found = portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), neighbours=0, proposer=Proposing())
-    assert found.best.subset == (1, 2)
-    assert [(each.searches, each.subset) for each in found.assessment.contenders] == [
-        (("map policy",), (1, 2)),
-        (("exhaustive", "greedy", "swap", "thrifty swap"), (0, 1)),
-    ]
-    assert found.assessment.entrants == 2
-    without = portfolio.search(deceived, 2, evaluators=(Truth(), Truth()), neighbours=0)
-    assert (without.best.subset, without.assessment.entrants) == ((0, 1), 1)
-
-
-def test_why_nothing_is_proposed_is_said_once(deceived, street):
-    asked = {"evaluators": (Truth(), Truth()), "proposer": Proposing("no start from the map: there is none")}
-    found = portfolio.search(deceived, 2, **asked)
-    assert found.certificate.note.endswith("entrants, not of all sets; no start from the map: there is none")
-    poor = Objective.of(street.candidates, Deceived(), "late", most_price=1.0)
-    assert portfolio.search(poor, 2, **asked).certificate.note == (
-        "no search found a set that may be built and pays; no start from the map: there is none"
-    )
 
 
 def test_what_sets_cost_counts_in_the_race(street):

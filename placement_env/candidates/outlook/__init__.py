@@ -1,1 +1,0 @@
-"""What a site's map alone says of its candidates: nothing is simulated, nothing rendered."""
