@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
+from functools import partial, wraps
 from importlib import import_module
+from traceback import walk_tb
+from typing import Any
 
 from coview import __version__
 from coview.hidden_packages import refuse_hidden_packages
@@ -67,22 +72,53 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _called(arguments: Sequence[str]) -> int:
-    """What the command returns, or the parser, which exits after --help and for arguments it does not know."""
+    """Return the exit code of the command, or of the parser, which exits after --help and for unknown arguments."""
     import tyro
 
     if arguments[:1] == ["--version"]:
         print(f"coview {__version__}")
         return 0
+    said = io.StringIO()
     try:
-        return tyro.extras.subcommand_cli_from_dict(
-            _commands(arguments),
-            prog="coview",
-            description=DESCRIPTION,
-            args=arguments,
-            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
-        )
+        with redirect_stderr(said):
+            call = tyro.extras.subcommand_cli_from_dict(
+                {name: _delayed(each) for name, each in _commands(arguments).items()},
+                prog="coview",
+                description=DESCRIPTION,
+                args=arguments,
+                config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.SuppressFixed),
+            )
     except SystemExit as stopped:
+        refusal = _own_refusal(stopped)
+        if refusal is not None:
+            raise refusal from None
+        print(said.getvalue(), end="", file=sys.stderr)
         return stopped.code if isinstance(stopped.code, int) else 0
+    return call()
+
+
+def _delayed(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
+    """Wrap a command so that parsing its arguments does not yet run it."""
+
+    @wraps(command)
+    def delayed(*args: Any, **options: Any) -> Callable[[], int]:
+        return partial(command, *args, **options)
+
+    return delayed
+
+
+def _own_refusal(stopped: SystemExit) -> ValueError | None:
+    """Error that one of our dataclasses raised while the parser built it, which the parser turned into an exit."""
+    from coview.exits import OURS
+
+    error: BaseException | None = stopped
+    while error is not None:
+        frames = walk_tb(error.__traceback__) if isinstance(error, ValueError) else ()
+        if any(frame.f_globals["__name__"].partition(".")[0] in OURS for frame, _ in frames):
+            assert isinstance(error, ValueError)
+            return error
+        error = error.__context__
+    return None
 
 
 def _commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:

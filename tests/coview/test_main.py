@@ -11,6 +11,7 @@ import coview
 import coview.commands.recordings.doctor
 from coview.main import COMMANDS
 from toolkit.runtime.lost import WorkLost
+from toolkit.runtime.run import Run
 
 REPOSITORY = Path(coview.__file__).parents[1]
 
@@ -81,3 +82,16 @@ def test_a_file_that_hides_a_package_is_named(name, tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith(f"coview: {hiding} hides {name}")
     assert done.stderr.count("\n") == 1
+
+
+def test_what_a_dataclass_refuses_is_one_line(run, monkeypatch):
+    def work(run: Run = Run()) -> int:
+        print(run.workers)
+        return 0
+
+    monkeypatch.setattr("coview.main.command", lambda name: work)
+    code, _, said = run("table", "--workers", "0")
+    assert (code, said.count("\n")) == (2, 1)
+    assert said.startswith("coview: workers must be a whole number of at least 1, got 0")
+    assert run("table", "--workers", "many")[0] == 2
+    assert run("table", "--workers", "2")[:2] == (0, "2\n")

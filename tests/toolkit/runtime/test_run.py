@@ -1,0 +1,61 @@
+import os
+import pickle
+from importlib.util import find_spec
+
+import pytest
+
+from toolkit.runtime.run import Processes, Run
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"workers": 0}, "workers must be a whole number of at least 1, got 0: None takes one per core"),
+        ({"workers": 1.5}, "workers must be a whole number of at least 1, got 1.5"),
+        ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
+        ({"frames": 0}, "frames must be a whole number of at least 1, got 0"),
+    ],
+)
+def test_fields_are_checked(fields, message):
+    with pytest.raises(ValueError, match=message):
+        Run(**fields)
+
+
+@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
+def test_a_cluster_needs_ray():
+    with pytest.raises(ImportError, match=r"pip install coview\[scale\]"):
+        Processes(ray="local")
+
+
+def test_work_is_done_in_order_and_counted():
+    told = []
+    run = Run(progress=lambda *stage: told.append(stage))
+    assert list(run.map(abs, [-2, 1], progress=run.stage("numbers", 2))) == [2, 1]
+    assert told == [("numbers", 1, 2), ("numbers", 2, 2)]
+    assert Run().stage("numbers") is None
+
+
+def test_several_workers_give_the_same():
+    assert list(Run(workers=2).map(abs, range(-5, 0))) == [5, 4, 3, 2, 1]
+
+
+def test_workers_are_counted():
+    assert Run().alone
+    assert not Run(workers=2).alone
+    assert Processes(workers=None).count == os.cpu_count()
+
+
+def test_another_process_gets_all_but_progress(tmp_path):
+    run = Run(seed=3, frames=5, cache=tmp_path, progress=print)
+    there = pickle.loads(pickle.dumps(run))
+    assert there == run
+    assert there.progress is None
+
+
+def test_the_cache_is_one_file_in_its_folder(tmp_path):
+    run = Run(cache=str(tmp_path))
+    assert run.memo is run.memo
+    assert run.cache == tmp_path
+    assert Run().memo is None
+    run.memo.put({b"key": ()})
+    assert (tmp_path / "cache.sqlite").is_file()

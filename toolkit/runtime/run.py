@@ -1,0 +1,119 @@
+"""`Run`: how an answer is computed, whatever is asked. `Processes` is its half for work without traffic of its own.
+
+A command takes the smallest class that holds what it uses, and a subclass adds nothing but options that belong to
+computing: `Processes` (workers, ray, progress) for work on given files, `Run` (those, seed, frames, cache) for work on
+simulated traffic. Other usual values are given as the parameter's default, `run: Run = Run(frames=1000)`; tyro makes
+options and help of either from the fields below, in a group of their own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
+from numbers import Integral
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from toolkit.runtime.parallel import spread
+
+if TYPE_CHECKING:
+    from toolkit.runtime.cache import Cache
+
+Stages = Callable[[str, int, "int | None"], None]  # name of a stage, done, to do (None where unknown)
+
+_In = TypeVar("_In")
+_Out = TypeVar("_Out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Processes:
+    """Processes or machines that do the work.
+
+    Raises ValueError for a number of workers below 1, ImportError for a cluster without Ray.
+    """
+
+    workers: int | None = 1
+    """Processes on this machine; None for one per core."""
+    ray: str | None = None
+    """Address of a Ray cluster to work on instead; auto for the one this machine is in, local for this machine."""
+    progress: Stages | None = field(default=None, compare=False, repr=False)
+    """Called with the name of a stage, what is done and what is to be done (None where unknown)."""
+
+    def __post_init__(self) -> None:
+        if self.workers is not None:
+            _check_whole("workers", self.workers, least=1, remedy="None takes one per core")
+        if self.ray is not None and not find_spec("ray"):
+            raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "progress": None}  # it speaks to the terminal of this process
+
+    @property
+    def count(self) -> int:
+        """Number of processes on this machine."""
+        return (os.cpu_count() or 1) if self.workers is None else self.workers
+
+    @property
+    def alone(self) -> bool:
+        """True where all work is done in this process."""
+        return self.ray is None and self.count == 1
+
+    def map(
+        self, job: Callable[[_In], _Out], inputs: Iterable[_In], *, progress: Callable[[int], None] | None = None
+    ) -> Iterator[_Out]:
+        """`job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` gives it.
+
+        job: a module's function or a callable object that can be pickled; progress: called with the number of results.
+        Raises what `job` raises, WorkLost and ConnectionError.
+        """
+        return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
+
+    def stage(self, name: str, total: int | None = None) -> Callable[[int], None] | None:
+        """Callback that counts one stage; None where nobody listens."""
+        tell = self.progress
+        return None if tell is None else lambda done: tell(name, done, total)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Processes):
+    """Computation of an answer: random numbers, amount of traffic, cache and processes.
+
+    The same seed and frames give the same answer on the same machine; cache and processes change its time alone.
+    Raises ValueError for a seed below 0 and fewer than 1 frames.
+
+    >>> Run(frames=24).frames_or(200), Run().frames_or(200)
+    (24, 200)
+    """
+
+    seed: int = 0
+    """Seed of all random numbers."""
+    frames: int | None = None
+    """Number of frames; None for the usual number, or all of a recording."""
+    cache: Path | None = None
+    """Folder that keeps results of long work for the next run; None for no folder."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_whole("seed", self.seed, least=0)
+        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+        if self.frames is not None:
+            _check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
+
+    @cached_property
+    def memo(self) -> Cache | None:
+        """The one file of the cache's folder, opened once; None without a folder."""
+        from toolkit.runtime.cache import Cache
+
+        return None if self.cache is None else Cache(self.cache / "cache.sqlite")
+
+    def frames_or(self, usual: int) -> int:
+        """Number of frames, the usual one where none is given."""
+        return usual if self.frames is None else self.frames
+
+
+def _check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value}{remedy and ': '}{remedy}")
