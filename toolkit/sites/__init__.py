@@ -1,3 +1,3 @@
-"""Junctions: two built in (`tjunction`, `roundabout`), and the road networks all of them are made from."""
+"""Junctions: two built in (`tjunction`, `roundabout`), random ones, and ones imported from maps."""
 
 BUILT_IN = ("roundabout", "tjunction")

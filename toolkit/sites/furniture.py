@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit.sites.site import Relief, Site, Solid
 
 Point = tuple[float, float]
 Outlines = Iterable[Float[np.ndarray, "_ 2"]]
@@ -41,11 +41,6 @@ def block(
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
     return bar(start, end, size[1])
-
-
-def building(xmin: float, ymin: float, xmax: float, ymax: float, height: float) -> Solid:
-    """A block with a flat roof."""
-    return Solid(rectangle(xmin, ymin, xmax, ymax), 0.0, height, "building")
 
 
 def post(x: float, y: float, height: float, radius: float = 0.08) -> Solid:
@@ -80,11 +75,6 @@ def bench(x: float, y: float, along_x: bool = True) -> Solid:
     """A bench 1.8 m long."""
     half = (0.9, 0.25) if along_x else (0.25, 0.9)
     return Solid(rectangle(x - half[0], y - half[1], x + half[0], y + half[1]), 0.0, 0.5, "bench")
-
-
-def bollards(start: Point, end: Point, count: int) -> list[Solid]:
-    """Short posts in a row."""
-    return [post(float(x), float(y), 0.9, 0.07) for x, y in np.linspace(start, end, count).round(3)]
 
 
 def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
@@ -131,55 +121,6 @@ def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: floa
     return solids
 
 
-def clear_of_road(solids: Iterable[Solid], lanes: Outlines, footways: Outlines, gap: float = 0.2) -> list[Solid]:
-    """Solids with what stands on road or footway, or within `gap` m of them, cut off; the largest piece is kept. What
-    hangs above 2 m may hang over footways."""
-    street, road = _surface(lanes, footways).buffer(gap), _surface(lanes, ()).buffer(gap)
-    cleared = []
-    for solid in solids:
-        rest = shapely.Polygon(solid.footprint).difference(street if solid.base < 2 else road)
-        if rest.area > 0.01:
-            largest = max(shapely.get_parts(rest), key=lambda part: part.area).simplify(0.01)
-            footprint = shapely.get_coordinates(shapely.set_precision(largest, 1e-3).exterior)[:-1]
-            cleared.append(replace(solid, footprint=footprint))
-    return cleared
-
-
-def kerbside(lanes: Outlines, footways: Outlines, *, behind: float, spacing: float) -> list[Point]:
-    """Places `behind` m outside the street, every `spacing` m along its outlines."""
-    street = _surface(lanes, footways).buffer(1.0).buffer(behind - 1.0)  # closes the cracks between lanes
-    outlines = [part.exterior for part in shapely.get_parts(street)]
-    outlines += [hole for part in shapely.get_parts(street) for hole in part.interiors]
-    places = [o.interpolate(d) for o in outlines for d in np.arange(0, o.length, spacing)]
-    return [(round(p.x, 2), round(p.y, 2)) for p in places]
-
-
-def free_places(places: Iterable[Point], solids: Iterable[Solid], area: Sequence[float], margin: float) -> list[Point]:
-    """The places within `margin` m of `area` that lie in no solid."""
-    occupied = shapely.union_all(
-        [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
-    ).buffer(0.05)
-    window = shapely.box(area[0] - margin, area[1] - margin, area[2] + margin, area[3] + margin)
-    return [place for place in places if window.contains(p := shapely.Point(place)) and not occupied.intersects(p)]
-
-
-def poles(
-    places: Iterable[Point],
-    relief: Relief,
-    prefix: str,
-    *,
-    top: float = 8.0,
-    price: float = 1.0,
-    capacity: float = 2000.0,
-) -> list[Mount]:
-    """Mounts `prefix`00, `prefix`01, ... that stand on the ground, usable from 3 m up to `top` m."""
-    mounts = []
-    for i, (x, y) in enumerate(places):
-        foot = np.array([x, y, *_ground(relief, np.array([[x, y]]))])
-        mounts.append(Mount(f"{prefix}{i:02}", foot, 3.0, top, price, capacity))
-    return mounts
-
-
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Solids made for level ground, lifted by the ground under the middle of each; what stands on the ground (base 0)
     reaches 0.3 m into it, so that no gap shows."""
@@ -193,10 +134,6 @@ def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
 
 def _ground(relief: Relief, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
     return Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(places).round(3)
-
-
-def _surface(lanes: Outlines, footways: Outlines) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(p) for p in (*lanes, *footways)])
 
 
 def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:

@@ -63,17 +63,15 @@ def build_network(
     nodes: Iterable[XmlAttributes],
     edges: Iterable[XmlAttributes],
     *,
-    connections: Iterable[XmlAttributes] = (),
     crossings: Iterable[XmlAttributes] | None = None,
-    walking_areas: Iterable[XmlAttributes] = (),
     roundabouts: Iterable[XmlAttributes] = (),
     options: Sequence[str] = (),
 ) -> str:
     """The net.xml text of a network; the same rows give the same text.
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
-    `street` makes them; connections: from, to, fromLane, toLane...; crossings: node, edges, width, priority, None lets
-    netconvert guess them; walking_areas: node, edges, shape; roundabouts: nodes, edges; options: of netconvert.
+    `street` makes them; crossings: node, edges, width, priority, None lets netconvert guess them; roundabouts: nodes,
+    edges; options: of netconvert.
 
     Raises ValueError with netconvert's own words where it refuses the rows, ImportError where SUMO is not installed.
     """
@@ -82,14 +80,7 @@ def build_network(
         files = {
             "node": _xml("nodes", (_element("node", row) for row in nodes)),
             "edge": _xml("edges", [*map(_edge, edges), *(_element("roundabout", row) for row in roundabouts)]),
-            "connection": _xml(
-                "connections",
-                [
-                    *(_element("connection", row) for row in connections),
-                    *(_element("crossing", row) for row in crossings or ()),
-                    *(_element("walkingArea", row) for row in walking_areas),
-                ],
-            ),
+            "connection": _xml("connections", (_element("crossing", row) for row in crossings or ())),
         }
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.furniture import block, building, clear_of_road, kerbs, rectangle
+from toolkit.sites.furniture import block, kerbs, rectangle
 
 
 def test_kerbs_lie_between_road_and_footway(union):
@@ -12,18 +12,6 @@ def test_kerbs_lie_between_road_and_footway(union):
     stones = union([kerb.footprint for kerb in kerbs(lanes, footways)])
     assert stones.area == pytest.approx(20 * 0.15, rel=0.15)
     assert not stones.intersects(union(lanes))
-
-
-def test_a_building_over_the_footway_ends_behind_it():
-
-    (cut,) = clear_of_road(
-        [building(2.0, 5.0, 8.0, 12.0, 9.0)],
-        [rectangle(0.0, 0.0, 20.0, 4.0)],
-        [rectangle(0.0, 4.0, 20.0, 6.0)],
-        gap=0.2,
-    )
-    assert cut.footprint[:, 1].min() == pytest.approx(6.2)
-    assert not clear_of_road([building(2.0, 1.0, 8.0, 3.0, 9.0)], [rectangle(0.0, 0.0, 20.0, 4.0)], [])
 
 
 def test_a_block_lies_along_its_yaw():

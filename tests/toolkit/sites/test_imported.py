@@ -13,7 +13,7 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE
 from toolkit.points import centred_in
-from toolkit.sites.furniture import building, post, rectangle
+from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.imported import (
     bay_outline,
     bays_along,
@@ -27,7 +27,7 @@ from toolkit.sites.imported import (
     whole_road,
 )
 from toolkit.sites.maps import import_opendrive, import_osm
-from toolkit.sites.site import Mount
+from toolkit.sites.site import Mount, Solid
 from toolkit.traffic.snapshots import simulate
 
 SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
@@ -162,7 +162,7 @@ def low(site, below):
 
 
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
-    house = building(10.0, 10.0, 30.0, 30.0, 7.0)
+    house = Solid(rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
     made, said = furnished(bare, [*bare.mounts, lamp], [house], 3)
     again, _ = furnished(bare, [*bare.mounts, lamp], [house], 3)
