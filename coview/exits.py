@@ -7,7 +7,7 @@ import sys
 import traceback
 from contextlib import suppress
 
-from toolkit.runtime.lost import WorkLost
+from toolkit.runtime.parallel import WorkLost
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met: the answer is no, as where the doctor suspects something

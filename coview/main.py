@@ -60,7 +60,7 @@ def run(arguments: Sequence[str]) -> int:
         print(f"coview: {error}", file=sys.stderr)
         return 2
     from coview.exits import report
-    from toolkit.runtime.memory import keep_freed_memory
+    from toolkit.runtime.parallel import keep_freed_memory
 
     keep_freed_memory()
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite
 
 
 def print_result(result: Any, text: str, *, as_json: bool) -> None:

@@ -24,7 +24,7 @@ from models.weight_files import digest_of, digest_with, load_weights
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import union_of
-from toolkit.runtime.memory import keep_freed_memory
+from toolkit.runtime.parallel import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
 

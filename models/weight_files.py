@@ -13,8 +13,7 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.voxelnet import VoxelNet
-from toolkit.runtime.files import write_bytes
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.files import parse_json, write_bytes
 
 FORMAT = "coview VoxelNet 1"
 

@@ -22,7 +22,7 @@ import open3d as o3d
 from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import Frame
-from toolkit.pcd import read_pcd
+from toolkit.point_files import read_pcd
 from toolkit.points import (
     Area,
     Crop,
@@ -33,8 +33,7 @@ from toolkit.points import (
     select_sensors,
     unproject,
 )
-from toolkit.runtime.files import reserve, writing
-from toolkit.runtime.numpy_files import load_arrays
+from toolkit.runtime.files import load_arrays, reserve, writing
 from toolkit.sensors.sensor import Sensor
 
 __all__ = [

@@ -31,8 +31,8 @@ from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.geometry import LEVEL, Slope, check_slope, levelled
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_reader as hdf5
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime import hdf5
+from toolkit.runtime.files import parse_json
 from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
 

@@ -20,7 +20,7 @@ from toolkit.frame import Frame, empty_scene
 from toolkit.geometry import LEVEL, Slope
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
-from toolkit.runtime.hdf5_writer import hdf5_file
+from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site

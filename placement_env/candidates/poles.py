@@ -25,7 +25,7 @@ from shapely.geometry import shape
 
 from placement_env.candidates.pole_properties import not_understood
 from toolkit.arrays import Float64
-from toolkit.runtime.json_files import read_json
+from toolkit.runtime.files import read_json
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 

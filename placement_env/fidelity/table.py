@@ -25,9 +25,8 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
 from toolkit.objects import LABELS, VEHICLE, Detector
-from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN

@@ -25,9 +25,9 @@ from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
 from toolkit.points import beyond, frame_points, points_on
-from toolkit.runtime.array_files import read_arrays, write_arrays
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
 
 Rendering = Literal["auto", "full", "panorama"]

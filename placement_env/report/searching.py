@@ -42,7 +42,7 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 

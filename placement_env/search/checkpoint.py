@@ -19,8 +19,7 @@ import numpy as np
 
 from toolkit.runtime.cache import decoded, encoded, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.files import write_bytes
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
 
 EVERY_S = 10.0  # seconds between two states of a part, at least

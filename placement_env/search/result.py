@@ -13,8 +13,7 @@ import numpy as np
 
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import finite, read_json
+from toolkit.runtime.files import finite, read_json, write_text
 from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.sensor import Sensor
 

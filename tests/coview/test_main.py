@@ -10,7 +10,7 @@ import pytest
 import coview
 import coview.commands.recordings.doctor
 from coview.main import COMMANDS
-from toolkit.runtime.lost import WorkLost
+from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.run import Run
 
 REPOSITORY = Path(coview.__file__).parents[1]

@@ -293,7 +293,7 @@ def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes
     import io
     import tempfile
 
-    from toolkit.runtime.array_files import write_arrays
+    from toolkit.runtime.files import write_arrays
 
     with np.load(io.BytesIO(content)) as file:
         arrays = {name: file[name] for name in file}

@@ -149,7 +149,7 @@ def _sound(layout: str) -> tuple[Path, Path, object]:
 
 
 def _cloud(path: Path, seed: int = 0) -> None:
-    from toolkit.pcd import pcd_bytes
+    from toolkit.point_files import pcd_bytes
 
     rng = np.random.default_rng(seed)
     path.parent.mkdir(parents=True, exist_ok=True)

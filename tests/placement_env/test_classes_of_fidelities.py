@@ -26,7 +26,7 @@ from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.points import centred_in
-from toolkit.runtime.array_files import read_arrays, write_arrays
+from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site

@@ -16,8 +16,7 @@ from toolkit.arrays import Float64
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, published_cameras
 from toolkit.geometry import check_pose
-from toolkit.runtime.files import writing
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.files import parse_json, writing
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.geojson import dumps
 from toolkit.sites.site import Site

@@ -29,8 +29,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.readings import Readable, read_frame
-from toolkit.runtime.array_files import read_arrays, write_arrays
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.catalogue import make_model
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS

@@ -15,8 +15,7 @@ from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, learn_empty_scen
 from toolkit.calibration.reference import scene_points
 from toolkit.calibration.registration import NAMES, Registration, Surface, register
 from toolkit.datasets.readings import Readable, read_frame
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor

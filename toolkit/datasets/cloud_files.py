@@ -26,9 +26,8 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.clouds import PointCloud, attributes, crop, from_attributes, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
-from toolkit.point_fields import Attributes, attributes_of, missing
-from toolkit.runtime.json_files import parse_json
-from toolkit.runtime.numpy_files import load_arrays
+from toolkit.point_files import Attributes, attributes_of, missing
+from toolkit.runtime.files import load_arrays, parse_json
 
 Pose = Float64[np.ndarray, "4 4"]
 

@@ -20,8 +20,8 @@ from toolkit.datasets.layouts.hdf5_clouds import CLOUDS_KIND
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_reader as hdf5
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime import hdf5
+from toolkit.runtime.files import parse_json
 from toolkit.sensors.catalogue import make_model, model_class
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site

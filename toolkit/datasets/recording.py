@@ -29,7 +29,7 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
-from toolkit.runtime.hdf5_writer import hdf5_file
+from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

@@ -1,20 +1,34 @@
-"""Files that are whole or not there: the one writer of the house, and what a command may write where.
+"""Files written whole and read with care.
 
-A file is written beside its place under another name, brought to the disk and renamed, so that a reader, a kill or a
-full disk never meets half of one. Where the place is a symbolic link, what it points to is replaced. Folders that are
-missing are made. Whatever goes wrong, nothing is left behind, and one OSError names the file and the reason.
+A file is written beside its place under another name, synced to disk and renamed, so that no reader, kill or full disk
+ever meets half of one. A symbolic link stays, its target is replaced. Missing folders are made. On failure nothing is
+left behind, and one OSError names the file and the reason.
+
+JSON, NumPy files and our own files of named arrays are read here too: all damage becomes one ValueError in one line.
 """
 
 from __future__ import annotations
 
 import errno
+import json
+import math
 import os
 import re
 import shutil
+import struct
 import tempfile
-from collections.abc import Iterable, Iterator
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
 
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
@@ -147,3 +161,86 @@ def _explained(path: str | Path, number: int) -> OSError:
     explained = kind(f"cannot write {path}: {os.strerror(number)}; make room, or give another path")
     explained.errno = number
     return explained
+
+
+def parse_json(text: str) -> Any:
+    """The values of a JSON text. Raises ValueError, in one line, where it is none or nested too deep.
+
+    >>> parse_json("[" * 100000)
+    Traceback (most recent call last):
+    ValueError: its lists or objects are nested too deep to be read: restore the file
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON from line {error.lineno} on ({error.msg}): restore the file") from None
+    except RecursionError:
+        raise ValueError("its lists or objects are nested too deep to be read: restore the file") from None
+    except ValueError:  # Python refuses to turn very long texts into numbers
+        raise ValueError("it has a number of thousands of digits: restore the file") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """The values of a JSON file in UTF-8. Raises OSError; ValueError, in one line, where it is damaged."""
+    try:
+        return parse_json(Path(path).read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a JSON file") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def finite(value: Any) -> Any:
+    """The value with null for the numbers that JSON has not: an infinite bound, the AP of nothing to find.
+
+    >>> finite({"bound": float("inf"), "ap": (0.5, float("nan"))})
+    {'bound': None, 'ap': [0.5, None]}
+    """
+    if isinstance(value, dict):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_CHECKSUM = 32  # bytes of SHA-256 over all that comes before, at the end of the file, where NumPy overlooks them
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write a .npz file; one that was there is replaced. A process killed in mid-write leaves what was there before."""
+    content = BytesIO()
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # its other keyword is not among them
+    write_bytes(path, content.getvalue() + sha256(content.getvalue()).digest())
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """The arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError where it is damaged or another."""
+    content = Path(path).read_bytes()
+    content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
+    if sha256(content).digest() != checksum:
+        raise ValueError(f"{path} does not fit its checksum, so it is damaged or no file of ours: make it again")
+    try:
+        with np.load(BytesIO(content), allow_pickle=False) as file:
+            return {name: file[name] for name in file}
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        raise ValueError(f"{path} holds no plain arrays ({error}): make it again") from None
+
+
+# What np.load was seen to raise on damaged files: from the zip archive, from the header's text, from its shape.
+_NUMPY_RAISES = (
+    OSError, ValueError, EOFError, KeyError, TypeError, IndexError, OverflowError, MemoryError, NotImplementedError,
+    RuntimeError, SyntaxError, AttributeError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
+)  # fmt: skip
+
+
+def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """The arrays of a .npz file by name; the one of a .npy file under the name "". Raises ValueError, in one line."""
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return {"": loaded}
+        with loaded as file:
+            return {name: file[name] for name in file.files}
+    except _NUMPY_RAISES as error:
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise ValueError(f"{path} is no .npy array or .npz archive that can be read: {reason}") from None

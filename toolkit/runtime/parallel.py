@@ -1,14 +1,16 @@
-"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster; the same results.
+"""One function over many inputs: in this process, in several on this machine, or on a Ray cluster.
 
-What a process or a machine had begun when it died is done again.
+The results are the same everywhere. Work that a process or a machine had begun when it died is done again.
 """
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -16,13 +18,127 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from multiprocessing.connection import Connection
 from typing import Any
 
-from toolkit.runtime.lost import WorkLost
-from toolkit.runtime.memory import keep_freed_memory
-from toolkit.runtime.ray_backend import RETRIES, on_ray
+
+class WorkLost(RuntimeError):
+    """A worker died; neither the input nor this code need be at fault. What was finished is kept: start again."""
+
+
+LARGEST_KEPT = 32 << 20  # bytes; the C library takes larger blocks from the system whatever it is asked
+_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # of mallopt(3)
+_NEVER = 2**31 - 1  # bytes at the end of the heap that are handed back, as far as an int goes
+_OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
+
+
+@lru_cache(maxsize=1)
+def keep_freed_memory() -> bool:
+    """Let arrays of up to `LARGEST_KEPT` bytes lie where others lay before, for the rest of this process; whether that
+    could be arranged.
+
+    The GNU C library hands back what is freed at the end of its heap, and the system clears every page of it before it
+    can be used again; a network whose maps come and go spends a third of its time on that. What a process has used at
+    most then stays with it. Nothing is changed under another C library, or where the environment says how to allocate
+    (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_, GLIBC_TUNABLES).
+    """
+    if any(name in os.environ for name in _OWN_SETTINGS):
+        return False
+    mallopt = getattr(_c_library(), "mallopt", None)
+    if mallopt is None:
+        return False
+    return bool(mallopt(_MMAP_THRESHOLD, LARGEST_KEPT)) and bool(mallopt(_TRIM_THRESHOLD, _NEVER))
+
+
+def _c_library() -> object:
+    try:
+        return ctypes.CDLL(None)
+    except (OSError, TypeError):  # no handle of the program itself, as on Windows
+        return None
+
+
+RETRIES = 3  # how often work that was lost is done again
+AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
+
+
+def on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
+    """Ray's scheduler gives tasks to nodes, and gives them again when a worker or a node is lost."""
+    ray = _connected(address)
+    pending: deque[Any] = deque()
+    try:
+        task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
+        shared, remaining = ray.put(job), iter(inputs)
+        ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        while True:
+            pending.extend(task.remote([shared], x) for x in islice(remaining, ahead - len(pending)))
+            if not pending:
+                return
+            yield _got(ray, pending.popleft())
+    finally:
+        for reference in pending:
+            ray.cancel(reference, force=True)
+
+
+def _got(ray: Any, reference: Any) -> Any:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:  # what the job raised
+        raise error.cause from None
+    except ray.exceptions.RayError as error:
+        reason = str(error).partition("\n")[0]
+        raise WorkLost(f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs") from None
+
+
+_jobs: dict[str, Callable[[Any], Any]] = {}  # of a Ray worker: the last it was given, so that what it keeps is kept
+
+
+def _work_on_ray(shared: list[Any], x: Any) -> Any:
+    key = shared[0].hex()
+    if key not in _jobs:
+        _jobs.clear()
+        _jobs[key] = _ray().get(shared[0])
+    return _jobs[key](x)
+
+
+_address: str | None = None  # of the cluster that we are connected to
+
+
+def _connected(address: str) -> Any:
+    """Ray, connected until this process ends or asks for another cluster; a connection of the caller's own stays."""
+    global _address
+    ray = _ray()
+    if ray.is_initialized() and _address not in (None, address):
+        ray.shutdown()
+    if not ray.is_initialized():
+        _connect(ray, address)
+        _address = address
+    return ray
+
+
+def _connect(ray: Any, address: str) -> None:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    here = {"include_dashboard": False} if address == "local" else {}
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
+    try:
+        if colon:  # Ray itself takes minutes to find out
+            socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
+        ray.init(address=address, log_to_driver=False, **here)
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ConnectionError(
+            f"no Ray cluster answers at {address!r} ({reason}): start one with `ray start --head`, or ask for 'local'"
+        ) from None
+
+
+def _ray() -> Any:
+    try:
+        import ray
+    except ImportError:
+        raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]") from None
+    return ray
+
 
 AHEAD = 2  # inputs handed out per process
 TICK_S = 0.2  # between two looks at the ticks

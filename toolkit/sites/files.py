@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import read_json
+from toolkit.runtime.files import read_json, write_text
 from toolkit.sites import BUILT_IN
 from toolkit.sites.geojson import dumps, parse
 from toolkit.sites.site import Site

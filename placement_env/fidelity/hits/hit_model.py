@@ -33,8 +33,7 @@ from placement_env.fidelity.hits.hit_domain import HitDomain
 from toolkit.arrays import Float
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import read_json
+from toolkit.runtime.files import read_json, write_text
 
 FOLDER = Path(__file__).parents[1] / "surrogates"
 RANGES = {

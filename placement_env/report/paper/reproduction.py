@@ -36,8 +36,7 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
-from toolkit.runtime.files import write_text, writing_together
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text, writing_together
 from toolkit.sites.files import load_site
 
 SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md

@@ -9,8 +9,7 @@ from placement_env.report.content import Plan
 from placement_env.report.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.report.pages.files import REPORT_FILES, write_report
 from placement_env.report.planning.planning import Planned
-from toolkit.runtime.files import write_text, writing_together
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text, writing_together
 
 CONTENT = "plan.json"
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)

@@ -20,7 +20,7 @@ from placement_env.analysis.intervals import percentiles
 from placement_env.report.content import CONFIDENCE
 from placement_env.report.stress.outcomes import StressRow
 from toolkit.arrays import Float64
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite
 
 LEAST_LEAD = 0.005  # of AP, from which on one scheme is said to be better than another
 

@@ -12,8 +12,7 @@ from placement_env.report.stress.crossings import Crossing, best_schemes
 from placement_env.report.stress.exact_failures import ExactFailure
 from placement_env.report.stress.noticing import FalseAlarms, Noticed
 from placement_env.report.stress.outcomes import StressRow
-from toolkit.runtime.files import write_text, writing_together
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text, writing_together
 from toolkit.runtime.text_tables import aligned
 
 STRESS_FILES = ("stress.json", "stress.svg")

@@ -32,7 +32,7 @@ from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.points import unproject
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite
 
 ONSET = 2.0  # s after traffic began
 LOOKED = 2.0  # s after it, for which the centre is given time

@@ -22,7 +22,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
-from toolkit.runtime.array_files import write_arrays
+from toolkit.runtime.files import write_arrays
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.errors.profiles import TYPICAL
 from toolkit.sensors.sensor import Sensor

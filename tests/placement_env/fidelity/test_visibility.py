@@ -11,8 +11,8 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.points import beyond, frame_points
 from toolkit.rendering.renderer import Renderer
-from toolkit.runtime.array_files import write_arrays
 from toolkit.runtime.cache import Cache
+from toolkit.runtime.files import write_arrays
 from toolkit.sensors.sensor import Sensor
 
 

@@ -9,7 +9,7 @@ from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.objective import Weights
 from placement_env.report.searching import SearchOrder, answered, question_of
 from toolkit.objects import Detections
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 

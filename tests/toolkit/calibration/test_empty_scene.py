@@ -236,7 +236,7 @@ def test_damaged_and_other_files_are_refused(tmp_path):
     path.write_bytes(content)
     with pytest.raises(ValueError, match="checksum"):
         load_empty_scenes(path)
-    from toolkit.runtime.array_files import write_arrays
+    from toolkit.runtime.files import write_arrays
 
     write_arrays(path, {"scenes": np.array('[{"name": "a", "model": {"class": "DepthCamera"}, "frames": 3}]')})
     with pytest.raises(ValueError, match="holds no empty scenes"):

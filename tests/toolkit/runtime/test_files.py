@@ -1,12 +1,28 @@
 """Whole files: what is there is there whole, and nothing is left behind."""
 
 import errno
+import io
 import os
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from toolkit.runtime.files import check_output, reserve, write_bytes, write_text, writing, writing_together
+from toolkit.runtime.files import (
+    check_output,
+    load_arrays,
+    parse_json,
+    read_arrays,
+    read_json,
+    reserve,
+    write_arrays,
+    write_bytes,
+    write_text,
+    writing,
+    writing_together,
+)
 
 
 def test_it_makes_folders_replaces_what_was_there_and_leaves_nothing_else(tmp_path):
@@ -141,3 +157,112 @@ def test_files_written_together_are_all_there_or_none(tmp_path):
         with pytest.raises(type(error)):
             write(tmp_path / "out", error)
     assert {each.name: each.read_text() for each in (tmp_path / "out").iterdir()} == {"a": "old", "b": "new"}
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b'{"a": 1,\n', r"a\.json: not JSON from line 2 on"),
+        (b"[" * 100_000, r"a\.json: its lists or objects are nested too deep"),
+        (b'{"a":' * 100_000, "nested too deep"),
+        (b"1" * 5000, "thousands of digits"),
+        (b"\xff\xfe", r"a\.json: not a text file \(byte 0 is not UTF-8\)"),
+    ],
+)
+def test_damaged_json_is_one_line(tmp_path, content, says):
+    (tmp_path / "a.json").write_bytes(content)
+    with pytest.raises(ValueError, match=says) as error:
+        read_json(tmp_path / "a.json")
+    assert "\n" not in str(error.value)
+
+
+def test_sound_json_is_read(tmp_path):
+    (tmp_path / "a.json").write_text('\ufeff{"a": [1, 2.5, null]}', encoding="utf-8")
+    assert read_json(tmp_path / "a.json") == parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
+
+
+ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
+
+
+def test_what_is_written_is_read(tmp_path):
+    write_arrays(tmp_path / "new" / "x.npz", ARRAYS)
+    found = read_arrays(tmp_path / "new" / "x.npz")
+    assert found.keys() == ARRAYS.keys()
+    assert all(found[name].dtype == ARRAYS[name].dtype and (found[name] == ARRAYS[name]).all() for name in ARRAYS)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["x.npz"]
+
+
+@pytest.mark.parametrize("length", [0, 1, 40, -30, -1])
+def test_files_cut_off_are_refused(tmp_path, length):
+    write_arrays(tmp_path / "x.npz", ARRAYS)
+    content = (tmp_path / "x.npz").read_bytes()
+    (tmp_path / "x.npz").write_bytes(content[:length])
+    with pytest.raises(ValueError, match="checksum"):
+        read_arrays(tmp_path / "x.npz")
+
+
+def test_a_turned_bit_is_found(tmp_path):
+    write_arrays(tmp_path / "x.npz", ARRAYS)
+    content = (tmp_path / "x.npz").read_bytes()
+    for place in range(0, len(content), 17):
+        turned = bytearray(content)
+        turned[place] ^= 4
+        (tmp_path / "y.npz").write_bytes(turned)
+        with pytest.raises(ValueError, match="checksum"):
+            read_arrays(tmp_path / "y.npz")
+
+
+def test_numpy_reads_them_too(tmp_path):
+    write_arrays(tmp_path / "x.npz", ARRAYS)
+    with np.load(tmp_path / "x.npz") as file:
+        assert (file["a"] == ARRAYS["a"]).all()
+
+
+def test_what_is_missing_or_not_ours_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read_arrays(tmp_path / "none.npz")
+    np.savez(tmp_path / "objects.npz", a=np.array([{}], object))
+    with pytest.raises(ValueError, match="checksum"):
+        read_arrays(tmp_path / "objects.npz")
+
+
+def test_objects_are_refused_whatever_the_checksum_says(tmp_path):
+    content = BytesIO()
+    np.savez(content, a=np.array([{}], object))
+    for value in (content.getvalue(), b"no archive"):
+        (tmp_path / "x.npz").write_bytes(value + sha256(value).digest())
+        with pytest.raises(ValueError, match="no plain arrays"):
+            read_arrays(tmp_path / "x.npz")
+
+
+def npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def test_arrays_are_read(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(3))
+    np.savez(tmp_path / "b.npz", x=np.arange(3), y=np.eye(2))
+    assert load_arrays(tmp_path / "a.npy")[""].tolist() == [0, 1, 2]
+    assert set(load_arrays(tmp_path / "b.npz")) == {"x", "y"}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"", b"junk", b"PK\x03\x04junk", b"\x80\x04N.", npy(np.arange(9.0))[:100],
+        npy(np.arange(9.0)).replace(b"(9,)", b"(99"), npy(np.arange(9.0)).replace(b"'<f8'", b"'<q8'"),
+    ],
+)  # fmt: skip
+def test_damaged_numpy_file_is_one_line(tmp_path, content):
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.npy is no \.npy array") as error:
+        load_arrays(tmp_path / "a.npy")
+    assert "\n" not in str(error.value)
+
+
+def test_pickles_are_not_opened(tmp_path):
+    np.save(tmp_path / "a.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(ValueError, match="is no"):
+        load_arrays(tmp_path / "a.npy")

@@ -1,9 +1,11 @@
-"""Whoever does the work, and whoever dies over it, the results are those of a plain loop."""
+"""Results are those of a plain loop in processes and on Ray, and lost work is done again."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from toolkit.runtime import parallel as processes
-from toolkit.runtime.parallel import spread, tick
+from toolkit.runtime.parallel import LARGEST_KEPT, RETRIES, WorkLost, keep_freed_memory, spread, tick
 
 
 def square(x: int) -> int:
@@ -158,3 +160,165 @@ def test_wrong_numbers_and_missing_ray_are_told_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ImportError, match=r"pip install coview\[scale\]"):
         next(spread(square, [1], ray="auto"))
+
+
+def dies(x: int) -> int:
+    os._exit(7)
+
+
+def test_work_that_kills_every_process_is_given_up():
+    with pytest.raises(WorkLost, match=f"died {RETRIES + 1} times in a row, at or near input 1") as error:
+        list(spread(dies, [1], workers=2))
+    assert "\n" not in str(error.value)
+    assert isinstance(error.value, RuntimeError)
+
+
+COUNTS = """
+import resource, sys
+import numpy as np
+from toolkit.runtime.parallel import keep_freed_memory
+
+def faults(count, size):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(count):
+        several = [np.ones(size, np.uint8) for _ in range(4)]
+        del several
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+kept = keep_freed_memory() if sys.argv[1] == "keep" else None
+faults(2, 12 << 20)
+print(kept, faults(20, 12 << 20))
+"""
+OWN = {"MALLOC_TRIM_THRESHOLD_": "131072"}
+
+
+def counted(how, **environment):
+    clean = {name: value for name, value in os.environ.items() if name not in processes._OWN_SETTINGS}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTS, how],
+        env=clean | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    kept, faults = done.stdout.split()
+    return kept, int(faults)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
+def test_arrays_come_to_lie_where_others_lay():
+    kept, few = counted("keep")
+    _, many = counted("leave")
+    assert kept == "True"
+    assert many > 1000
+    assert few < many / 20
+
+
+def test_what_the_environment_says_wins():
+    assert counted("keep", **OWN)[0] == "False"
+
+
+def test_it_is_arranged_once(monkeypatch):
+    asked = []
+
+    def mallopt(*what):
+        asked.append(what)
+        return 1
+
+    library = type("Library", (), {"mallopt": staticmethod(mallopt)})
+    monkeypatch.setattr(processes, "_c_library", lambda: library)
+    for name in processes._OWN_SETTINGS:
+        monkeypatch.delenv(name, raising=False)
+    keep_freed_memory.cache_clear()
+    assert keep_freed_memory()
+    assert keep_freed_memory()
+    assert asked == [(-3, LARGEST_KEPT), (-1, 2**31 - 1)]
+    keep_freed_memory.cache_clear()
+
+
+@pytest.mark.parametrize("library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)})])
+def test_without_it_nothing_happens(monkeypatch, library):
+    monkeypatch.setattr(processes, "_c_library", lambda: library)
+    for name in processes._OWN_SETTINGS:
+        monkeypatch.delenv(name, raising=False)
+    keep_freed_memory.cache_clear()
+    assert keep_freed_memory() is False
+    keep_freed_memory.cache_clear()
+
+
+@dataclass
+class Stuck:
+    """Squares, noting in a file on which node and in which process each was begun; on one node it never ends."""
+
+    log: Path
+    node: str
+
+    def __call__(self, x: int) -> int:
+        import ray
+
+        node = ray.get_runtime_context().get_node_id()
+        with self.log.open("a") as file:
+            file.write(f"{x} {node} {os.getpid()}\n")
+        time.sleep(3600 if node == self.node else 0.1)
+        return x * x
+
+
+@pytest.fixture(scope="module")
+def two_nodes():
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 100_000_000}
+    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    yield cluster, cluster.add_node(**node)
+    cluster.shutdown()
+
+
+@pytest.mark.slow
+def test_ray_gives_what_a_loop_gives(two_nodes):
+    cluster, _ = two_nodes
+    assert list(spread(square, range(12), ray=cluster.address)) == [x * x for x in range(12)]
+    with pytest.raises(ValueError, match=r"^unlucky$"):
+        list(spread(square, [1, 13, 2], ray=cluster.address))
+
+
+@pytest.mark.slow
+def test_ray_does_the_work_of_a_killed_process_again(two_nodes, tmp_path):
+    cluster, _ = two_nodes
+    assert list(spread(DiesOnce(tmp_path, 5), range(9), ray=cluster.address)) == [x * x for x in range(9)]
+    assert (tmp_path / "killed").exists()
+
+
+@pytest.mark.slow
+def test_ray_goes_on_when_one_of_two_nodes_is_killed_in_mid_run(two_nodes, tmp_path):
+    cluster, second = two_nodes
+    log = tmp_path / "begun"
+
+    def kill_second() -> None:  # as when the power fails, when it has begun to work
+        while not (there := [int(pid) for _, node, pid in begun(log) if node == second.node_id]):
+            time.sleep(0.01)
+        for pid in (second.all_processes["raylet"][0].process.pid, *there):
+            os.kill(pid, signal.SIGKILL)
+
+    threading.Thread(target=kill_second, daemon=True).start()
+    assert list(spread(Stuck(log, second.node_id), range(30), ray=cluster.address)) == [x * x for x in range(30)]
+    numbers = [x for x, _, _ in begun(log)]
+    assert len(numbers) > len(set(numbers)) == 30  # something was done again
+
+
+def begun(log: Path) -> list[list[str]]:
+    return [line.split() for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def test_an_address_without_a_cluster_is_told_in_one_line():
+    pytest.importorskip("ray")
+    with pytest.raises(ConnectionError, match="ray start --head") as error:
+        next(spread(square, [1], ray="127.0.0.1:1"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_a_cluster_of_this_machine_alone():
+    pytest.importorskip("ray")
+    assert list(spread(square, range(5), ray="local")) == [0, 1, 4, 9, 16]

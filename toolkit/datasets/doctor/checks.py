@@ -25,7 +25,7 @@ from toolkit.datasets.doctor.other_frames import suspect_frames
 from toolkit.geometry import levelled, transform
 from toolkit.objects import Objects
 from toolkit.points import points_on
-from toolkit.runtime import hdf5_reader as hdf5
+from toolkit.runtime import hdf5
 from toolkit.sites.site import Site
 
 UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known

@@ -11,7 +11,7 @@ import numpy as np
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
 from toolkit.datasets.doctor.checks import UNKNOWN, Finding, check_measurements
-from toolkit.runtime import hdf5_reader as hdf5
+from toolkit.runtime import hdf5
 from toolkit.sites.site import Site
 
 

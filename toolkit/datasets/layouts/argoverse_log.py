@@ -26,7 +26,7 @@ from toolkit.datasets.records.fields import Listing, named_damage
 from toolkit.datasets.records.labels import labelled, no_labels
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.objects import LABELS
-from toolkit.point_fields import attributes_of
+from toolkit.point_files import attributes_of
 from toolkit.runtime.files import writing
 
 _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}

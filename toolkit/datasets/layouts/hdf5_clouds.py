@@ -28,9 +28,8 @@ import numpy as np
 from toolkit.datasets.records.fields import Listing, as_number, entry, named_damage, records, rigid_matrix
 from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud, region_of
 from toolkit.objects import Objects
-from toolkit.runtime import hdf5_reader as reader
-from toolkit.runtime.files import writing
-from toolkit.runtime.json_files import finite, parse_json
+from toolkit.runtime import hdf5 as reader
+from toolkit.runtime.files import finite, parse_json, writing
 
 CLOUDS_KIND = "clouds"  # the attribute `coview` of such a file
 _VERSION = 1

@@ -27,7 +27,7 @@ from toolkit.datasets.records.clouds import cloud_of
 from toolkit.datasets.records.labels import add_problem
 from toolkit.datasets.sample import Sample
 from toolkit.objects import Objects
-from toolkit.point_fields import attributes_of
+from toolkit.point_files import attributes_of
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"

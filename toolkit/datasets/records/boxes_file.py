@@ -21,8 +21,7 @@ import numpy as np
 from toolkit.datasets.records.fields import as_number, entry, json_of, named_damage, records
 from toolkit.datasets.records.labels import Labelled, labelled
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text
 
 _VERSION = 1
 _SIZES = ("x", "y", "z", "length", "width", "height")

@@ -17,7 +17,7 @@ from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import read_recorded
 from toolkit.datasets.records.labels import add_problem
 from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.pcd import pcd_bytes
+from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import write_bytes
 
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")

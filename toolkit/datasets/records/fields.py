@@ -16,7 +16,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import check_pose
-from toolkit.runtime.json_files import parse_json
+from toolkit.runtime.files import parse_json
 
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)

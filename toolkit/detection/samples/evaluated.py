@@ -20,8 +20,7 @@ from toolkit.detection.samples.results import described, summary
 from toolkit.detection.samples.scoring import SampleRow, Scoring, format_rows
 from toolkit.detection.scheme import Scheme
 from toolkit.objects import Detector, check_known
-from toolkit.runtime.files import write_text
-from toolkit.runtime.json_files import finite
+from toolkit.runtime.files import finite, write_text
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.datasets.layouts.dair import dair, read_transform
 from toolkit.geometry import transform
-from toolkit.pcd import pcd_bytes
+from toolkit.point_files import pcd_bytes
 
 CAR = {
     "type": "Car", "occluded_state": "0", "truncated_state": "0", "alpha": "1.5",

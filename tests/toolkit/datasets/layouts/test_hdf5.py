@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.layouts import hdf5 as hdf5_layout
+from toolkit.datasets.layouts import hdf5_layout
 from toolkit.datasets.layouts.hdf5 import hdf5
 from toolkit.datasets.readings import read_frame
 from toolkit.datasets.sample import Rectangle

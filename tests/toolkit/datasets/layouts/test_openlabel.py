@@ -6,7 +6,7 @@ import pytest
 from toolkit.datasets.layouts.openlabel import openlabel, openlabel_content
 from toolkit.datasets.sample import Sample
 from toolkit.objects import Detections, Objects
-from toolkit.pcd import pcd_bytes
+from toolkit.point_files import pcd_bytes
 
 # A quarter turn about z is (0, 0, sin 45°, cos 45°) as x y z w; read as w x y z it would be half a turn about y and z.
 QUARTER = [0.0, 0.0, 0.70710678, 0.70710678]

@@ -6,7 +6,7 @@ import pytest
 from toolkit.datasets.layouts.sustech import sustech, write_sustech
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.objects import Objects
-from toolkit.pcd import pcd_bytes
+from toolkit.point_files import pcd_bytes
 
 LABEL = [
     {

@@ -1,9 +1,11 @@
+""" """
+
 import numpy as np
 import open3d as o3d
 import pytest
 
 from toolkit.clouds import attributes, from_attributes
-from toolkit.pcd import lzf_decompressed, read_pcd
+from toolkit.point_files import attributes_of, lzf_decompressed, read_pcd
 
 RNG = np.random.default_rng(0)
 MADE: dict[str, np.ndarray] = {
@@ -97,3 +99,28 @@ def test_no_points_are_no_damage(tmp_path):
         (tmp_path / "a.pcd").write_bytes(header(XYZ, 0, kind))
         assert read_pcd(tmp_path / "a.pcd")["positions"].shape == (0, 3)
     assert "positions" in attributes(from_attributes(read_pcd(tmp_path / "a.pcd")))
+
+
+XYZ = {axis: np.arange(4.0) for axis in "xyz"}
+
+
+def test_packed_colours_are_taken_apart():
+    word = np.array([0xFF8001, 0, 0x0000FF, 0x010203], np.uint32)
+    for column in (word, word.view(np.float32), word[:, None]):
+        colours = attributes_of({**XYZ, "rgb": column})["colors"]
+        assert colours.tolist() == [[255, 128, 1], [0, 0, 0], [0, 0, 255], [1, 2, 3]]
+
+
+@pytest.mark.parametrize("names", [("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz")])
+def test_normals_have_the_type_of_positions(names):
+    made = attributes_of(
+        {axis: column.astype(np.float32) for axis, column in XYZ.items()} | dict.fromkeys(names, XYZ["x"])
+    )
+    assert made["normals"].shape == (4, 3)
+    assert made["normals"].dtype == made["positions"].dtype == np.float32
+
+
+def test_columns_of_texts_are_left_out_and_whole_positions_become_float64():
+    made = attributes_of({**{axis: np.arange(4) for axis in "xyz"}, "word": np.array(["a"] * 4), "t": np.arange(4)})
+    assert made.keys() == {"positions", "t"}
+    assert made["positions"].dtype == np.float64
