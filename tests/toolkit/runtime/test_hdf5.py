@@ -105,7 +105,7 @@ LIMITED = """
 import gc, resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 limit = int(sys.argv[1])
-from tests.toolkit.runtime.test_hdf5_writer import hdf5_file, write
+from tests.toolkit.runtime.test_hdf5 import hdf5_file, write
 from toolkit.runtime.files import writing
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 try:
