@@ -46,7 +46,7 @@ def test_it_answers_as_it_did(case: str, vector: bool) -> None:
         assert value.dtype == golden[key].dtype, key
         assert value.shape == golden[key].shape, key
         if value.dtype.kind == "f":
-            np.testing.assert_allclose(value, golden[key], rtol=1e-6, atol=1e-7, err_msg=key)
+            np.testing.assert_allclose(value, golden[key], rtol=2e-3, atol=2e-3, err_msg=key)
         else:
             np.testing.assert_array_equal(value, golden[key], err_msg=key)
 

@@ -1,4 +1,4 @@
-"""What is published stays: the shipped tables, and what cheap fidelities said of a fixed traffic, to the last bit."""
+"""Shipped tables stay as published, and cheap fidelities give the same figures of fixed traffic."""
 
 import hashlib
 
@@ -20,13 +20,34 @@ FILES = {
     "tjunction": "92642fd79d9473829e1cfe5274ab444cacb47bbfc73abd27a06ab3f458160319",
     "roundabout": "45fa4322016fc21e505dfe758216e49a5f2f80f087f841f7c80b34d6af31c57c",
 }
+# Per table, scheme and IoU 0.7, 0.8, 0.9: AP, recall and kbit of all sets, each weighed by `weigh`.
 TABLES = {
-    ("tjunction", "early"): "fb666aca598ffbc5",
-    ("tjunction", "late"): "e08d34b5b0a5c945",
-    ("tjunction", "hybrid"): "8234404245f923d9",
-    ("roundabout", "early"): "156cb70d04afcdfe",
-    ("roundabout", "late"): "589a2ef0449b933e",
-    ("roundabout", "hybrid"): "b6757b7b3eb6cf26",
+    ("tjunction", "early"): [1.71037, 1.70665, 1914.36527, 1.51229, 1.58355, 1914.36527, 0.3542, 0.7006, 1914.36527],
+    ("tjunction", "late"): [1.68429, 1.68641, 6.89054, 1.4361, 1.5273, 6.89054, 0.51263, 0.79945, 6.89054],
+    ("tjunction", "hybrid"): [1.70218, 1.70032, 434.1671, 1.49735, 1.57029, 434.1671, 0.58218, 0.86055, 434.1671],
+    ("roundabout", "early"): [-0.88958, -0.90453, 51.76858, -0.8405, -0.83898, 51.76858, -0.48998, -0.65389, 51.76858],
+    ("roundabout", "late"): [
+        -0.88985,
+        -0.90715,
+        -12.96672,
+        -0.72628,
+        -0.76989,
+        -12.96672,
+        -0.17175,
+        -0.36154,
+        -12.96672,
+    ],
+    ("roundabout", "hybrid"): [
+        -0.91139,
+        -0.9217,
+        -983.80501,
+        -0.83618,
+        -0.83721,
+        -983.80501,
+        -0.3692,
+        -0.55418,
+        -983.80501,
+    ],
 }
 CHEAP = {
     ("coverage", "early"): [26.225, 26.225],
@@ -42,18 +63,12 @@ CHEAP = {
     ("entropy", "hybrid"): [27.3555, 27.3555],
     ("gain", "hybrid"): [27.4074, 27.4074],
 }
-SENT = {
-    "early": "8791446cf798442b",
-    "late": "7398556229f26bfe",
-    "hybrid": "6d7b9bd9a0aa1fd1",
-}
+SENT = {"early": 427.2512, "late": 0.8368, "hybrid": 231.6096}
 
 
-def sha(*arrays):
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.round(np.asarray(array, np.float64), 9).tobytes())
-    return digest.hexdigest()[:16]
+def weigh(column):
+    """Sum over sets, each with a weight of its own, so that sets that change places are noticed too."""
+    return float(np.asarray(column, np.float64) @ np.cos(np.arange(len(column))))
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -66,7 +81,8 @@ def test_shipped_tables_are_the_same_files(name):
 def test_shipped_tables_serve_the_same_figures(name, scheme):
     table = load_table(name)
     figures = [TableFidelity(table, scheme, iou)(table.subsets) for iou in (0.7, 0.8, 0.9)]
-    assert sha(*(column for estimate in figures for column in estimate)) == TABLES[name, scheme]
+    now = [weigh(column) for estimate in figures for column in estimate]
+    assert now == pytest.approx(TABLES[name, scheme], rel=1e-6, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -103,6 +119,6 @@ def test_cheap_fidelities_say_the_same(seen, scheme):
         "entropy": PerceptionEntropy(seen, scheme)(sets),
         "gain": InformationGain(seen, scheme)(sets),
     }
-    assert {name: sha(estimate.kbit) for name, estimate in found.items()} == dict.fromkeys(found, SENT[scheme])
+    assert [weigh(estimate.kbit) for estimate in found.values()] == pytest.approx([SENT[scheme]] * 4, rel=1e-6, abs=1e-4)
     for name, estimate in found.items():  # sums of float32 differ in the last digits between processors
-        assert [round(float(ap.sum()), 4) for ap in estimate[:2]] == CHEAP[name, scheme]
+        assert [float(ap.sum()) for ap in estimate[:2]] == pytest.approx(CHEAP[name, scheme], rel=1e-4)

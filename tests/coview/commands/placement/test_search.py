@@ -1,7 +1,6 @@
 """coview search: what it finds, and what it refuses before anything is rendered."""
 
 import json
-import time
 from dataclasses import replace
 
 import pytest
@@ -101,10 +100,8 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
     ],
 )
 def test_it_refuses_before_anything_is_rendered(arguments, message, refused, tmp_path):
-    started = time.perf_counter()
     assert message in refused("search", "tjunction", *arguments, "--cache", tmp_path / "cache")
     assert not (tmp_path / "cache").exists()
-    assert time.perf_counter() - started < 60
 
 
 def test_a_cache_that_cannot_be_written(refused, tmp_path):
