@@ -119,6 +119,7 @@ def test_cheap_fidelities_say_the_same(seen, scheme):
         "entropy": PerceptionEntropy(seen, scheme)(sets),
         "gain": InformationGain(seen, scheme)(sets),
     }
-    assert [weigh(estimate.kbit) for estimate in found.values()] == pytest.approx([SENT[scheme]] * 4, rel=1e-6, abs=1e-4)
+    for estimate in found.values():
+        assert weigh(estimate.kbit) == pytest.approx(SENT[scheme], rel=1e-6, abs=1e-4)
     for name, estimate in found.items():  # sums of float32 differ in the last digits between processors
         assert [float(ap.sum()) for ap in estimate[:2]] == pytest.approx(CHEAP[name, scheme], rel=1e-4)

@@ -105,7 +105,7 @@ def test_the_time_before_a_kill_counts():
     limits = Limits(100.0, 50)
     limits.resume({"count": 20, "elapsed": 60.0, "rows": [[3, 1.5, 0.25]]})
     assert limits.count == 20
-    assert 60.0 <= limits.elapsed < 61.0
+    assert limits.elapsed >= 60.0
     assert limits.rows == [(3, 1.5, 0.25)]
     assert limits.share == pytest.approx(0.6, abs=0.01)
 
