@@ -16,7 +16,7 @@ from coview.progress_bar import progress_bar
 TOGETHER, CLUSTER = "together", "cluster"
 
 if TYPE_CHECKING:
-    from models.training.packing import Recording
+    from models.training.packing import PackedRecording
     from toolkit.calibration.sensor_poses import FoundPose
     from toolkit.datasets.records.fields import Samples
     from toolkit.datasets.sample import Sample
@@ -82,7 +82,7 @@ def cloud_recordings(
     level: Literal["map", "plane", "none"],
     still: bool,
     area: tuple[float, float, float, float] | None,
-) -> Iterator[Recording]:
+) -> Iterator[PackedRecording]:
     """Recordings of clouds on level ground, ready to be packed."""
     from models.training.packing import sample_recordings
     from toolkit.detection.samples.levelled import level_samples

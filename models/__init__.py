@@ -1,4 +1,7 @@
-"""What is seen: VoxelNet, its training and its weights. Needs torch, numpy, h5py and shapely only, each when used."""
+"""Detection: VoxelNet, its training and its weights.
+
+Needs torch, numpy, h5py and shapely only, each loaded when used.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""`VoxelNetConfig`: all that fixes the shape and meaning of a network, from the published size to the light one."""
+"""`VoxelNetConfig`: the shape and meaning of a network, from published size to light."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 
 @dataclass(frozen=True)
 class AnchorKind:
-    """The anchors of one class, in every cell one for each yaw (rad).
+    """Anchors of one class: in every cell, one for each yaw (rad).
 
-    size: length width height, m; z: height of their centres, m; margin: by which length and width of anchors and
-    objects are enlarged (m) while they are matched, so that a small object has more than one anchor; positive,
-    negative: IoU thresholds of that matching.
+    size: length width height, m; z: height of their centres, m; margin: metres by which length and width of anchors and
+    objects grow during matching, so that a small object matches more than one anchor; positive, negative: IoU
+    thresholds of that matching.
 
-    Raises ValueError where that is no anchor.
+    Raises ValueError for impossible sizes, margins or thresholds.
     """
 
     label: str
@@ -53,12 +53,12 @@ ROAD_USERS = (
 
 @dataclass(frozen=True)
 class VoxelNetConfig:
-    """The grid, the widths and the head of one VoxelNet. The defaults are the published network.
+    """Grid, widths and head of one VoxelNet; the published network by default.
 
-    The grid starts at the lower corner of the area; where the area is no multiple of what the network strides over, the
-    grid reaches beyond its upper end, but points outside the area stay ignored. Maps have H along x, W along y.
+    The grid starts at the lower corner of the area. Where the area is no multiple of the network's stride, the grid
+    reaches beyond its upper end, but points outside the area are still ignored. Maps have H along x, W along y.
 
-    Raises ValueError where the numbers cannot make a network.
+    Raises ValueError if no network can have these numbers.
 
     >>> VoxelNetConfig.published("tjunction").grid_shape, VoxelNetConfig.light((0, 0, 50, 30)).map_shape
     ((400, 200, 10), (128, 76))
@@ -103,7 +103,7 @@ class VoxelNetConfig:
     """Per label a slope and an intercept: score = sigmoid(slope · logit(score) + intercept); (): as they are."""
     rivalry: tuple[tuple[float, ...], ...] = ()
     """Per label a slope, an intercept and a weight for each label, by which scores are lowered where boxes of other
-    labels stand at the same place (`models.network.rivals`); (): as they are."""
+    labels stand at the same place (`models.network.candidates`); (): as they are."""
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
 
@@ -123,7 +123,7 @@ class VoxelNetConfig:
         self._check_classes()
 
     def _check_classes(self) -> None:
-        """ValueError where labels, their anchors, faces and calibration do not fit each other."""
+        """Raise ValueError unless labels, anchors, faces and calibration fit each other."""
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
             raise ValueError(f"labels must be different ones of {LABELS}, got {self.labels} with faces {self.faces}")
@@ -151,14 +151,20 @@ class VoxelNetConfig:
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> VoxelNetConfig:
-        """The network of the paper for "tjunction" or "roundabout" (0.2 m, 0.4 m voxels), in the site's own frame."""
+        """Return the paper's network for "tjunction" or "roundabout".
+
+        Its voxels are 0.2 m and 0.4 m wide; it works in the site's own frame.
+        """
         if site not in SITE_AREAS:
             raise ValueError(f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}")
         return cls(**{"area": SITE_AREAS[site], "voxel_size": _VOXEL_SIZES[site], **changes})
 
     @classmethod
     def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> VoxelNetConfig:
-        """The default on a CPU: a quarter of the width, height folded into channels, no 3x3 head; for any area."""
+        """Return the CPU default for any area.
+
+        It has a quarter of the width, folds the height into channels and has no 3x3 head.
+        """
         light: dict[str, Any] = {
             "point_features": "local", "vfe_widths": (), "voxel_width": 32, "middle_widths": (), "column_width": 32,
             "rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
@@ -169,7 +175,10 @@ class VoxelNetConfig:
 
     @property
     def grid_shape(self) -> tuple[int, int, int]:
-        """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
+        """Voxels along x, y and z.
+
+        x and y are multiples of 8, the stride of the third block.
+        """
         xmin, ymin, xmax, ymax = self.area
         nx, ny = _cells(xmax - xmin, self.voxel_size[0]), _cells(ymax - ymin, self.voxel_size[1])
         return -(-nx // 8) * 8, -(-ny // 8) * 8, _cells(self.height[1] - self.height[0], self.voxel_size[2])
@@ -186,14 +195,17 @@ class VoxelNetConfig:
 
     @property
     def anchor_kinds(self) -> tuple[AnchorKind, ...]:
-        """The anchors of a cell, class after class: `kinds`, or the one kind that the other entries describe."""
+        """Anchors of a cell, class by class.
+
+        These are `kinds`, or the one kind that the other entries describe.
+        """
         if self.kinds:
             return self.kinds
         return (AnchorKind(self.labels[0], self.anchor_size, self.anchor_z, self.anchor_yaws),)
 
     @property
     def anchor_labels(self) -> tuple[int, ...]:
-        """The row in `anchor_kinds` of each anchor of a cell.
+        """Row in `anchor_kinds` of each anchor of a cell.
 
         >>> VoxelNetConfig.light((0, 0, 8, 8), **road_users()).anchor_labels
         (0, 0, 1, 1, 2, 2, 3)
@@ -211,15 +223,21 @@ class VoxelNetConfig:
         return 7 if self.head == "published" else 8
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON. Entries younger than the first weights are left out where they say nothing, so that
-        the digest of these stays what it was."""
+        """Return plain values for JSON.
+
+        Entries added after the first weights were published are left out at their default, so that the digest of those
+        weights does not change.
+        """
         values = asdict(self)
         young = ("kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds")
         return {name: value for name, value in values.items() if name not in young or value != _DEFAULTS[name]}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> VoxelNetConfig:
-        """The configuration of `to_dict`, after JSON made lists of its tuples. Raises ValueError for other keys."""
+        """Build a configuration from `to_dict`'s values, as JSON gives them back.
+
+        Raises ValueError for other keys.
+        """
         if not isinstance(values, dict):
             raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
         if unknown := set(values) - {field.name for field in fields(cls)}:
@@ -229,20 +247,22 @@ class VoxelNetConfig:
         example = asdict(_EXAMPLE)
         for name, value in values.items():
             if name != "kinds":
-                _check_like(value, example[name], name)
+                _check_type(value, example[name], name)
         kinds = _kinds(values.get("kinds", ()))
         return cls(**{name: _tuples(value) for name, value in values.items()} | {"kinds": kinds})
 
 
 def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:
-    """What a configuration needs to tell these classes apart."""
+    """Return the entries of a configuration that tells these classes apart."""
     return {"kinds": kinds, "labels": tuple(kind.label for kind in kinds)}
 
 
-def kinds_of(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
-    """The anchors of some of `ROAD_USERS`, in the order of `labels`. Raises ValueError for others.
+def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
+    """Select anchors of `ROAD_USERS` in the order of `labels`.
 
-    >>> [kind.label for kind in kinds_of(["pedestrian", "vehicle"])]
+    Raises ValueError for other labels.
+
+    >>> [kind.label for kind in select_anchors(["pedestrian", "vehicle"])]
     ['pedestrian', 'vehicle']
     """
     known = {kind.label: kind for kind in ROAD_USERS}
@@ -253,7 +273,7 @@ def kinds_of(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
 
 
 def _kinds(values: Any) -> tuple[AnchorKind, ...]:
-    """The kinds that `to_dict` wrote."""
+    """Parse the kinds that `to_dict` wrote."""
     if not isinstance(values, list | tuple):
         raise ValueError(f"kinds must be a list of anchors, got {str(values)[:60]}")
     example, names = asdict(ROAD_USERS[0]), [each.name for each in fields(AnchorKind)]
@@ -261,19 +281,22 @@ def _kinds(values: Any) -> tuple[AnchorKind, ...]:
         if not isinstance(value, dict) or not {"label", "size", "z"} <= set(value) <= set(names):
             raise ValueError(f"an entry of kinds must be an object of {', '.join(names)}, got {str(value)[:60]}")
         for name, entry in value.items():
-            _check_like(entry, example[name], name)
+            _check_type(entry, example[name], name)
     return tuple(AnchorKind(**{name: _tuples(entry) for name, entry in value.items()}) for value in values)
 
 
-def _check_like(value: Any, example: Any, name: str) -> None:
-    """ValueError unless a value is of the kind of the example: texts, sane whole or other numbers, tuples of these."""
+def _check_type(value: Any, example: Any, name: str) -> None:
+    """Raise ValueError unless a value has the type of the example.
+
+    Types are texts, finite whole or other numbers, and tuples of these.
+    """
     if isinstance(example, tuple):
         if not isinstance(value, list | tuple):
             raise ValueError(f"{name} must be a list like {example}, got {str(value)[:60]}")
         if name in _LENGTHS and len(value) != _LENGTHS[name]:
             raise ValueError(f"{name} must have {_LENGTHS[name]} entries, got {len(value)}")
         for each in value:
-            _check_like(each, example[0], name)
+            _check_type(each, example[0], name)
     elif isinstance(example, str):
         if not isinstance(value, str):
             raise ValueError(f"{name} must be a text like {example!r}, got {str(value)[:60]}")

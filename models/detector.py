@@ -1,4 +1,4 @@
-"""`VoxelNetDetector`: a trained network as the toolkit's `Detector`, points of a frame in, `Detections` out."""
+"""`VoxelNetDetector`: a trained network as the toolkit's `Detector`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ import torch
 from torch import Tensor
 
 from models.network.anchors import anchors
-from models.network.candidates import Candidates, all_candidates, candidates, suppressed
-from models.network.faces import measured
-from models.network.rivals import LEAST_RIVAL, contested
+from models.network.candidates import LEAST_RIVAL, Candidates, all_candidates, apply_rivals, candidates, suppress
+from models.network.faces import measure_faces
 from models.network.sparse import SparseVoxelNet
 from models.network.tiles import Entries, TiledVoxelNet, TilePredictions, tileable
 from models.network.voxelnet import VoxelNet
 from models.network.voxels import collate, voxelise
-from models.weight_files import digest_of, digest_with, load_weights
+from models.weight_files import digest_detector, digest_tensors, load_weights
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import union_of
@@ -30,11 +29,12 @@ SHIPPED = Path(__file__).parent / "weights"
 
 
 class VoxelNetDetector:
-    """Points (n, 3) in the world frame, m -> `Detections` in the world frame.
+    """Detector of one network: points (n, 3) in, `Detections` out.
 
-    Points outside the network's area are ignored, and so are boxes whose centre is outside it. score_threshold:
-    detections at or below it are dropped, None for the configuration's own, which may differ by label. nms_threshold:
-    of two boxes of one class whose footprints have a larger IoU, the better scored one stays (0.1 in the paper).
+    Both are in the world frame, in metres. Points outside the network's area are ignored, and so are boxes with their
+    centre outside. score_threshold: detections at or below it are dropped; None takes the configuration's own, which
+    may differ by label. nms_threshold: of two boxes of one class with a larger footprint IoU, only the better scored
+    one stays (0.1 in the paper).
 
     >>> from models.config import VoxelNetConfig
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
@@ -59,7 +59,7 @@ class VoxelNetDetector:
         rivals = bool(self.config.rivalry)
         self._looked_at = tuple(min(least, LEAST_RIVAL) if rivals else least for least in self.thresholds)
         self.nms_threshold = nms_threshold
-        self._weights = digest_of(network.state_dict())
+        self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self._tiled = TiledVoxelNet(self.network) if tileable(self.network) else None
         self.anchors = anchors(self.config).to(self.device)
@@ -67,49 +67,52 @@ class VoxelNetDetector:
 
     @property
     def area(self) -> tuple[float, float, float, float]:
-        """xmin ymin xmax ymax, m, world frame: where it detects."""
+        """Area of detection: xmin ymin xmax ymax, m, world frame."""
         return self.config.area
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The classes it knows, names of `toolkit.objects.LABELS`."""
+        """Known classes, names of `toolkit.objects.LABELS`."""
         return self.config.labels
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what its detections depend on: weights, configuration and thresholds."""
+        """SHA-256 of weights, configuration and thresholds."""
         least = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
-        return digest_with(self._weights, self.config.to_dict(), least, self.nms_threshold)
+        return digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in one cloud."""
         return self.batch([points])[0]
 
     def batch(self, clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Detections]:
-        """Detect in several clouds at once; the same as one after the other."""
+        """Detect in several clouds at once, with the results of one after the other."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
         prediction = self.network(collate(voxels))
         found = candidates(prediction, self.anchors, self.config, self._looked_at)
         return [
-            self._measured(self._sure(suppressed(*each, self.config, self.nms_threshold)), cloud)
+            self._measured(self._sure(suppress(*each, self.config, self.nms_threshold)), cloud)
             if len(cells.cells)
             else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, such as those of all sets of a site's sensors: what the points of
-        each give together, to the rounding of float32. It takes much less time than one after the other where most
-        clouds reach a part of the area only (`models.network.tiles`)."""
+        """Detect in many unions of the same clouds.
+
+        Such are all sets of a site's sensors. The results are those of each union's points, to the rounding of float32.
+        It takes much less time than one after the other where most clouds reach only a part of the area
+        (`models.network.tiles`).
+        """
         found = dict(self._at_once(clouds, unions)) if clouds else {}
         return [found[row] if row in found else self(union_of(clouds, union)) for row, union in enumerate(unions)]
 
     def _at_once(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> Iterator[tuple[int, Detections]]:
-        """Rows of unions and what is detected in them: of those that gain by going together."""
+        """Yield row and detections of each union that gains from joint computation."""
         if self._tiled is None:
             return
         plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
@@ -120,11 +123,11 @@ class VoxelNetDetector:
             rows = np.arange(len(unions))[some].tolist()
             for row, boxes in zip(rows, self._by_union(entries, predictions), strict=True):
                 if reaching[row]:
-                    sure = self._sure(suppressed(*boxes, self.config, self.nms_threshold))
+                    sure = self._sure(suppress(*boxes, self.config, self.nms_threshold))
                     yield row, self._measured(sure, union_of(clouds, unions[row]))
 
     def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
-        """Boxes and scores of each union, in the order of the map."""
+        """Boxes and scores of each union, in map order."""
         parts = []
         for first, corner, maps in predictions:
             part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
@@ -138,19 +141,19 @@ class VoxelNetDetector:
             yield found.of(rows[torch.argsort(found.place[rows])]).best()
 
     def _sure(self, found: Detections) -> Detections:
-        """The detections that are above the thresholds with the scores that their rivals leave them."""
+        """Keep detections above the thresholds after their rivals' deduction."""
         if not self.config.rivalry:
             return found
         least = np.zeros(len(LABELS))
         least[[label_index(name) for name in self.labels]] = self.thresholds
-        found = contested(found, self.config)
+        found = apply_rivals(found, self.config)
         return found[found.scores > least[found.labels]]
 
     def _measured(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
-        """The detections with the faces of their boxes where the points end, if the network measures any."""
+        """Move box faces to the ends of the points, if the network has a second stage."""
         if self.faces is None:
             return found
-        return measured(self.faces, found, np.asarray(cloud), self.config.faces)
+        return measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
 
 def load_detector(
@@ -162,12 +165,13 @@ def load_detector(
     score_threshold: float | None = None,
     nms_threshold: float = 0.1,
 ) -> VoxelNetDetector:
-    """The detector of a weights file: a name of `models/weights` ("tjunction", "roundabout", "general", ...) or a path.
+    """Load a detector by shipped name or path of its weights.
 
-    site: the site it must have been trained for. area: xmin ymin xmax ymax (m, world frame) where it shall detect;
-    weights of one site have their own, general ones go anywhere.
+    Shipped names are "tjunction", "roundabout", "general" and those in `models/weights`. site: the site that the
+    weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one site have their own
+    area, general ones go anywhere.
 
-    Raises FileNotFoundError where there are no such weights, ValueError where they are damaged or for elsewhere.
+    Raises FileNotFoundError for unknown weights, ValueError if they are damaged or for another place.
     """
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
@@ -175,19 +179,24 @@ def load_detector(
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: load {site!r} or 'general'")
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
-        network = relocated(network, (xmin, ymin, xmax, ymax), trained_for)
+        network = relocate(network, (xmin, ymin, xmax, ymax), trained_for)
     return VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
 
 
 def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
-    """The shipped network that was trained for a site (its name) or, where there is none, the general one, for an area
-    (xmin ymin xmax ymax, m, world frame)."""
+    """Load the network shipped for a site, else the general one.
+
+    site: its name; area: xmin ymin xmax ymax, m, world frame.
+    """
     own = (SHIPPED / f"{site}.safetensors").exists()
     return load_detector(site if own else "general", area=area)
 
 
-def relocated(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
-    """The same weights on another area. Raises ValueError where they know one area only."""
+def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
+    """Return a network with the same weights on another area.
+
+    Raises ValueError for weights that know only one area.
+    """
     config = network.config
     if area == config.area:
         return network
@@ -199,7 +208,10 @@ def relocated(network: VoxelNet, area: tuple[float, float, float, float], traine
 
 
 def weights_file(name: str | Path) -> Path:
-    """Where weights of this name are shipped, or the path itself. Raises FileNotFoundError for an unknown name."""
+    """Path of shipped weights by name, or the path itself.
+
+    Raises FileNotFoundError for an unknown name.
+    """
     path = Path(name)
     if path.suffix == ".safetensors":
         return path

@@ -1,7 +1,7 @@
-"""The authors' checkpoints: `checkpoint_*.pth` of the paper's code, checked, and run on clouds of its two sites.
+"""Checkpoints of the paper's authors, checked and run on its two sites.
 
-Their network lives in CARLA's left-handed map, seen from a reference point: x, y are CARLA's less the reference's. We
-keep its axes, and turn clouds on their way in and boxes on their way out.
+A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relative to a reference point. This module
+keeps those axes, and turns clouds on their way in and boxes on their way out.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors
-from models.network.candidates import MOST_CANDIDATES, candidates, suppressed
+from models.network.candidates import MOST_CANDIDATES, candidates, suppress
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.network.voxels import voxelise
-from models.tensor_files import load_tensors
-from models.weight_files import check_tensors, digest_of, digest_with
+from models.weight_files import check_tensors, digest_detector, digest_tensors, load_tensors
 from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import nms
 from toolkit.objects import Detections
@@ -41,9 +40,10 @@ def load_published(
     decoding: Literal["exact", "published"] = "exact",
     device: str | torch.device = "cpu",
 ) -> PublishedDetector:
-    """The detector of a published checkpoint, for "tjunction" or "roundabout". Runs no code from the file.
+    """Load the detector of a published checkpoint.
 
-    decoding: see `PublishedDetector`. Raises FileNotFoundError, and ValueError where the file is not such a checkpoint.
+    site: "tjunction" or "roundabout". decoding: see `PublishedDetector`. No code of the file is executed. Raises
+    FileNotFoundError, and ValueError for any other file.
     """
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
@@ -53,11 +53,11 @@ def load_published(
 
 
 class PublishedDetector:
-    """Points (n, 3) in the site's frame, m -> `Detections` in the site's frame, by a published network.
+    """Detector of a published network: points (n, 3) in, `Detections` out.
 
-    decoding: "exact" keeps what scores above 0.1 and suppresses by the IoU of footprints, 0.1. "published" first does
-    what the published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
-    suppressed, and the 300 best stay.
+    Both are in the site's frame, in metres. decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU
+    of 0.1. "published" first does what the published code does: of the 2000 best anchors, boxes whose upright
+    rectangles overlap by more than 0.3 are suppressed, and the 300 best stay.
     """
 
     def __init__(
@@ -75,23 +75,24 @@ class PublishedDetector:
         self.site, self.decoding, self.config = site, decoding, network.config
         self.score_threshold, self.nms_threshold = score_threshold, nms_threshold
         self.device = torch.device(device)
-        self._weights = digest_of(network.state_dict())
+        self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self.anchors = anchors(self.config).to(self.device)
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what its detections depend on: weights, configuration, site, decoding and thresholds."""
+        """SHA-256 of weights, configuration, site, decoding and thresholds."""
         settings = self.site, self.decoding, self.score_threshold, self.nms_threshold
-        return digest_with(self._weights, self.config.to_dict(), *settings)
+        return digest_detector(self._weights, self.config.to_dict(), *settings)
 
     def head(
         self, points: Float[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
-        """Raw maps in the published channel order: 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
+        """Return raw maps in the published channel order.
 
-        points: in the site's frame, or (x, -y, z) of CARLA's map. H along CARLA's x, W along its y. A random 35 points
-        stay where a voxel holds more.
+        Channels are 2 · anchor + {background, vehicle}, and 7 · anchor + residual. points: in the site's frame, or (x,
+        -y, z) of CARLA's map. H runs along CARLA's x, W along its y. A random 35 points stay in a voxel that holds
+        more.
         """
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
@@ -109,7 +110,7 @@ class PublishedDetector:
         if self.decoding == "published":
             kept = proposals(boxes.double().cpu().numpy(), scores[:, 0].double().cpu().numpy())
             boxes, scores = boxes[kept], scores[kept]
-        found = suppressed(boxes, scores, self.config, self.nms_threshold)
+        found = suppress(boxes, scores, self.config, self.nms_threshold)
         return Detections(from_network(found.boxes, self.site), found.scores, found.labels)
 
 
@@ -124,7 +125,7 @@ def proposals(boxes: Float64[np.ndarray, "n 7"], scores: Float64[np.ndarray, " n
 
 
 def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site") -> Float32[np.ndarray, "n 3"]:
-    """Points of a site's frame, or of CARLA's map turned right-handed, in the network's frame."""
+    """Turn points of the site's frame, or of CARLA's map, into the network's frame."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
     x, y, z = points.T
@@ -139,7 +140,10 @@ def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site
 
 
 def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.ndarray, "n 7"]:
-    """Boxes of the network's frame in the site's frame. The network's yaw turns the other way, as CARLA's does."""
+    """Turn boxes of the network's frame into the site's frame.
+
+    The network's yaw turns the other way, as CARLA's does.
+    """
     turned = boxes.copy()
     if site == "tjunction":
         rx, ry = REFERENCE[site]
@@ -151,7 +155,10 @@ def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.nda
 
 
 def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | Path) -> dict[str, Tensor]:
-    """Published tensors under our names. Raises ValueError unless all of them are there, in the right shapes."""
+    """Rename published tensors to our names.
+
+    Raises ValueError unless all of them are present in the right shapes.
+    """
     ours = network.state_dict()
     theirs = {published_name(name): name for name in ours}
     expected = {new: _as_convolution(old, ours[old]) for new, old in theirs.items()}
@@ -163,7 +170,7 @@ def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | 
 
 
 def published_name(name: str) -> str:
-    """The published name of one of our tensors.
+    """Published name of one of our tensors.
 
     >>> published_name("rpn.blocks.1.0.1.running_mean")
     '_rpn.conv2_1.bn1.running_mean'
@@ -195,7 +202,7 @@ def _as_convolution(name: str, tensor: Tensor) -> Tensor:
 
 
 def _read(path: Path) -> dict[str, Tensor]:
-    """The state dict of a checkpoint, without the prefix of a network that was trained in parallel."""
+    """Read a checkpoint's state dict, without the prefix of parallel training."""
     checkpoint = load_tensors(path)
     weights = checkpoint.get("state_dict") if isinstance(checkpoint, dict) else None
     if not isinstance(weights, dict) or not all(isinstance(tensor, Tensor) for tensor in weights.values()):

@@ -17,18 +17,13 @@ from typing import Any
 
 import torch
 
-from models.detector import relocated, weights_file
+from models.detector import relocate, weights_file
 from models.network.voxelnet import VoxelNet
-from models.training.calibration import calibrated_on
-from models.training.checkpoint import CHECKPOINT
-from models.training.faces import with_faces
-from models.training.log import LOG
-from models.training.loop import LOG_STEPS, train
-from models.training.options import TrainingOptions, parsed
+from models.training.loop import ANYWHERE, CHECKPOINT, LOG, LOG_STEPS, PRESETS, Machine, choose_area, make_config, train
+from models.training.options import TrainingOptions, parse_arguments
 from models.training.packed import PackedFrames
-from models.training.presets import ANYWHERE, PRESETS, area_for, config_for
+from models.training.second_stage import fit_calibration, train_faces, widen
 from models.training.validation import validation
-from models.training.widening import widened
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.sites.files import load_site
@@ -42,25 +37,26 @@ def run(
     *,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[Path, dict[str, float]]:
-    """Train with the options of `coview train` and write the weights; their file, and the last figures of validation.
+    """Train with the options of `coview train` and write the weights.
 
-    site: a built-in one, a site file, "general", or None for the area that the data shares. Called again with the same
-    options, it goes on. Raises what `train` raises, and FileExistsError where the folder holds other weights.
+    Returns their file and the last validation figures. site: a built-in one, a site file, "general", or None for the
+    area that the data shares. Called again with the same options, it resumes. Raises what `train` raises, and
+    FileExistsError if the folder holds other weights.
     """
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
-    area = tuple(place.area.tolist()) if place else area_for("general" if site else preset, options.data)
+    area = tuple(place.area.tolist()) if place else choose_area("general" if site else preset, options.data)
     named: dict[str, Any] = {n: getattr(options, n) for n in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
     before = load_weights(weights_file(options.start))[0] if options.start else None
     classes, faces, calibrate = second_stages(options, before)
-    config = config_for(area, preset, options.size, classes)
+    config = make_config(area, preset, options.size, classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
     _check_folder(options)
-    start = None if before is None else widened(before, config)
+    start = None if before is None else widen(before, config)
     validate = validation(options.validate, count=options.validate_frames, device=device) if options.validate else None
     if options.threads:
         torch.set_num_threads(options.threads)
@@ -70,25 +66,34 @@ def run(
         measured.update(validate(network))  # type: ignore[misc]
         return dict(measured)
 
+    machine = Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
     network = train(
-        options.data, config, settings, options.out, start=start, device=device, workers=options.workers,
-        bfloat16=options.bfloat16 or device == "cuda",
-        every_s=options.checkpoint_s, validate=measure if validate else None, progress=progress,
-    )  # fmt: skip
+        options.data,
+        config,
+        settings,
+        options.out,
+        start=start,
+        machine=machine,
+        validate=measure if validate else None,
+        progress=progress,
+    )
     if faces:
-        network = with_faces(network, PackedFrames(options.data), faces, seed=options.seed)
+        network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
     if calibrate and options.validate:
-        network = calibrated_on(network, PackedFrames(options.validate), count=options.validate_frames)
+        network = fit_calibration(network, PackedFrames(options.validate), count=options.validate_frames)
     if validate and (faces or calibrate):
         measure(network)
     trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
-    save_weights(weights, relocated(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
+    save_weights(weights, relocate(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
     return weights, measured
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Classes, classes whose faces are measured, and whether scores are calibrated: what the options say, and where
-    they say nothing as the network is that training starts from. Raises ValueError for faces of other classes."""
+    """Return classes, classes with measured faces, and whether to calibrate.
+
+    What the options leave open follows the network that training starts from. Raises ValueError for faces of other
+    classes.
+    """
     classes, faces = options.classes, options.faces
     if classes is None:
         classes = ("vehicle",) if start is None else start.config.labels
@@ -101,7 +106,10 @@ def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tup
 
 
 def _check_folder(options: TrainingOptions) -> None:
-    """Refuse weights that no training here has made; with `overwrite`, forget the training that was here."""
+    """Refuse to replace weights of another origin.
+
+    With `overwrite`, the training in this folder is forgotten.
+    """
     check_output(options.out / WEIGHTS, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
     if options.overwrite:
         for name in (CHECKPOINT, LOG):
@@ -111,7 +119,7 @@ def _check_folder(options: TrainingOptions) -> None:
 
 
 def commit() -> str:
-    """The commit this code is at, or "unknown" outside a checkout."""
+    """Commit of this checkout, "unknown" outside one."""
     here = Path(__file__).parent
     try:
         done = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
@@ -121,8 +129,8 @@ def commit() -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """`coview train` on a machine that has torch, numpy, h5py, safetensors, scipy and shapely only: no pictures."""
-    site, options = parsed(arguments)
+    """Train from the command line with torch, numpy, h5py, safetensors, scipy and shapely only."""
+    site, options = parse_arguments(arguments)
     started = time.monotonic()
 
     def report(step: int, total: int, figures: dict[str, float]) -> None:

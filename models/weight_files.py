@@ -1,10 +1,19 @@
-"""Weights as safetensors files: a network's tensors, and a header that says what they are and where they come from."""
+"""Files of weights and checkpoints: written whole, read without executing anything.
+
+Weights are safetensors files: tensors, and a header that says what they are and where they come from. Checkpoints are
+`torch.save` files of plain tensors and numbers.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import pickle
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +29,10 @@ FORMAT = "coview VoxelNet 1"
 
 @dataclass(frozen=True)
 class Header:
-    """Where weights come from. site: what they were trained for, "general" for any. ap: as measured, by name."""
+    """Origin of weights.
+
+    site: the site they were trained for, "general" for any. ap: measured AP by name.
+    """
 
     site: str = ""
     seed: int = 0
@@ -29,9 +41,9 @@ class Header:
 
 
 def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
-    """Write a network's weights; the file is there complete or not at all.
+    """Write a network's weights, complete or not at all.
 
-    Raises ValueError where a weight is not finite: such a network is of no use.
+    Raises ValueError for a weight that is not finite: such a network is of no use.
     """
     from safetensors.torch import save
 
@@ -42,14 +54,17 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
                 f"weights must be finite, but {name} is not: the training diverged, save an earlier network"
             )
     metadata = {
-        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_of(tensors),
+        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_tensors(tensors),
         "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
     }  # fmt: skip
     write_bytes(path, header_in_order(save(tensors, metadata)))
 
 
 def header_in_order(content: bytes) -> bytes:
-    """A safetensors file with its header sorted by name; the library orders it anew in every process."""
+    """Sort the header of a safetensors file by name.
+
+    The library orders it anew in every process.
+    """
     size = int.from_bytes(content[:8], "little")
     header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 8)  # so that the tensors are aligned
@@ -57,10 +72,10 @@ def header_in_order(content: bytes) -> bytes:
 
 
 def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
-    """The network of a weights file, ready for inference, and its header.
+    """Load the network of a weights file, ready for inference, and its header.
 
-    Raises FileNotFoundError; ValueError, in one line, where the file is damaged, of another kind, or not of the size
-    that its configuration says.
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or of another size than
+    its configuration says.
     """
     path = Path(path)
     if not path.is_file():
@@ -70,9 +85,9 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
 
 
 def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Header and tensors of a safetensors file that says which format it is in, and the digest of its tensors.
+    """Read header and tensors of a safetensors file.
 
-    Raises ValueError, in one line, where the file is damaged or of another format.
+    Raises ValueError, in one line, if the file is damaged or its header names another format or digest.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -85,13 +100,13 @@ def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict
         raise ValueError(f"{path} is damaged or no safetensors file ({reason}): fetch it again") from None
     if metadata.get("format") != expected_format:
         raise ValueError(f"{path} is not in the format {expected_format!r}, its header says {metadata.get('format')!r}")
-    if metadata.get("digest") != digest_of(tensors):
+    if metadata.get("digest") != digest_tensors(tensors):
         raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
     return metadata, tensors
 
 
 def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origin: str | Path) -> None:
-    """Raise ValueError, naming the first difference, unless the tensors are the expected ones by name and shape."""
+    """Raise ValueError, naming the first difference, unless names and shapes agree."""
     missing, unknown = expected.keys() - tensors.keys(), tensors.keys() - expected.keys()
     if missing or unknown:
         what = f"lacks {min(missing)}" if missing else f"has {min(unknown)} besides"
@@ -130,8 +145,8 @@ def _header(path: Path, metadata: dict[str, str]) -> Header:
     return Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
 
 
-def digest_of(tensors: dict[str, Tensor]) -> str:
-    """SHA-256 of tensors, their names, types and shapes."""
+def digest_tensors(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 of tensors with their names, types and shapes."""
     digest = hashlib.sha256()
     for name in sorted(tensors):
         digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
@@ -140,6 +155,78 @@ def digest_of(tensors: dict[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-def digest_with(weights: str, *settings: Any) -> str:
-    """SHA-256 of a digest of weights and what else a detector's answers depend on, as JSON writes it."""
+def digest_detector(weights: str, *settings: Any) -> str:
+    """SHA-256 of a weights digest and a detector's settings, as JSON."""
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
+
+
+# What torch.load was seen to raise on damaged files, besides the OSError of a file that cannot be opened.
+_TORCH_RAISES = (
+    pickle.UnpicklingError, RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError, IndexError,
+    OverflowError, MemoryError, AssertionError, OSError, zipfile.BadZipFile, NotImplementedError,
+)  # fmt: skip
+
+
+def load_tensors(path: str | Path, device: str = "cpu") -> Any:
+    """Read tensors, numbers, texts, lists and dictionaries that `torch.save` wrote.
+
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no checkpoint at {path}")
+    try:
+        return torch.load(path, map_location=device, weights_only=True)
+    except _TORCH_RAISES as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
+        raise ValueError(f"{path} is damaged or no checkpoint of tensors alone: {reason}") from None
+
+
+def save_atomically(path: Path, state: dict[str, Any]) -> None:
+    """Write a checkpoint, complete or not at all."""
+    content = BytesIO()
+    torch.save(state, content)
+    write_bytes(path, content.getvalue())
+
+
+def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
+    """Read a checkpoint without executing anything in it.
+
+    Raises ValueError if it is damaged.
+    """
+    try:
+        state = load_tensors(path, device)
+    except ValueError as error:
+        raise ValueError(f"{error}: remove it to begin anew") from None
+    if not isinstance(state, dict):
+        raise ValueError(f"{path} is no checkpoint: remove it to begin anew, or choose another folder")
+    return state
+
+
+def check_identity(path: Path, state: dict[str, Any], identity: dict[str, Any]) -> None:
+    """Raise ValueError unless a checkpoint belongs to the run of `identity`.
+
+    identity: settings by name.
+    """
+    different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
+    if different:
+        raise ValueError(
+            f"{path} belongs to a run with another {' and '.join(different)}: choose another folder or --overwrite it"
+        )
+
+
+@contextmanager
+def checkpoint_errors(path: Path) -> Iterator[None]:
+    """Turn errors of a checkpoint that does not fit into one line."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:160]
+        raise ValueError(f"{path} is no checkpoint of this training ({reason}): remove it to begin anew") from None
+
+
+def _plain(value: Any) -> Any:
+    """Return tuples as lists, so that settings compare equal after a round trip."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from models.config import VoxelNetConfig
 from models.training.packing import pack, recording
-from models.training.checkpoint import save_atomically
-from models.training.log import add
+from models.weight_files import save_atomically
+from models.training.loop import add_figures
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, save_weights
 from placement_env.fidelity.hits.hit_model import load_models, save_models, FOLDER
@@ -53,7 +53,7 @@ writers = {
     "x.packed": lambda path: pack([recording(frames, site.area, empty=empty)], path),
     "weights.safetensors": lambda path: save_weights(path, network, Header()),
     "checkpoint.pt": lambda path: save_atomically(path, network.state_dict()),
-    "log.csv": lambda path: add(path, 1, 0.1, many),
+    "log.csv": lambda path: add_figures(path, 1, 0.1, many),
     "models.json": lambda path: save_models(models, path),
     "table.npz": lambda path: save_table(table, path),
     "cloud.ply": lambda path: save(cloud, path),

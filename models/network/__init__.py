@@ -1,1 +1,1 @@
-"""The network: voxels, VoxelNet, its anchors, and the same computed where the points reach."""
+"""VoxelNet: voxels, network, anchors, and the same network computed sparsely."""

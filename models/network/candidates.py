@@ -1,7 +1,9 @@
-"""Candidates: the boxes that a network's maps hold with a score above a threshold, and these without duplicates.
+"""Candidates: boxes in a network's maps, scored, without duplicates or rivals.
 
-A score says how sure the network is: the anchor's class, lowered by the IoU that it predicts for the box, as the
-configuration's calibration has it.
+A score says how sure the network is: the probability of the anchor's class, lowered by the IoU predicted for the box,
+and calibrated. Boxes suppress only boxes of their own class, so a person on a bicycle may be found as a cyclist and as
+a pedestrian, and the cab of a truck as a vehicle. Each of two such rivals keeps the part of its score that calibration
+(`models.training.second_stage`) found to be true.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from models.config import VoxelNetConfig
 from models.network.anchors import decode, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, Float, Float32, Int64
-from toolkit.boxes import iou_bev, nms
+from toolkit.boxes import footprint_inside, iou_bev, nms
 from toolkit.objects import Detections, label_index
 
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
@@ -26,9 +28,10 @@ _SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more
 
 
 class Candidates(NamedTuple):
-    """Boxes of anchors, m, and their score for each label, 0 where it is not above the threshold.
+    """Boxes of anchors (m) and their score for each label.
 
-    item: of the batch, ascending; place: the anchor's number among all of a map.
+    A score is 0 unless it is above the threshold. item: in the batch, ascending; place: number of the anchor in its
+    map.
     """
 
     item: Int64[Tensor, " n"]
@@ -37,11 +40,11 @@ class Candidates(NamedTuple):
     scores: Float32[Tensor, "n L"]
 
     def of(self, rows: Int64[Tensor, " m"] | slice) -> Candidates:
-        """Some of them."""
+        """Select rows."""
         return Candidates(*(column[rows] for column in self))
 
     def best(self) -> tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]:
-        """Boxes and scores of one cloud's, as many as are looked at: the surest first, where there are more."""
+        """Return boxes and scores of one cloud, at most the `MOST_CANDIDATES` surest."""
         if len(self.item) <= MOST_CANDIDATES:
             return self.boxes, self.scores
         chosen = torch.topk(self.scores.amax(-1), MOST_CANDIDATES).indices
@@ -54,8 +57,10 @@ def candidates(
     config: VoxelNetConfig,
     thresholds: Sequence[float],
 ) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
-    """Per cloud, the boxes of the best anchors above the threshold of a label, and their score for each label, 0 where
-    it is not above that."""
+    """Return boxes and scores of each cloud's best anchors.
+
+    Kept are anchors above the threshold of a label; scores for labels below theirs are 0.
+    """
     found = all_candidates(prediction, anchors, config, thresholds)
     ends = torch.bincount(found.item, minlength=len(prediction.class_logits)).cumsum(0).tolist()
     return [found.of(slice(first, end)).best() for first, end in zip([0, *ends], ends, strict=False)]
@@ -68,8 +73,10 @@ def all_candidates(
     thresholds: Sequence[float],
     corner: Int64[Tensor, "B 2"] | None = None,
 ) -> Candidates:
-    """The boxes of all anchors above the threshold of a label. corner: the cell of the map that each item's begins at,
-    if these are tiles of it; what is beyond the map is left out."""
+    """Return the boxes of all anchors above the threshold of a label.
+
+    corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out.
+    """
     count = len(config.anchor_labels)
     logits, residuals = (per_anchor(each, count) for each in (prediction.class_logits, prediction.residuals))
     quality, direction = (
@@ -95,7 +102,10 @@ def all_candidates(
 
 
 def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor, "B H W A L"]:
-    """How sure the network is of each label at each anchor, 0 to 1; where anchors are of one class, of that alone."""
+    """Score each label at each anchor, 0 to 1.
+
+    Anchors of one class have a score for that class alone.
+    """
     count = len(config.anchor_labels)
     logits = per_anchor(prediction.class_logits, count)
     quality = None if prediction.quality_logits is None else per_anchor(prediction.quality_logits, count)
@@ -106,19 +116,19 @@ def _scores(
     logits: Float[Tensor, "*n K"], quality: Float[Tensor, "*n 1"] | None, label: Int64[Tensor, "*m"],
     config: VoxelNetConfig,
 ) -> Float[Tensor, "*n L"]:  # fmt: skip
-    """`label_scores` of anchors of these labels (of all anchors, or of those of a cell)."""
+    """Score anchors of these labels: all anchors, or those of one cell."""
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]
     scores = torch.sigmoid(logits)
     if quality is not None and config.quality_power:
         scores = scores * torch.sigmoid(quality) ** config.quality_power
-    return calibrated(scores, label, config)
+    return calibrate(scores, label, config)
 
 
-def calibrated(
+def calibrate(
     scores: Float[Tensor, "*n L"], label: Int64[Tensor, "*m"], config: VoxelNetConfig
 ) -> Float[Tensor, "*n L"]:
-    """Scores that say which share of the detections of that score are true, by the configuration's calibration."""
+    """Calibrate scores to shares of true detections."""
     if not config.calibration:
         return scores
     slope, intercept = _calibration(label, config, scores)
@@ -135,9 +145,9 @@ def _calibration(label: Tensor, config: VoxelNetConfig, like: Tensor) -> tuple[T
 def hopeful(
     logits: Float[Tensor, "B H W A K"], least: Float[Tensor, " L"], config: VoxelNetConfig
 ) -> Bool[Tensor, "B H W A"]:
-    """Anchors, hardly any, that can have a score above the least of a label: a glance at their class alone.
+    """Find the few anchors that can score above a label's threshold.
 
-    A predicted IoU only lowers a score. Whoever is left out would be, with all that is known of it.
+    The class alone decides: a predicted IoU only lowers a score, so no anchor left out here would pass later.
     """
     if config.head == "published":
         return (torch.softmax(logits, -1)[..., 1:] > least).any(-1)
@@ -150,10 +160,10 @@ def hopeful(
     return (logits > bound - _ROUNDING).any(-1)
 
 
-def suppressed(
+def suppress(
     boxes: Float[Tensor, "n 7"], scores: Float[Tensor, "n L"], config: VoxelNetConfig, nms_threshold: float
 ) -> Detections:
-    """Candidates without those whose centre is outside the area, and without duplicates."""
+    """Drop candidates with their centre outside the area, and duplicates."""
     xmin, ymin, xmax, ymax = config.area
     x, y = boxes[:, 0], boxes[:, 1]
     inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
@@ -161,13 +171,15 @@ def suppressed(
     labels = np.array([label_index(name) for name in config.labels])[label.cpu().numpy()]
     found = Detections(boxes[inside].double().cpu().numpy(), best.double().cpu().numpy(), labels)
     kept = nms(found.boxes, found.scores, nms_threshold, labels=found.labels)
-    return averaged(found, kept, config.averaging) if config.averaging else found[kept]
+    return average_boxes(found, kept, config.averaging) if config.averaging else found[kept]
 
 
-def averaged(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """The candidates kept, each box the mean of those of its class whose footprints overlap it by more than the
-    threshold, weighted by their squared scores: neighbouring anchors err independently ("box voting", Gidaris and
-    Komodakis 2015)."""
+def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
+    """Replace each kept box by the mean of its overlapping candidates.
+
+    Averaged are boxes of its class with a footprint IoU above the threshold, weighted by squared scores: neighbouring
+    anchors err independently ("box voting", Gidaris and Komodakis 2015).
+    """
     boxes, best = candidates.boxes, candidates.boxes[kept]
     together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
     weights = np.where(together, candidates.scores**2, 0.0)
@@ -178,3 +190,57 @@ def averaged(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshol
     mean = weights @ boxes
     mean[:, 6] = best[:, 6] + (weights * turn).sum(axis=1)
     return Detections(mean, candidates.scores[kept], candidates.labels[kept])
+
+
+TOGETHER = 0.3  # share of the smaller of two footprints that lies on the other, above which both claim one place
+LEAST_RIVAL = 0.2  # score below which nobody is a rival
+_NEVER_SURE = 1e-6  # scores are cut to so much from 0 and 1
+
+
+def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
+    """Greatest score of each label on the ground of every detection.
+
+    It is 0 for the detection's own label and without a rival of at least `LEAST_RIVAL`.
+    """
+    strongest = np.zeros((len(found), len(config.labels)))
+    if not len(found):
+        return strongest
+    inside = footprint_inside(found.boxes, found.boxes)
+    together = (np.maximum(inside, inside.T) > TOGETHER) & (found.labels[:, None] != found.labels)
+    scores = np.where(together & (found.scores >= LEAST_RIVAL), found.scores, 0.0)
+    for column, name in enumerate(config.labels):
+        strongest[:, column] = scores[:, found.labels == label_index(name)].max(axis=1, initial=0.0)
+    return strongest
+
+
+def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
+    """Lower scores where other classes claim the same place, by `config.rivalry`.
+
+    score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival).
+    """
+    if not config.rivalry or not len(found):
+        return found
+    own = {label_index(name): row for row, name in enumerate(config.labels)}
+    rows = np.array(config.rivalry)[[own[int(label)] for label in found.labels]]
+    return Detections(found.boxes, rescore(found.scores, strongest_rivals(found, config), rows), found.labels)
+
+
+def rescore(
+    scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
+) -> Float[np.ndarray, " n"]:
+    """Lower scores by those of their rivals.
+
+    rows: slope, intercept and a weight per label (K = L + 2), one row for each score or one for all.
+    """
+    return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
+
+
+def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Log odds of scores, clipped to 1e-6 from 0 and 1 as in the detector."""
+    cut = np.clip(scores, _NEVER_SURE, 1 - _NEVER_SURE)
+    return np.log(cut / (1 - cut))
+
+
+def sigmoid(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Inverse of `logit`."""
+    return 1 / (1 + np.exp(-values))

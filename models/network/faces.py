@@ -1,4 +1,4 @@
-"""Faces: a second stage that moves each face of a detected box to where the points about it end.
+"""Faces: a second stage that moves each face of a box to the end of the points.
 
 Sizes are measured rather than recalled. In the frame of a box (u ahead, v to the left, t above its floor) the points
 about a face are counted by their distance beyond it, in steps of 4 cm and three zones:
@@ -38,7 +38,10 @@ _EXTRAS = 2 + 3 + len(LABELS)  # how many points there are, the size of the box,
 
 
 class FaceFeatures(NamedTuple):
-    """What the networks see of n boxes. counted: points about the face or the one opposite."""
+    """Inputs of the networks for n boxes.
+
+    counted: points about the face or the opposite one.
+    """
 
     end: Float32[np.ndarray, "2*n F"]  # the fronts of all boxes, then their rears
     side: Float32[np.ndarray, "2*n F"]  # the left sides, then the right ones
@@ -47,7 +50,7 @@ class FaceFeatures(NamedTuple):
 
 
 class FaceNetworks(nn.Module):
-    """The three networks: features (n, F) -> shift outwards (m) and the logarithm of its mean error (m).
+    """Three networks: features (n, F) to shift outwards (m) and log mean error (m).
 
     >>> sum(each.numel() for each in FaceNetworks().parameters())
     35118
@@ -62,13 +65,13 @@ class FaceNetworks(nn.Module):
     """Mean error of each sort of face as it is detected (m): a surer answer moves the face."""
 
     def answers(self, sort: str, features: Float[Tensor, "n F"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift outwards (m) and the logarithm of its mean error (m) of faces of one sort."""
+        """Shift outwards (m) and log mean error (m) of faces of one sort."""
         shift, spread = getattr(self, sort)(features).unbind(1)
         return shift / 4, spread - 3
 
     @torch.inference_mode()
     def shifts(self, features: FaceFeatures) -> list[Float[np.ndarray, " k"]]:
-        """Shift outwards (m) of each face, by sort; 0 where there is nothing to go by."""
+        """Shift outwards (m) of each face, by sort; 0 without evidence."""
         found = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
@@ -85,28 +88,30 @@ def _network(histograms: int) -> nn.Sequential:
     )
 
 
-def measured(
+def measure_faces(
     networks: FaceNetworks, found: Detections, points: Float[np.ndarray, "n 3"], labels: Sequence[str]
 ) -> Detections:
-    """The detections, the boxes of these labels with their faces moved."""
+    """Move the faces of all boxes with these labels."""
     rows = np.flatnonzero(np.isin(found.labels, [label_index(label) for label in labels]))
     if not len(rows):
         return found
     boxes = found.boxes.copy()
     features = face_features(points, boxes[rows], found.labels[rows])
-    boxes[rows] = moved(boxes[rows], *networks.shifts(features))
+    boxes[rows] = move_faces(boxes[rows], *networks.shifts(features))
     return Detections(boxes, found.scores, found.labels)
 
 
-def moved(
+def move_faces(
     boxes: Float[np.ndarray, "n 7"],
     end: Float[np.ndarray, " 2*n"],
     side: Float[np.ndarray, " 2*n"],
     top: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 7"]:
-    """Boxes with their faces moved outwards (m), at most to a fifth of their size inwards; the floor stays.
+    """Move faces of boxes outwards (m); the floor stays.
 
-    >>> moved(np.array([[0, 0, 1, 4, 2, 2, 0.0]]), np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
+    A negative shift leaves at least a fifth of the size.
+
+    >>> move_faces(np.array([[0, 0, 1, 4, 2, 2, 0.0]]), np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
     array([[0.2 , 0.1 , 1.25, 4.4 , 1.8 , 2.5 , 0.  ]])
     """
     (front, rear), (left, right) = np.split(end, 2), np.split(side, 2)
@@ -125,8 +130,11 @@ def moved(
 def face_offsets(
     boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
 ) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
-    """How far outwards (m) each face of a box belongs to be that of the truth beside it, as `moved` takes it. A truth
-    that faces the other way has the faces that lie there."""
+    """Shifts outwards (m) that turn each box into its true box.
+
+    These are the arguments of `move_faces`. A true box that faces the other way is taken by the faces on the same
+    sides.
+    """
     (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     ahead, aside, grown = dx * cos + dy * sin, dy * cos - dx * sin, truths[:, 3:6] - boxes[:, 3:6]
     end = np.concatenate([grown[:, 0] / 2 + ahead, grown[:, 0] / 2 - ahead])
@@ -137,7 +145,7 @@ def face_offsets(
 def face_features(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
 ) -> FaceFeatures:
-    """What the points about each face of each box look like; points that are not finite are left out."""
+    """Count points about each face of each box; ignore points that are not finite."""
     count = len(boxes)
     row, (u, v, t) = _near_points(points, boxes)
     length, width, height = boxes[row, 3:6].T
@@ -155,7 +163,7 @@ def face_features(
 
 
 def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows for a network: the counts of each face, those of the one opposite, and what is known of the box."""
+    """Rows for a network: counts of each face, of the opposite one, size and class."""
     faces = len(own)
     totals = own.sum(axis=2)
     histograms = [own, own[::-1]] if faces == 2 else [own]
@@ -169,7 +177,7 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """How many of the chosen points there are about each box (row) in each zone and step of distance."""
+    """Count the chosen points of each box (row) by zone and step of distance."""
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)
@@ -179,8 +187,10 @@ def _counts(
 def _near_points(
     points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"]
 ) -> tuple[Int64[np.ndarray, " m"], Float[np.ndarray, "3 m"]]:
-    """Of each box the points on it and about it: the box's row, and the points in its frame, u ahead and v left of its
-    middle, t above its floor."""
+    """Find the points on and about each box.
+
+    Returns the row of the box, and the points in its frame: u ahead and v left of its middle, t above its floor.
+    """
     reach = NEAREST + STEP * BINS  # of the counts, beyond a face
     about = boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0])
     found = rows_in_boxes(points, about)

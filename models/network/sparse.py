@@ -1,27 +1,40 @@
-"""A trained VoxelNet, computed where the points reach: the same maps in a fraction of the time, on CPU and CUDA.
+"""Sparse inference: the same maps in a fraction of the time, on CPU and CUDA.
 
-Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. Voxel features
-exist for occupied voxels only; 3D convolutions run on cells that points reach (`sparse_middle`), the light network's
-first convolution on occupied columns (`sparse_columns`); BatchNorm is folded, and so are the linear layers before the
-published head (`folding`).
+Points touch a few percent of the voxels, and an empty grid's response is a constant of the weights. So voxel features
+exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMiddle`), and the light network's first
+convolution on occupied columns (`SparseColumns`). BatchNorm is folded into the layer before it, and so are the linear
+layers before the published head.
 """
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import torch
-from torch import nn
+from torch import Tensor, nn
+from torch.nn import functional as F
 
-from models.network.folding import FoldedRegionProposal, folded_points
-from models.network.sparse_columns import SparseColumns
-from models.network.sparse_middle import SparseMiddle
-from models.network.voxelnet import HeightFold, Prediction, VoxelNet
+from models.network.voxelnet import (
+    Head,
+    HeightFold,
+    MiddleLayers,
+    PointLayer,
+    Prediction,
+    RegionProposal,
+    VoxelNet,
+    columns,
+    fold_columns,
+)
 from models.network.voxels import Voxels
+from toolkit.arrays import Bool, Float32, Int32, Int64
 
 
 class SparseVoxelNet(nn.Module):
-    """A trained network for inference. Its weights are a folded copy: train the original.
+    """A trained network for inference.
+
+    Its weights are a folded copy: train the original.
 
     >>> from models import VoxelNetConfig, voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
@@ -33,7 +46,7 @@ class SparseVoxelNet(nn.Module):
         super().__init__()
         self.config = network.config
         self.features = copy.deepcopy(network.features)
-        self.features.layers = nn.ModuleList(folded_points(layer) for layer in network.features.layers)  # type: ignore[arg-type]
+        self.features.layers = nn.ModuleList(fold_point_layer(layer) for layer in network.features.layers)  # type: ignore[arg-type]
         self.middle: nn.Module
         if isinstance(network.middle, HeightFold):
             self.rpn = FoldedRegionProposal(network.rpn, network.head)
@@ -46,5 +59,385 @@ class SparseVoxelNet(nn.Module):
 
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
-        """Raw maps of a batch of clouds, as `network.eval()(voxels)` gives them."""
+        """Return raw maps of a batch of clouds, as `network.eval()(voxels)` would."""
         return self.rpn(self.middle(self.features(voxels), voxels))
+
+
+ONES = 8  # channels that carry the biases; a multiple of what the convolution kernels take at once
+
+
+def fold_norm(layer: nn.Module, norm: nn.Module) -> tuple[Tensor, Tensor]:
+    """Fold a trained BatchNorm into the layer before it: weight and bias."""
+    assert isinstance(layer, nn.Linear | nn.Conv2d | nn.Conv3d)
+    scale, shift = scale_and_shift(norm)
+    bias = shift if layer.bias is None else layer.bias.detach() * scale + shift
+    return layer.weight.detach() * scale.view(-1, *(1,) * (layer.weight.ndim - 1)), bias
+
+
+def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
+    """Scale and shift per channel of a trained BatchNorm."""
+    assert isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d | nn.BatchNorm3d)
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    scale = norm.weight.detach() / torch.sqrt(norm.running_var + norm.eps)
+    return scale, norm.bias.detach() - norm.running_mean * scale
+
+
+def fold_point_layer(layer: PointLayer) -> nn.Sequential:
+    """Return a `PointLayer` without BatchNorm."""
+    weight, bias = fold_norm(layer.linear, layer.norm)
+    linear = nn.Linear(weight.shape[1], weight.shape[0])
+    linear.weight.data, linear.bias.data = weight, bias
+    return nn.Sequential(linear, nn.ReLU(inplace=True))
+
+
+class FoldedRegionProposal(nn.Module):
+    """`RegionProposal` and `Head` for inference, channels last in memory.
+
+    input_order: place of each input channel in the original.
+    """
+
+    def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
+        super().__init__()
+        self.order = rpn.order
+        originals: Any = rpn.blocks
+        blocks = [[_fold_convolution(*layer[:2]) for layer in block] for block in originals]
+        if input_order is not None:
+            blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
+        self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
+        linear = not rpn.add and head.conv3x3 is not None
+        self.join = LinearHead(rpn, head) if linear else PlainJoin(rpn, head)
+        maps = [layer for layer in (head.classes, head.residuals, head.direction, head.quality) if layer is not None]
+        self.channels = [layer.out_channels for layer in maps]
+        self.outputs = _conv(torch.cat([layer.weight for layer in maps]), torch.cat([_bias(layer) for layer in maps]))
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, x: Float32[Tensor, "B C H W"]) -> Prediction:
+        """Raw maps."""
+        maps = []
+        for block, order in zip(self.blocks, self.order, strict=True):
+            for layer in order:
+                x = torch.relu_(block[layer](x))
+            maps.append(x)
+        return Prediction(*torch.split(cell_by_cell(self.outputs, self.join(maps)), self.channels, 1))
+
+
+class PlainJoin(nn.Module):
+    """The three blocks' maps joined as the network does it."""
+
+    def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        super().__init__()
+        self.add, self.upsample, self.conv3x3 = rpn.add, rpn.upsample, head.conv3x3
+        if rpn.add:
+            scale, shift = scale_and_shift(rpn.norm)
+            layers: Any = rpn.upsample
+            self.upsample = nn.ModuleList(
+                _compose_transposed(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0])
+                for layer, bias in zip(layers, (shift, None, None), strict=True)
+            )
+
+    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+        """The feature map of the head."""
+        layers: Any = self.upsample
+        first, *others = layers
+        fine = cell_by_cell(first, maps[0]) if self.add else first(maps[0])
+        middle, coarse = (layer(x) for layer, x in zip(others, maps[1:], strict=True))
+        x = fine.add_(middle).add_(coarse).relu_() if self.add else torch.cat((coarse, middle, fine), 1)
+        return x if self.conv3x3 is None else torch.relu_(self.conv3x3(x))
+
+
+class LinearHead(nn.Module):
+    """Join of the three maps by a 3x3 convolution, folded.
+
+    This convolution takes most of the published network's time. Everything before it is linear, so a transposed
+    convolution (kernel and stride k) and the 3x3 convolution are together one transposed convolution of kernel k + 2,
+    stride k and padding 1, on a map with a quarter or a sixteenth of the cells. Their biases, which the 3x3 convolution
+    misses beyond the border, enter through channels of ones.
+    """
+
+    def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        super().__init__()
+        assert head.conv3x3 is not None
+        layers: Any = rpn.upsample
+        self.fine, middle, coarse = layers
+        at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)  # in the order of their concatenation
+        self.conv3x3 = _conv(at_fine, _bias(head.conv3x3), padding=1)
+        self.middle = _compose_transposed(_compose(middle.weight, at_middle), None, 2, 1)
+        biases = torch.cat((at_coarse, at_middle), 1) * torch.cat((coarse.bias, middle.bias))[:, None, None]
+        ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
+        weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
+        self.coarse = _compose_transposed(weight, None, 4, 1)
+
+    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+        """The feature map of the head."""
+        fine, middle, coarse = maps
+        coarse = torch.cat((coarse, coarse.new_ones(len(coarse), ONES, *coarse.shape[2:])), 1)
+        x: Tensor = self.conv3x3(self.fine(fine))
+        return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
+
+
+def cell_by_cell(conv: nn.Conv2d, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
+    """Compute a 1x1 convolution for inference.
+
+    On one CPU thread torch takes a plain matrix product, which needs about twice the time of the convolution library,
+    so that library is asked for by name.
+    """
+    if x.device.type != "cpu" or not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
+        return conv(x)  # type: ignore[no-any-return,unused-ignore]
+    return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)
+
+
+def _fold_convolution(conv: nn.Conv2d, norm: nn.BatchNorm2d) -> nn.Conv2d:
+    return _conv(*fold_norm(conv, norm), stride=conv.stride[0], padding=1)
+
+
+def _bias(layer: nn.Conv2d) -> Tensor:
+    assert layer.bias is not None
+    return layer.bias
+
+
+def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
+    """Kernel (I, O, k + 2, k + 2) of a transposed convolution (I, M, k, k) and a 3x3 one (O, M, 3, 3)."""
+    return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
+
+
+def _conv(weight: Tensor, bias: Tensor | None, *, stride: int = 1, padding: int = 0) -> nn.Conv2d:
+    outputs, inputs, kernel, _ = weight.shape
+    conv = nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=bias is not None)
+    _fill(conv, weight, bias)
+    return conv
+
+
+def _compose_transposed(weight: Tensor, bias: Tensor | None, stride: int, padding: int) -> nn.Module:
+    inputs, outputs, kernel, _ = weight.shape
+    if kernel == stride == 1:
+        return _conv(weight.transpose(0, 1), bias)
+    conv = nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding, bias=bias is not None)
+    _fill(conv, weight, bias)
+    return conv
+
+
+def _fill(layer: nn.Conv2d | nn.ConvTranspose2d, weight: Tensor, bias: Tensor | None) -> None:
+    layer.weight.data = weight.detach().clone()
+    if layer.bias is not None and bias is not None:
+        layer.bias.data = bias.detach().clone()
+
+
+class SparseColumns(nn.Module):
+    """Height fold, first convolution and ReLU on occupied columns only.
+
+    The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of its map, depending on
+    whether its row and column are even or odd. Each of the nine taps serves the columns of one such kind and sends no
+    two of them to the same cell. Cells without a column hold the bias.
+    """
+
+    def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
+        super().__init__()
+        assert first.bias is not None
+        scale, shift = scale_and_shift(fold.norm)
+        self.shape = fold.shape
+        self.levels = nn.Parameter(fold.weight.detach() * scale)
+        self.shift = nn.Parameter(shift)
+        self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())  # 3, 3, inputs, outputs
+        self.bias = nn.Parameter(first.bias.detach().clone())
+
+    def forward(
+        self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
+    ) -> Float32[Tensor, "B K h w"]:
+        """Return the map after the ReLU, channels last in memory.
+
+        shape: of the grid, if not the network's own.
+        """
+        shape = shape or self.shape
+        column, key = columns(voxels, shape)
+        start = self.shift.expand(len(key), -1)
+        x = torch.relu_(fold_columns(features, voxels.cells[:, 3], column, self.levels, start))
+        return self._spread(x, key, voxels.items, shape[:2])
+
+    def _spread(
+        self, x: Float32[Tensor, "n I"], key: Int64[Tensor, " n"], items: int, shape: tuple[int, int]
+    ) -> Float32[Tensor, "B K h w"]:
+        """Convolve columns at places `key` of the flat map."""
+        nx, ny = shape
+        rows, cells = nx // 2, ny // 2
+        ix, iy = key // ny % nx, key % ny
+        place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2
+        out = self.bias.expand(items * rows * cells, -1).clone()
+        for odd_x in (0, 1):
+            for odd_y in (0, 1):
+                some = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
+                columns_there, at, row, cell = x[some], place[some], ix[some] // 2, iy[some] // 2
+                for kx, dx in _taps(odd_x):
+                    for ky, dy in _taps(odd_y):
+                        product, there = columns_there @ self.taps[kx, ky], at + dx * cells + dy
+                        if dx or dy:
+                            inside = (row + dx < rows) & (cell + dy < cells)
+                            product, there = product[inside], there[inside]
+                        out.index_add_(0, there, product)
+        return F.relu_(out).view(items, rows, cells, -1).permute(0, 3, 1, 2)
+
+
+def _taps(odd: int) -> tuple[tuple[int, int], ...]:
+    """Kernel taps that see an even or odd place along one axis, and their offsets."""
+    return ((0, 1), (2, 0)) if odd else ((1, 0),)
+
+
+BORDER = 2  # cells from a border within which an empty grid's response varies, after three convolutions
+SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
+
+
+class Plane(NamedTuple):
+    """Cells of B maps of H x W cells in one plane with margins.
+
+    A margin of one cell around each map makes every neighbour a fixed step away; a neighbour beyond the border is a
+    cell that is never reached.
+    """
+
+    items: int
+    nx: int
+    ny: int
+
+    @property
+    def size(self) -> int:
+        """Cells of the plane, margins included."""
+        return self.items * (self.nx + 2) * (self.ny + 2)
+
+    def place(self, item: Tensor, ix: Tensor, iy: Tensor) -> Tensor:
+        """Place of a cell of a map."""
+        return (item * (self.nx + 2) + ix + 1) * (self.ny + 2) + iy + 1
+
+    def cell(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Batch item, and indices along x and y, of a place."""
+        row = place // (self.ny + 2)
+        return row // (self.nx + 2), row % (self.nx + 2) - 1, place % (self.ny + 2) - 1
+
+    def neighbours(self, device: torch.device) -> Int32[Tensor, " 9"]:
+        """Steps to the 3x3 cells around a place."""
+        step = torch.arange(-1, 2, dtype=torch.int32, device=device)
+        return (step[:, None] * (self.ny + 2) + step).view(-1)
+
+
+class Reached(NamedTuple):
+    """Cells reached by points, ordered by level and place.
+
+    differences: their values, less those of an empty grid.
+    """
+
+    mask: Bool[Tensor, "D P"]
+    differences: Float32[Tensor, "n C"]
+
+
+class SparseMiddle(nn.Module):
+    """The three 3D convolutions on reached cells, and a constant everywhere else.
+
+    A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
+    empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
+    multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
+    last in memory, ordered level by level.
+    """
+
+    def __init__(self, middle: MiddleLayers) -> None:
+        super().__init__()
+        self.shape = middle.shape
+        layers: Any = middle.layers
+        first = layers[0][0]
+        empty = first.weight.new_zeros(1, first.in_channels, self.shape[2], SMALL, SMALL)
+        self.layers: Any = nn.ModuleList()
+        for conv, norm, _ in layers:
+            weight, bias = fold_norm(conv, norm)
+            empty = F.conv3d(empty, weight, bias, conv.stride, conv.padding)
+            self.layers.append(SparseConvolution(weight, empty[0], conv.stride[0], conv.padding[0]))
+            empty = torch.relu(empty)
+        width, levels = empty.shape[1:3]
+        self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
+
+    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
+        """Return the map seen from above, its channels in `channel_order`."""
+        plane = Plane(voxels.items, *self.shape[:2])
+        item, ix, iy, iz = voxels.cells.unbind(1)
+        place = plane.place(item, ix, iy)
+        mask = torch.zeros(self.shape[2], plane.size, dtype=torch.bool, device=features.device)
+        mask[iz, place] = True
+        reached = Reached(mask, torch.empty_like(features).index_copy_(0, numbers(mask)[iz, place], features))
+        for layer in self.layers:
+            reached, values = layer(reached, plane)
+        level, place = torch.nonzero(reached.mask, as_tuple=True)
+        item, ix, iy = plane.cell(place)
+        everywhere = self.layers[-1].everywhere(plane)
+        everywhere[item, ix, iy, level] = values
+        return everywhere.flatten(3).permute(0, 3, 1, 2)
+
+
+class SparseConvolution(nn.Module):
+    """One 3x3x3 convolution and its ReLU on the reached cells."""
+
+    def __init__(self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int) -> None:
+        super().__init__()
+        self.first = [level * stride - padding for level in range(empty.shape[1])]  # the lowest input level of each
+        self.weight: Tensor
+        self.empty: Tensor
+        self.register_buffer(
+            "weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous()
+        )  # level, input, 9 · output
+        self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())  # before the ReLU
+
+    def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
+        """Return the cells reached afterwards, and their values."""
+        levels = len(reached.mask)
+        mask = grown(torch.stack([reached.mask[max(z, 0) : z + 3].any(0) for z in self.first]), plane)
+        level, place = torch.nonzero(mask, as_tuple=True)
+        _, ix, iy = plane.cell(place)
+        empty = self.empty[level, _kind(ix, plane.nx), _kind(iy, plane.ny)]
+        sums = empty.clone()
+        neighbours = place.int()[:, None] + plane.neighbours(place.device)
+        inputs = torch.split(reached.differences, reached.mask.sum(1).tolist())
+        rows = mask.sum(1).tolist()
+        for z_first, here, around in zip(
+            self.first, torch.split(sums, rows), torch.split(neighbours, rows), strict=True
+        ):
+            for z in range(max(z_first, 0), min(z_first + 3, levels)):
+                if len(inputs[z]):
+                    here += _sum_neighbours(inputs[z], self.weight[z - z_first], reached.mask[z], around)
+        values = sums.relu_()
+        return Reached(mask, values - empty.relu_()), values
+
+    def everywhere(self, plane: Plane) -> Float32[Tensor, "B H W D K"]:
+        """Response of an empty grid after the ReLU."""
+        x, y = (_kind(torch.arange(n, device=self.empty.device), n) for n in (plane.nx, plane.ny))
+        small = torch.relu(self.empty).permute(1, 2, 0, 3).contiguous()
+        return small[x[:, None], y].expand(plane.items, -1, -1, -1, -1).contiguous()
+
+
+def numbers(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
+    """Count the set cells before each cell."""
+    return (torch.cumsum(mask.view(-1), 0) - 1).view(mask.shape)
+
+
+def grown(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
+    """Cells with a set cell among their 3x3 neighbours."""
+    maps = mask.view(-1, plane.nx + 2, plane.ny + 2)
+    wide = torch.zeros_like(maps)
+    rows = maps[:, :-2] | maps[:, 1:-1] | maps[:, 2:]
+    wide[:, 1:-1, 1:-1] = rows[..., :-2] | rows[..., 1:-1] | rows[..., 2:]
+    return wide.view(mask.shape)
+
+
+def _sum_neighbours(
+    rows: Float32[Tensor, "n C"],
+    weight: Float32[Tensor, "C K9"],
+    mask: Bool[Tensor, " P"],
+    around: Int32[Tensor, "m 9"],
+) -> Float32[Tensor, "m K"]:
+    """Sum over set neighbours of each output cell: row times weight of that neighbour."""
+    products = rows.new_empty(len(rows) + 1, weight.shape[1])
+    torch.mm(rows, weight, out=products[:-1])
+    products[-1] = 0
+    taps = torch.arange(9, dtype=torch.int32, device=rows.device)
+    first = torch.where(mask, 9 * numbers(mask), 9 * len(rows)).int()
+    chosen = first[around.view(-1)].view(-1, 9) + taps
+    return F.embedding_bag(chosen, products.view(9 * len(products), -1), mode="sum")
+
+
+def _kind(index: Tensor, n: int) -> Tensor:
+    """Place of a cell in the small empty grid: its distance from a border, or the middle."""
+    return torch.where(index < n - BORDER, index.clamp(max=BORDER), index - n + SMALL)

@@ -1,15 +1,15 @@
-"""`TiledVoxelNet`: the light network on many unions of the same clouds at once, such as every set of a site's sensors.
+"""`TiledVoxelNet`: the light network on many unions of the same clouds at once.
 
-A cell of a map depends on the points within some metres of it, and few sensors see anything there. So the maps are cut
-into tiles, and what several unions have the same points for is computed once: of a tile that three of eight sensors
-see, there are 8 values, not 255. Layer by layer
+Every set of a site's sensors is such a union. A cell of a map depends on the points within some metres of it, and few
+sensors see anything there. So the maps are cut into tiles, and the part that several unions share is computed once: for
+a tile that three of eight sensors see, there are 8 values, not 255. Layer by layer:
 
-    seen      which clouds have a point within reach of a tile, the reach growing with each convolution
-    entries   the values of a tile: unions that have the same seen clouds share one; so do all that see nothing there
-    patch     a tile of the layer before, with a border of one cell out of the tiles about it
+    seen      clouds with a point within reach of a tile; the reach grows with each convolution
+    entries   values of a tile: unions with the same seen clouds share one, and so do all that see nothing there
+    patch     a tile of the layer before, with a border of one cell from the tiles around it
 
-A convolution of all patches gives the entries of the next layer. The maps are those of the unions one after the other,
-to the rounding of float32.
+A convolution of all patches gives the entries of the next layer. The maps equal those of one union after the other, to
+the rounding of float32.
 """
 
 from __future__ import annotations
@@ -22,12 +22,122 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.network.folding import PlainJoin, cell_by_cell
-from models.network.placed_clouds import Crowded, PlacedClouds
-from models.network.sparse import SparseVoxelNet
-from models.network.sparse_columns import SparseColumns
+from models.config import VoxelNetConfig
+from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell
 from models.network.voxelnet import Prediction
+from models.network.voxels import Voxels, grid_cells, thin_voxels
 from toolkit.arrays import Bool, Float32, Int64
+
+
+class Crowded(NamedTuple):
+    """Voxels with more points than the network takes.
+
+    thinning: number of the way they are thinned in each union, 0 for none; dropped: points left out, ascending, as
+    thinning number · points + row of the point.
+    """
+
+    thinning: Int64[np.ndarray, " U"]
+    dropped: Int64[Tensor, " k"]
+
+
+class PlacedClouds(NamedTuple):
+    """Points of all clouds in one grid, so that unions need no new voxels.
+
+    Cloud after cloud: the cloud of each point, its voxel (indices along x, y and z), the voxel's number, and the points
+    of all clouds in that voxel.
+    """
+
+    points: Float32[Tensor, "n 3"]
+    cloud: Int64[Tensor, " n"]
+    cells: Int64[Tensor, "n 3"]
+    voxel: Int64[Tensor, " n"]
+    crowd: Int64[Tensor, " n"]
+    clouds: int
+
+    @staticmethod
+    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
+        """Place points given in the frame of the grid, m."""
+        kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
+        number = torch.arange(len(clouds), device=kept[0].device)
+        counts = torch.tensor([len(cloud) for cloud in kept], device=kept[0].device)
+        cells, (nx, ny, _) = torch.cat(indices), config.grid_shape
+        ix, iy, iz = cells.unbind(1)
+        _, voxel, count = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True)
+        cloud = torch.repeat_interleave(number, counts)
+        return PlacedClouds(torch.cat(kept), cloud, cells, voxel, count[voxel], len(clouds))
+
+    def counts(self) -> Int64[Tensor, " C"]:
+        """Count points of each cloud."""
+        return torch.bincount(self.cloud, minlength=self.clouds)
+
+    def crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
+        """Find voxels of unions with more points than `most`.
+
+        Left out are the points that `voxelise` leaves out of each union.
+        """
+        rows = torch.nonzero(self.crowd > most)[:, 0]
+        concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
+        alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
+        thinning, dropped = np.zeros(len(alike), np.int64), [rows[:0]]
+        for place, union in enumerate(alike):
+            some = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
+            _, voxel, count = torch.unique(self.voxel[some], return_inverse=True, return_counts=True)
+            keep = thin_voxels(voxel, (count > most)[voxel], most)
+            if not keep.all():
+                thinning[place] = len(dropped)
+                dropped.append(some[~keep] + len(dropped) * len(self.points))
+        return Crowded(thinning[number.ravel()], torch.cat(dropped))
+
+    def by_tile(self, grid: tuple[int, int], size: int, before: int) -> PointsByTile:
+        """Sort points by tile.
+
+        A tile has `size` columns along x and y, and `before` columns of the tiles before it.
+        """
+        (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
+        rows, keys = [], []
+        for dx in (0, 1):
+            for dy in (0, 1):
+                there = ((from_x >= size - before) | (dx == 0)) & ((from_y >= size - before) | (dy == 0))
+                there &= (tx + dx < grid[0]) & (ty + dy < grid[1])
+                some = torch.nonzero(there)[:, 0]
+                rows.append(some)
+                keys.append(((tx[some] + dx) * grid[1] + ty[some] + dy) * self.clouds + self.cloud[some])
+        row, key = torch.cat(rows), torch.cat(keys)
+        order = torch.argsort(key * max(len(self.points), 1) + row)
+        count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
+        first = np.cumsum(count) - count
+        return PointsByTile(row[order], *(each.reshape(-1, self.clouds) for each in (first, count)))
+
+    def batch(self, rows: Int64[Tensor, " n"], item: Int64[Tensor, " n"], items: int, config: VoxelNetConfig) -> Voxels:
+        """Return the voxels of a batch: points, and the item of each."""
+        nx, ny, nz = config.grid_shape
+        ix, iy, iz = self.cells[rows].unbind(1)
+        occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
+        plane = occupied % (nx * ny)
+        level = occupied // (nx * ny)
+        cells = torch.stack((level // nz, plane // ny, plane % ny, level % nz), 1)
+        return Voxels(self.points[rows], voxel, cells, items)
+
+
+class PointsByTile(NamedTuple):
+    """Points in order of their tile and cloud.
+
+    row: of each point; begin, points: first place and number for each tile and cloud.
+    """
+
+    row: Int64[Tensor, " k"]
+    begin: Int64[np.ndarray, "tiles clouds"]
+    points: Int64[np.ndarray, "tiles clouds"]
+
+    def rows(self, tiles: np.ndarray, union: np.ndarray) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"]]:
+        """Points of some tiles in unions, and the number of the tile for each."""
+        clouds = self.begin.shape[1]
+        count = np.where(union, self.points[tiles], 0).ravel()
+        total = int(count.sum())
+        place = np.arange(total) + np.repeat(self.begin[tiles].ravel() - np.cumsum(count) + count, count)
+        item = np.repeat(np.repeat(np.arange(len(tiles)), clouds), count)
+        return self.row[torch.from_numpy(place).to(self.row.device)], torch.from_numpy(item).to(self.row.device)
+
 
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
 AT_ONCE = 64  # tiles that a layer takes together
@@ -36,7 +146,10 @@ MOST_OWN = 0.5  # share of all unions' tiles that are nobody else's, above which
 
 
 class Entries(NamedTuple):
-    """The n values of a layer's tiles. tile, union: one that each is of; of: which one each tile has in each union."""
+    """The n distinct values of a layer's tiles.
+
+    tile, union: one example of each; of: the entry of each tile in each union.
+    """
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
@@ -44,15 +157,17 @@ class Entries(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """By layer, which clouds have a point within reach of which tiles, and which tiles a voxel is within reach of that
-    may be crowded."""
+    """Clouds and crowded voxels within reach of each tile, by layer."""
 
     clouds: list[Bool[np.ndarray, "tiles C"]]
     crowd: list[Bool[np.ndarray, " tiles"]]
 
 
 class TilePredictions(NamedTuple):
-    """Raw maps of the head for some entries. first: their number; corner: the cell of the map that each begins at."""
+    """Raw head maps of some entries.
+
+    first: number of the first entry; corner: first cell of each in the map.
+    """
 
     first: int
     corner: Int64[Tensor, "m 2"]
@@ -60,7 +175,10 @@ class TilePredictions(NamedTuple):
 
 
 def tileable(network: SparseVoxelNet) -> bool:
-    """Whether a network is of the kind that this computes: columns folded, blocks added, a head of single cells."""
+    """True for networks that this module computes.
+
+    Columns folded, blocks added, a head of single cells.
+    """
     join = network.rpn.join
     plain = isinstance(join, PlainJoin) and join.add and join.conv3x3 is None
     return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
@@ -82,19 +200,21 @@ class TiledVoxelNet:
         self._finest, *raised = join.upsample
         self._raised = [_cell_by_cell(layer) for layer in raised]
 
-    def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> Plan:
-        """What is to be computed for unions of clouds: points in the frame of the grid, m."""
+    def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
+        """Plan the work for unions of clouds: points in the frame of the grid, m."""
         placed = PlacedClouds.of(clouds, self.config)
-        return Plan(placed, self._seen(placed), unions, placed.crowded(unions, self.config.max_points))
+        return UnionPlan(placed, self._seen(placed), unions, placed.crowded(unions, self.config.max_points))
 
-    def gains(self, plan: Plan) -> bool:
-        """Whether unions have enough tiles in common for this to be quicker than one after the other."""
+    def gains(self, plan: UnionPlan) -> bool:
+        """Compare the shared work with that of one union after the other."""
         distinct = len(_entries(plan, -1).tile)
         return distinct <= MOST_OWN * len(plan.seen.clouds[-1]) * len(plan.unions)
 
-    def __call__(self, plan: Plan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Some unions after the others, as many as memory is for: which, the entries of the head's tiles, and the
-        head's maps for all of them."""
+    def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
+        """Yield groups of unions, as many at once as memory allows.
+
+        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them.
+        """
         count = len(plan.unions)
         while count > 1 and len(_entries(plan.part(slice(count)), -1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2
@@ -103,7 +223,7 @@ class TiledVoxelNet:
             yield some, *self._maps(plan.part(some))
 
     @torch.inference_mode()
-    def _maps(self, plan: Plan) -> tuple[Entries, Iterator[TilePredictions]]:
+    def _maps(self, plan: UnionPlan) -> tuple[Entries, Iterator[TilePredictions]]:
         strides, entries = self._strides(), _entries(plan, 0)
         bank, size, layer, maps = _bank(self._first(plan, entries), entries), TILE, 0, []
         for block in self._blocks:
@@ -119,7 +239,7 @@ class TiledVoxelNet:
         return [2, *(conv.stride[0] for block in self._blocks for conv in block)]
 
     def _seen(self, placed: PlacedClouds) -> Seen:
-        """What is within reach of the tiles."""
+        """Find clouds and crowded voxels within reach of the tiles."""
         nx, ny, _ = self.config.grid_shape
         full = placed.crowd > self.config.max_points
         reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
@@ -133,8 +253,8 @@ class TiledVoxelNet:
             found.append(by_tile.flatten(1).T.cpu().numpy())
         return Seen([each[:, :-1] for each in found], [each[:, -1] for each in found])
 
-    def _first(self, plan: Plan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
-        """The first convolution, of the columns in and about each entry's tile."""
+    def _first(self, plan: UnionPlan, entries: Entries) -> Iterator[Float32[Tensor, "m t t K"]]:
+        """Convolve the columns in and about each entry's tile for the first time."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, crowded = plan.placed, plan.crowded
         by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
@@ -155,7 +275,7 @@ class TiledVoxelNet:
     def _convolved(
         self, conv: Any, bank: Tensor, before: Entries, after: Entries, size: int
     ) -> Iterator[Float32[Tensor, "m t t K"]]:
-        """The entries after a 3x3 convolution and its ReLU."""
+        """Entries after a 3x3 convolution and its ReLU."""
         for _, tiles, union in _parts(after):
             patches = self._patches(bank, before, tiles, union, size)
             x = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
@@ -199,7 +319,7 @@ class TiledVoxelNet:
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
-        """The same with zeros beyond the map, which convolutions find there."""
+        """Set cells beyond the map to zero, as convolutions expect."""
         size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
         at = torch.from_numpy(self._at(tiles)).to(x.device)
         for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):
@@ -211,13 +331,13 @@ class TiledVoxelNet:
 
 
 def _parts(entries: Entries) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
-    """Some entries after the others: the number of the first, and their tiles and unions."""
+    """Yield entries in groups: number of the first, tiles and unions."""
     for first in range(0, len(entries.tile), AT_ONCE):
         yield first, entries.tile[first : first + AT_ONCE], entries.union[first : first + AT_ONCE]
 
 
 def _bank(parts: Iterable[Float32[Tensor, "_ t t K"]], entries: Entries) -> Float32[Tensor, "n t t K"]:
-    """The values of all entries of a layer, which come some after the others."""
+    """Collect the values of all entries of a layer."""
     first, bank = 0, torch.empty(0)
     for part in parts:
         bank = bank if first else part.new_empty(len(entries.tile), *part.shape[1:])
@@ -227,8 +347,10 @@ def _bank(parts: Iterable[Float32[Tensor, "_ t t K"]], entries: Entries) -> Floa
 
 
 def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
-    """A transposed convolution whose kernel is its stride, as one that gives all cells it makes of a cell as channels:
-    k, k, outputs."""
+    """Turn a transposed convolution with kernel = stride into a 1x1 convolution.
+
+    Its channels are the k x k cells made from one cell, with their outputs.
+    """
     inputs, outputs, k, _ = layer.weight.shape
     conv = nn.Conv2d(inputs, k * k * outputs, 1, bias=False)
     conv.weight.data = layer.weight.detach().permute(2, 3, 1, 0).reshape(-1, inputs, 1, 1)
@@ -236,27 +358,27 @@ def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
 
 
 def _cells(conv: nn.Conv2d, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m t t L"]:
-    """A 1x1 convolution of tiles, as of one map: they stand on each other."""
+    """Convolve tiles with a 1x1 kernel, stacked as one map."""
     y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)
 
 
-class Plan(NamedTuple):
-    """Unions of clouds, what of them is within reach of which tiles, and where they are crowded."""
+class UnionPlan(NamedTuple):
+    """Unions of clouds, their reach over the tiles, and crowded voxels."""
 
     placed: PlacedClouds
     seen: Seen
     unions: Bool[np.ndarray, "U C"]
     crowded: Crowded
 
-    def part(self, some: slice) -> Plan:
-        """Of some of the unions."""
+    def part(self, some: slice) -> UnionPlan:
+        """Select some of the unions."""
         crowded = self.crowded._replace(thinning=self.crowded.thinning[some])
         return self._replace(unions=self.unions[some], crowded=crowded)
 
 
-def _entries(plan: Plan, layer: int) -> Entries:
-    """What unions share in each tile of a layer."""
+def _entries(plan: UnionPlan, layer: int) -> Entries:
+    """Find the values that unions share in each tile of a layer."""
     clouds, unions = plan.seen.clouds[layer], plan.unions
     tiles, count = len(clouds), len(unions)
     code = np.repeat(np.arange(tiles), count)

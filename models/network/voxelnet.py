@@ -1,4 +1,4 @@
-"""VoxelNet (Zhou and Tuzel 2018; paper, section III-D): voxel features, middle layers, region proposal network, head.
+"""VoxelNet (Zhou and Tuzel 2018; paper, section III-D).
 
     Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶ Head ─▶ Prediction
 
@@ -22,11 +22,11 @@ from toolkit.arrays import Float, Float32, Int64
 
 
 class Prediction(NamedTuple):
-    """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next.
+    """Raw maps of the head, A anchors per cell.
 
-    class_logits: background and vehicle (published), or one logit per label of the anchor. residuals: see
-    `models.network.anchors`. direction_logits: above 0 where the box faces away from what the residuals say.
-    quality_logits: the predicted IoU.
+    Channels count anchor by anchor: all of one, then all of the next. class_logits: background and vehicle (published),
+    or one logit per label of the anchor. residuals: see `models.network.anchors`. direction_logits: above 0 where the
+    box faces away from the residuals' heading. quality_logits: the predicted IoU.
     """
 
     class_logits: Float[Tensor, "B AC H W"]
@@ -59,7 +59,7 @@ class VoxelNet(nn.Module):
 
 
 def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n 6"]:
-    """What the network sees of a point: its coordinates and its offset from the mean of its voxel's points, m."""
+    """Coordinates of each point and its offset from its voxel's mean, m."""
     points, voxel = voxels.points, voxels.voxel
     total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(0, voxel, points.double())
     mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
@@ -73,7 +73,10 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
 
 
 class VoxelFeatures(nn.Module):
-    """Voxel feature encoding: linear maps per point, the voxel's maximum appended to each; of the last, the maximum."""
+    """Voxel feature encoding.
+
+    Linear maps per point, each followed by the voxel's maximum; of the last, the maximum only.
+    """
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -95,13 +98,16 @@ class VoxelFeatures(nn.Module):
         return maximum(last(x), voxel, len(voxels.cells))
 
     def _with_padding(self, x: Tensor, voxel: Tensor, rows: int) -> tuple[Tensor, Tensor]:
-        """One zero point stands for all those that fill a voxel up to T: a maximum does not count."""
+        """Add one zero point for all those that fill a voxel up to T.
+
+        Their number does not change a maximum.
+        """
         short = torch.nonzero(torch.bincount(voxel, minlength=rows) < self.config.max_points)[:, 0]
         return torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
 
 
 def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:
-    """The maximum over the entries of each row, of what is nowhere negative."""
+    """Maximum over the entries of each row; values must not be negative."""
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
 
@@ -119,7 +125,7 @@ class PointLayer(nn.Module):
 
 
 class MiddleLayers(nn.Module):
-    """Three 3D convolutions over the dense grid; what is left of the height becomes channels."""
+    """Three 3D convolutions over the dense grid; the remaining height becomes channels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -138,7 +144,7 @@ class MiddleLayers(nn.Module):
         self.width = depth * widths[-1]
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """The map seen from above."""
+        """Return the map seen from above."""
         x = dense_grid(features, voxels, self.shape)
         for layer in self.layers:
             x = layer(x)
@@ -154,7 +160,7 @@ def dense_grid(features: Tensor, voxels: Voxels, shape: tuple[int, int, int]) ->
 
 
 class HeightFold(nn.Module):
-    """The light middle: a column's feature is the sum over its voxels of a linear map that depends on the height.
+    """The light middle: a sum over a column's voxels of linear maps, one per height.
 
     It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels.
     """
@@ -168,22 +174,22 @@ class HeightFold(nn.Module):
         self.norm = nn.BatchNorm1d(self.width)
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
-        """The map seen from above."""
+        """Return the map seen from above."""
         column, key = columns(voxels, self.shape)
-        folded = folded_columns(
+        folded = fold_columns(
             features, voxels.cells[:, 3], column, self.weight, features.new_zeros(len(key), self.width)
         )
         return dense_map(torch.relu(self.norm(folded)), key, voxels.items, self.shape)
 
 
-def folded_columns(
+def fold_columns(
     features: Float[Tensor, "v C"],
     level: Int64[Tensor, " v"],
     column: Int64[Tensor, " v"],
     weight: Float[Tensor, "D C K"],
     start: Float[Tensor, "n K"],
 ) -> Float[Tensor, "n K"]:
-    """`start` of each column and, added to it, the products of its voxels with the weights of their levels."""
+    """Add to `start` of each column its voxels times the weights of their levels."""
     if bool((level[1:] < level[:-1]).any()):  # several clouds; the voxels of one come level by level
         by_level = torch.argsort(level, stable=True)
         features, column = features[by_level], column[by_level]
@@ -193,7 +199,10 @@ def folded_columns(
 
 
 def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-    """The occupied columns of a batch: each voxel's column (v,), and each column's place in the flat (B, H, W) map."""
+    """Find the occupied columns of a batch.
+
+    Returns each voxel's column (v,), and each column's place in the flat (B, H, W) map.
+    """
     nx, ny, _ = shape
     item, ix, iy, _ = voxels.cells.unbind(1)
     key = (item * nx + ix) * ny + iy
@@ -209,7 +218,10 @@ def dense_map(features: Tensor, key: Tensor, items: int, shape: tuple[int, int, 
 
 
 class RegionProposal(nn.Module):
-    """Three blocks, each at half the resolution of the one before; they meet at the resolution of the first."""
+    """Three blocks, each at half the resolution of the one before.
+
+    They meet at the resolution of the first.
+    """
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()
@@ -233,7 +245,7 @@ class RegionProposal(nn.Module):
         self.width = out if self.add else 3 * out
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K h w"]:
-        """The feature map of the anchors."""
+        """Return the feature map of the anchors."""
         maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
             for layer in order:
@@ -245,7 +257,7 @@ class RegionProposal(nn.Module):
 
 
 class Head(nn.Module):
-    """What each anchor of a cell holds, as 1x1 convolutions (after a 3x3 one where the configuration has it)."""
+    """1x1 convolutions for each anchor of a cell, after an optional 3x3 one."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Voxelisation: the points of a cloud, grouped by the voxel they lie in, at most T of them kept per voxel."""
+"""Voxelisation: the points of a cloud by voxel, at most T in each."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class Voxels(NamedTuple):
-    """The occupied voxels of one or several clouds, and the points in them.
+    """Occupied voxels of one or several clouds, and their points.
 
-    Plain lists of points instead of a (voxels, T, 3) block that is mostly padding. The rows of `cells` are
-    sorted by batch item, z, x, y; no voxel is empty.
+    Plain lists of points instead of a (voxels, T, 3) block that is mostly padding. The rows of `cells` are sorted by
+    batch item, z, x, y; no voxel is empty.
     """
 
     points: Float32[Tensor, "n 3"]  # x y z in the frame of the grid, m
@@ -26,7 +26,7 @@ class Voxels(NamedTuple):
     items: int = 1  # clouds in the batch
 
     def to(self, device: str | torch.device) -> Voxels:
-        """The same voxels on another device."""
+        """Move the voxels to another device."""
         return Voxels(self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items)
 
 
@@ -38,11 +38,11 @@ def voxelise(
 ) -> Voxels:
     """Group points (x y z, m) by voxel.
 
-    Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m).
-    Where a voxel holds more than T points, a random T of them stay, each subset as likely as any other; the choice
-    follows `rng` and is the same every time by default. The kept points stay in their order.
+    Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m). In
+    a voxel with more than T points a random T stay, each subset as likely as any other; the choice follows `rng` and is
+    the same every time by default. Kept points stay in their order.
 
-    Raises ValueError where the points are not (n, 3).
+    Raises ValueError unless the points are (n, 3).
 
     >>> config = VoxelNetConfig.light((-40, -20, 40, 20))
     >>> voxelise(np.float32([[-39.9, -19.9, 0.1], [-39.85, -19.9, 0.1], [39.9, 19.9, 3.9], [41, 0, 1]]), config).cells
@@ -56,13 +56,13 @@ def voxelise(
     occupied, voxel = torch.unique(key, return_inverse=True)  # sorts: less work than a map of all voxels
     crowded = torch.bincount(voxel)[voxel] > config.max_points
     if crowded.any():
-        keep = thinned_voxels(voxel, crowded, config.max_points, rng)
+        keep = thin_voxels(voxel, crowded, config.max_points, rng)
         cloud, voxel = cloud[keep], voxel[keep]
     return Voxels(cloud, voxel, _cells(occupied, config))
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
-    """Several clouds as one batch: item i of the result is batch[i]."""
+    """Join clouds into one batch: item i of the result is batch[i]."""
     points, voxel, cells, item, row = [], [], [], 0, 0
     for voxels in batch:
         points.append(voxels.points)
@@ -83,13 +83,16 @@ def _inside(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """The points of a cloud inside the grid, and the indices of each one's voxel along x, y and z."""
+    """Points of a cloud inside the grid, and their voxel indices along x, y and z."""
     cloud = cloud[_inside(cloud, config)]
     return cloud, torch.stack(_indices(cloud, config), 1)
 
 
 def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
-    """Of each point's voxel along x, y and z (float64: a float32 1.4 is below 7 voxels)."""
+    """Voxel indices of points along x, y and z.
+
+    In float64: a float32 1.4 is below 7 voxels.
+    """
     origin = (config.area[0], config.area[1], config.height[0])
     return [
         torch.floor(axis.double() / size - low / size).long().clamp_(0, cells - 1)
@@ -98,7 +101,7 @@ def _indices(cloud: Tensor, config: VoxelNetConfig) -> list[Tensor]:
 
 
 def _keys(cloud: Tensor, config: VoxelNetConfig) -> Tensor:
-    """The number of each point's voxel, counted z by z, then x by x."""
+    """Voxel number of each point, counted z by z, then x by x."""
     ix, iy, iz = _indices(cloud, config)
     nx, ny, _ = config.grid_shape
     return (iz * nx + ix) * ny + iy
@@ -110,10 +113,13 @@ def _cells(key: Tensor, config: VoxelNetConfig) -> Tensor:
     return torch.stack((torch.zeros_like(key), plane // ny, plane % ny, key // (nx * ny)), 1)
 
 
-def thinned_voxels(
+def thin_voxels(
     voxel: Int64[Tensor, " n"], crowded: Bool[Tensor, " n"], limit: int, rng: np.random.Generator | int = 0
 ) -> Bool[Tensor, " n"]:
-    """Which points stay: of those in crowded voxels, a random `limit` per voxel, each subset as likely as any other."""
+    """Mark the points that stay.
+
+    In crowded voxels a random `limit` per voxel stays, each subset as likely as any other.
+    """
     rows = torch.nonzero(crowded)[:, 0]
     rows = rows[torch.from_numpy(np.random.default_rng(rng).permutation(len(rows))).to(rows.device)]
     rows = rows[torch.argsort(voxel[rows], stable=True)]

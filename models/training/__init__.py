@@ -1,1 +1,1 @@
-"""How a network learns: packed recordings, examples, targets, losses, the loop, its checkpoints and its log."""
+"""Training: packed recordings, examples, losses, the loop and the second stage."""

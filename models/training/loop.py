@@ -1,41 +1,189 @@
-"""The training loop, the same on CPU and CUDA, that goes on after a kill as if nothing had happened.
+"""The training loop, the same on CPU and CUDA, which resumes after a kill.
 
-Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state.
+Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state. The
+log is a CSV file in long format: step, epoch, name, value.
 """
 
 from __future__ import annotations
 
+import csv
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import VoxelNetConfig
+from models.config import VoxelNetConfig, road_users, select_anchors
 from models.network.anchors import anchors
 from models.network.voxelnet import Prediction, VoxelNet
-from models.training import log
-from models.training.checkpoint import CHECKPOINT, check_identity, checkpoint_errors, read_checkpoint, save_atomically
 from models.training.losses import published_loss, quality_loss
 from models.training.packed import PackedFrames
-from models.training.presets import Preset, check_fit
-from models.training.samples import Batch, Samples, stack
-from models.weight_files import check_tensors, digest_of
+from models.training.samples import Batch, SampleRecipe, Samples, stack
+from models.weight_files import (
+    check_identity,
+    check_tensors,
+    checkpoint_errors,
+    digest_tensors,
+    read_checkpoint,
+    save_atomically,
+)
+from toolkit.runtime.files import write_text
+
+WINDOW = 40.0  # m; networks that know no absolute coordinates learn on windows of at most this side
+ANYWHERE = (-WINDOW / 2, -WINDOW / 2, WINDOW / 2, WINDOW / 2)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Settings of a training, apart from network and data."""
+
+    epochs: float = 4.0
+    batch: int = 4
+    optimiser: Literal["adamw", "sgd"] = "adamw"
+    learning_rate: float = 3e-3
+    weight_decay: float = 0.01
+    schedule: Literal["one-cycle", "step"] = "one-cycle"
+    loss: Literal["quality", "published"] = "quality"
+    examples: SampleRecipe = field(default_factory=SampleRecipe)
+    seed: int = 0
+
+
+PRESETS = {
+    "fast": Preset(),
+    "paper": Preset(
+        epochs=30.0, batch=1, optimiser="sgd", learning_rate=1e-3, weight_decay=1e-4, schedule="step", loss="published",
+        examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
+    ),
+    "general": Preset(examples=SampleRecipe(augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2)),
+    "varied": Preset(examples=SampleRecipe(errors=0.4, thinned=0.2, tilted=0.3, elsewhere=0.2)),
+}  # fmt: skip
+
+
+def make_config(
+    area: tuple[float, float, float, float],
+    preset: str,
+    size: str = "light",
+    classes: Sequence[str] = ("vehicle",),
+) -> VoxelNetConfig:
+    """Return the network that a preset trains for an area.
+
+    It is light or published in size, has the head that its loss needs, and detects vehicles or several classes. The
+    light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts the
+    result on all of it.
+    """
+    quality = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
+    published = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
+    head: dict[str, Any] = dict(published if PRESETS[preset].loss == "published" else quality)
+    if tuple(classes) != ("vehicle",):
+        head |= road_users(select_anchors(classes))
+    if size == "light":
+        return VoxelNetConfig.light(window(area), **head)
+    voxel = (0.4, 0.4, 0.4) if max(area[2] - area[0], area[3] - area[1]) > 80 else (0.2, 0.2, 0.4)
+    return VoxelNetConfig(area=area, voxel_size=voxel, **head)
+
+
+def window(area: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide.
+
+    >>> window((-40.0, -20.0, 40.0, 10.0))
+    (-20.0, -20.0, 20.0, 10.0)
+    """
+    xmin, ymin, xmax, ymax = area
+    x, y = max(0.0, xmax - xmin - WINDOW) / 2, max(0.0, ymax - ymin - WINDOW) / 2
+    return xmin + x, ymin + y, xmax - x, ymax - y
+
+
+def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
+    """Raise ValueError if a preset cannot train this network."""
+    if config.head != preset.loss:
+        raise ValueError(f"the {preset.loss} loss trains a network with that head, got head {config.head!r}")
+    if len(config.labels) > 1 and not config.kinds:
+        raise ValueError(f"several labels need anchors of their own to be trained, got {config.labels}: give kinds")
+    if preset.batch < 1 or not preset.epochs > 0:
+        raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
+
+
+def choose_area(preset: str, data: Path) -> tuple[float, float, float, float]:
+    """Choose the area to train.
+
+    A window of any place for `general`, else the one area of all frames. Raises ValueError if the frames differ.
+    """
+    if preset == "general":
+        return ANYWHERE
+    areas = {rig.area for rig in PackedFrames(data).rigs}
+    if len(areas) > 1:
+        raise ValueError(f"{data} holds {len(areas)} different areas: give a site, or general")
+    return next(iter(areas))
+
+
+CHECKPOINT = "checkpoint.pt"
+
+
+LOG = "log.csv"
+HEADER = ("step", "epoch", "name", "value")
+
+
+def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
+    """Append figures to the log."""
+    rows = _rows(path) + [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
+    write_text(path, "\n".join([",".join(HEADER), *rows, ""]))
+
+
+def cut_log(path: Path, step: int) -> None:
+    """Drop log rows after `step`, the last checkpoint: those steps are done again."""
+    if path.exists():
+        kept = [row for row in _rows(path) if row.count(",") == 3 and _step_number(row) <= step]
+        write_text(path, "\n".join([",".join(HEADER), *kept, ""]))
+
+
+def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
+    """Read epochs and values of each figure, in order of first appearance."""
+    found: dict[str, tuple[list[float], list[float]]] = {}
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            epochs, values = found.setdefault(row["name"], ([], []))
+            epochs.append(float(row["epoch"]))
+            values.append(float(row["value"]))
+    return found
+
+
+def _rows(path: Path) -> list[str]:
+    return path.read_text().splitlines()[1:] if path.exists() else []
+
+
+def _step_number(row: str) -> float:
+    step = row.split(",", 1)[0]
+    return float(step) if step.isdigit() else float("inf")
+
 
 LOG_STEPS = 50  # losses are logged as their mean over so many steps
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
-@dataclass
-class Run:
-    """A training in progress: what is saved in a checkpoint and nothing else.
+@dataclass(frozen=True)
+class Machine:
+    """Hardware that a training runs on.
 
-    recent: the losses of the steps since the last row of the log, whose mean the next row is.
+    bfloat16: multiply in that format (losses stay in float32); workers: processes that prepare examples, 0 for none;
+    checkpoint_s: seconds between checkpoints.
+    """
+
+    device: str = "cpu"
+    bfloat16: bool = False
+    workers: int = 0
+    checkpoint_s: float = 300.0
+
+
+@dataclass
+class TrainingState:
+    """A training in progress: exactly the content of a checkpoint.
+
+    recent: losses since the last row of the log; the next row is their mean.
     """
 
     network: VoxelNet
@@ -45,7 +193,10 @@ class Run:
     recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, Any]:
-        """Plain tensors and numbers; torch's generator too, though the loop draws nothing from it."""
+        """Return plain tensors and numbers.
+
+        torch's generator is included, though the loop draws nothing from it.
+        """
         return {
             "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
             "scheduler": self.scheduler.state_dict(), "step": self.step, "rng": torch.get_rng_state(),
@@ -53,7 +204,7 @@ class Run:
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
+        """Resume from a state."""
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.scheduler.load_state_dict(state["scheduler"])
@@ -68,21 +219,19 @@ def train(
     out: Path,
     *,
     start: VoxelNet | None = None,
-    device: str = "cpu",
-    bfloat16: bool = False,
-    workers: int = 0,
-    every_s: float = 300.0,
+    machine: Machine | None = None,
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> VoxelNet:
-    """Train on a packed file and leave `checkpoint.pt` and `log.csv` in `out`; called again, it goes on where it was.
+    """Train on a packed file; called again, resume.
 
-    start: a network of the same shape to go on from, on any area, instead of random weights;
-    bfloat16: multiply in that format, the losses are in float32 in any case;
-    every_s: seconds between checkpoints; validate: called with the network after each epoch, its figures are logged;
-    progress: called with the step, the number of steps and the losses of the step, or the figures of `validate`.
-    Raises ValueError where preset and network do not fit, and where `out` holds a run of other settings.
+    `out` receives `checkpoint.pt` and `log.csv`. start: a network of the same shape, on any area, to start from instead
+    of random weights; machine: the CPU by default; validate: called with the network after each epoch, and its figures
+    are logged; progress: called with the step, the number of steps, and the losses of the step or the figures of
+    `validate`. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
     """
+    machine = machine or Machine()
+    device, bfloat16 = machine.device, machine.bfloat16
     check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
@@ -95,9 +244,9 @@ def train(
     if start is not None:
         check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
         run.network.load_state_dict(start.state_dict())
-        identity["start"] = digest_of(start.state_dict())
+        identity["start"] = digest_tensors(start.state_dict())
     _resume(run, out / CHECKPOINT, identity, device)
-    log.cut(out / log.LOG, run.step)
+    cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
     loss_of = by_class if preset.loss == "quality" else published_loss
@@ -106,7 +255,7 @@ def train(
         samples,
         batch_sampler=_Steps(preset, len(samples), per_epoch, run.step, total),
         collate_fn=stack,
-        num_workers=workers,
+        num_workers=machine.workers,
     )
     saved = time.monotonic()
     for batch in loader:
@@ -117,22 +266,25 @@ def train(
             progress(run.step, total, losses)
         if run.step % LOG_STEPS == 0 or run.step == total:
             means = {name: float(np.mean([losses[name] for losses in run.recent])) for name in losses}
-            log.add(out / log.LOG, run.step, run.step / per_epoch, means)
+            add_figures(out / LOG, run.step, run.step / per_epoch, means)
             run.recent.clear()
         end_of_epoch = run.step % per_epoch == 0 or run.step == total
         if end_of_epoch and validate:
             figures = validate(run.network)
-            log.add(out / log.LOG, run.step, run.step / per_epoch, figures)
+            add_figures(out / LOG, run.step, run.step / per_epoch, figures)
             if progress:
                 progress(run.step, total, figures)
-        if end_of_epoch or time.monotonic() - saved > every_s:
+        if end_of_epoch or time.monotonic() - saved > machine.checkpoint_s:
             save_atomically(out / CHECKPOINT, {**identity, **run.state()})
             saved = time.monotonic()
     return run.network
 
 
 class _Steps:
-    """The examples of each step, from step `start` on: (epoch, frame) pairs of a permutation drawn for each epoch."""
+    """Examples of each step from `start` on.
+
+    (epoch, frame) pairs of a permutation drawn for each epoch.
+    """
 
     def __init__(self, preset: Preset, frames: int, per_epoch: int, start: int, total: int) -> None:
         self.preset, self.frames, self.per_epoch, self.start, self.total = preset, frames, per_epoch, start, total
@@ -150,7 +302,7 @@ class _Steps:
             yield [(epoch, int(k)) for k in order[first : first + self.preset.batch]]
 
 
-def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> Run:
+def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> TrainingState:
     torch.manual_seed(preset.seed)
     network = VoxelNet(config).to(device)
     if not config.middle_widths:
@@ -168,10 +320,10 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
         )
     else:
         schedule = torch.optim.lr_scheduler.MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
-    return Run(network, optimiser, schedule)
+    return TrainingState(network, optimiser, schedule)
 
 
-def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None:
+def _resume(run: TrainingState, path: Path, identity: dict[str, Any], device: str) -> None:
     if not path.exists():
         return
     state = read_checkpoint(path, device)
@@ -180,7 +332,7 @@ def _resume(run: Run, path: Path, identity: dict[str, Any], device: str) -> None
         run.restore(state)
 
 
-def _step(run: Run, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
+def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
     with torch.autocast(anchor.device.type, torch.bfloat16, enabled=bfloat16):
         prediction = run.network(batch.voxels)
     prediction = Prediction(*(None if m is None else m.float() for m in prediction))  # type: ignore[arg-type]

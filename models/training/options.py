@@ -14,7 +14,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from models.config import kinds_of
+from models.config import select_anchors
 
 SITE = """Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere; left out,
 the area that all of the data shares."""
@@ -79,15 +79,18 @@ class TrainingOptions:
             raise ValueError(f"--seed and --workers must not be negative, got {self.seed} and {self.workers}")
         known = ("vehicle",) if self.classes is None and self.start is None else self.classes
         if known is not None:
-            kinds_of(known)
+            select_anchors(known)
             if not set(self.faces or ()) <= set(known):
                 raise ValueError(f"--faces must be among --classes {' '.join(known)}, got {' '.join(self.faces or ())}")
         if self.calibrate and self.validate is None:
             raise ValueError("--calibrate needs frames that were not trained on: give --validate")
 
 
-def parsed(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
-    """Site and options of a command line; what is wrong with it is printed, exit code 2."""
+def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
+    """Parse site and options of a command line.
+
+    Prints an error and exits with code 2 for bad arguments.
+    """
     parser = ArgumentParser(prog="python -m models.train", description=TrainingOptions.__doc__.partition("\n")[0])  # type: ignore[union-attr]
     parser.add_argument("site", nargs="?", help=SITE)
     texts, hints = descriptions(), get_type_hints(TrainingOptions)
@@ -107,7 +110,7 @@ def parsed(arguments: Sequence[str] | None = None) -> tuple[str | None, Training
 
 
 def option(name: str) -> str:
-    """A field's name on the command line.
+    """Name of a field on the command line.
 
     >>> option("learning_rate")
     '--learning-rate'
@@ -116,12 +119,12 @@ def option(name: str) -> str:
 
 
 def descriptions() -> dict[str, str]:
-    """What is said of each field."""
+    """Help text of each field."""
     return dict(re.findall(r"^ {8}(\w+): (.*)$", TrainingOptions.__doc__ or "", flags=re.MULTILINE))
 
 
 def _argument(hint: Any) -> dict[str, Any]:
-    """What argparse needs to know of a type."""
+    """Settings for argparse of a type."""
     if get_origin(hint) in (Union, UnionType):
         hint = next(each for each in get_args(hint) if each is not NoneType)
     if hint is bool:

@@ -1,4 +1,4 @@
-"""A packed recording in memory: what each sensor sees of the empty site once, and per frame only what differs.
+"""Packed recordings in memory: the empty site once, then only differences.
 
 The packed file needs numpy and h5py alone, so training can move to a machine that has neither Open3D nor SUMO.
 Depth stays noise-free; every reading draws fresh noise. `models.training.packing` writes the file; its layout, flat
@@ -44,9 +44,9 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """A packed file in memory: points and objects of frame k, in the frame of its site.
+    """A packed file in memory: points and objects of frame k, in its site's frame.
 
-    Raises FileNotFoundError; ValueError where the file is damaged or no packed file.
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -68,7 +68,7 @@ class PackedFrames:
             raise ValueError(f"{path} is no whole packed file ({error}): make it again with coview pack") from error
 
     def _check(self) -> None:
-        """ValueError where numbers of the file do not fit each other."""
+        """Raise ValueError if numbers of the file do not fit each other."""
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -90,7 +90,7 @@ class PackedFrames:
         return len(self._rig_of_frame)
 
     def rig(self, k: int) -> Rig:
-        """The sensors of frame k, and where they look."""
+        """Sensors of frame k and their crop."""
         return self.rigs[self._rig_of_frame[k]]
 
     def objects(self, k: int) -> Objects:
@@ -99,28 +99,30 @@ class PackedFrames:
         return Objects(self._boxes[rows], self._labels[rows])
 
     def level_objects(self, k: int) -> Objects:
-        """Ground truth of frame k as if its ground were level, as `points` are."""
+        """Ground truth of frame k on level ground, as `points` are."""
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=levelled(objects.boxes, slope))
 
     def recorded(self, k: int) -> bool:
-        """Whether frame k is one of recorded clouds, which have no empty site and no errors to be drawn."""
+        """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
         return k in self._clouds.places
 
     def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Per sensor the pixels of frame k that differ from the empty site, and their measurements in steps."""
+        """Pixels of frame k that differ from the empty site, and their steps, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
     def metres(self, steps: Shaped[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """What pixels that changed measure (m), 0 for nothing."""
+        """Convert steps of changed pixels to metres, 0 for no return."""
         return steps.astype(np.float32) / STEPS_PER_METRE
 
     def points(
         self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
     ) -> list[Float32[np.ndarray, "_ 3"]]:
-        """Points inside the crop of each chosen sensor (None: all) of frame k, with fresh noise (None: without), as if
-        the ground were level: that is what a network knows."""
+        """Points inside the crop of each chosen sensor (None: all) of frame k.
+
+        rng: of fresh noise, None for none. The ground is levelled: a network knows nothing else.
+        """
         rig = self.rig(k)
         chosen = range(len(rig.sensors)) if sensors is None else sensors
         if self.recorded(k):
@@ -135,9 +137,9 @@ class PackedFrames:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Sensors that do not move, and the pixels of each that see the empty site inside the crop, with what they measure.
+    """Sensors that do not move, and their view of the empty site inside the crop.
 
-    The crop is the area (xmin ymin xmax ymax, m) below the height (m) over the plane that the ground slopes with.
+    The crop is the area (xmin ymin xmax ymax, m) up to the height (m) above the sloping ground plane.
     """
 
     sensors: tuple[Sensor, ...]
@@ -155,7 +157,7 @@ class Rig:
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
     ) -> Rig:
-        """The rig of sensors that measure the images `empty`, (rows, columns) each, of the site with nothing on it."""
+        """Build a rig from images (rows, columns) of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
         pixels, depth = [], []
@@ -169,14 +171,16 @@ class Rig:
     def points(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> Float32[np.ndarray, "n 3"]:
-        """Noisy points in the crop where the pixels `changed` measure `measured` (0: nothing) and the others what is
-        always there."""
+        """Noisy points in the crop.
+
+        Pixels `changed` measure `measured` (0: nothing), the others the empty site.
+        """
         return self.measured(s, changed, measured, rng)[0]
 
     def measured(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> tuple[Float32[np.ndarray, "n 3"], Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """These points, their pixels, and what these measure."""
+        """These points, their pixels and measurements."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
@@ -192,7 +196,7 @@ class Rig:
     def world(
         self, s: int, pixels: Shaped[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
-        """Where the pixels of sensor s measure, in the frame of the site."""
+        """Positions measured by pixels of sensor s, in the site's frame."""
         sensor = self.sensors[s]
         rays = sensor.model.rays().reshape(-1, 3).take(pixels, axis=0) @ sensor.pose[:3, :3].T.astype(np.float32)
         rays *= depth[:, None]
@@ -200,7 +204,7 @@ class Rig:
         return rays
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Which points, world frame, lie in the crop, widened by a margin (m)."""
+        """Mark points (world frame) in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = levelled(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
@@ -208,19 +212,22 @@ class Rig:
 
 @dataclass(frozen=True, eq=False)
 class RecordedClouds:
-    """The frames of recorded clouds: which place each has, where its sensors' points begin, and all points in steps."""
+    """Frames of recorded clouds: their places, where points begin, and points in steps."""
 
     places: dict[int, int]
     ends: Shaped[np.ndarray, "f _"]
     steps: Shaped[np.ndarray, "p 3"]
 
     def points(self, k: int, s: int) -> Float32[np.ndarray, "n 3"]:
-        """The points of sensor s in frame k."""
+        """Points of sensor s in frame k."""
         rows = slice(*self.ends[self.places[k], s : s + 2])
         return self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
     def check(self, sensors: Sequence[int]) -> None:
-        """ValueError where the numbers do not fit each other or the file's frames, which have so many sensors each."""
+        """Raise ValueError if the numbers do not fit the file's frames.
+
+        sensors: number of sensors of each frame.
+        """
         total = len(sensors)
         if len(self.places) != len(self.ends) or any(not 0 <= k < total for k in self.places):
             raise ValueError(f"clouds/frames must be different numbers of its {total} frames, as many as clouds/ends")
@@ -246,7 +253,7 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
-    sensors, area, height, slope = _described(attributes, poses, name)
+    sensors, area, height, slope = _parse_rig(attributes, poses, name)
     if len(ends) != len(sensors) or len(pixels) != len(depth) or not _ascends(ends, len(pixels)):
         raise ValueError(f"{name}/ends does not cut its {len(pixels)} pixels and {len(depth)} depths into sensors")
     if not np.isfinite(depth).all():
@@ -257,11 +264,13 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     return Rig(sensors, area, height, seen, tuple(np.split(depth.astype(np.float32), ends[:-1])), slope)
 
 
-def _described(
+def _parse_rig(
     attributes: dict[str, Any], poses: np.ndarray, name: str
 ) -> tuple[tuple[Sensor, ...], Area, float, Slope]:
-    """The sensors, area, height and slope (level where none is said) that a rig's attributes say. Raises ValueError
-    where they do not."""
+    """Parse sensors, area, height and slope from a rig's attributes.
+
+    The slope is level if not given. Raises ValueError for bad attributes.
+    """
     try:
         models = parse_json(attributes["sensors"])
         sensors = tuple(
@@ -281,7 +290,7 @@ def _described(
 
 
 def _ascends(ends: np.ndarray, total: int) -> bool:
-    """Whether the numbers ascend from 0 or more to the total or less, row after row."""
+    """True if the numbers ascend from 0 or more to at most the total, row after row."""
     flat = ends.ravel().astype(np.int64)
     return not len(flat) or bool((np.diff(flat) >= 0).all() and flat[0] >= 0 and flat[-1] <= total)
 

@@ -1,4 +1,4 @@
-"""Writes packed files (`models.training.packed`): of each frame only the pixels that differ from the empty site."""
+"""Writer of packed files (`models.training.packed`): only pixels that differ from the empty site."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Change:
-    """One frame: what differs from the empty site, per sensor, as in the file; or the clouds (m) of a recorded one."""
+    """One frame: differences from the empty site per sensor, or recorded clouds (m)."""
 
     pixels: tuple[Shaped[np.ndarray, " _"], ...]
     steps: tuple[Shaped[np.ndarray, " _"], ...]
@@ -40,7 +40,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Recording:
+class PackedRecording:
     """Frames of one rig, ready to be written."""
 
     rig: Rig
@@ -49,11 +49,11 @@ class Recording:
 
 @runtime_checkable
 class OnLevelGround(Protocol):
-    """One sample of a recording of clouds, such as `toolkit.detection.samples.levelled.LevelSample`."""
+    """One sample of recorded clouds, such as a `LevelSample` of the toolkit."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names."""
+        """Names of the sensors."""
         ...
 
     @property
@@ -63,32 +63,32 @@ class OnLevelGround(Protocol):
 
     @property
     def objects(self) -> Objects:
-        """What is labelled, in the same frame."""
+        """Labelled objects, in the same frame."""
         ...
 
     @property
     def area(self) -> tuple[float, float, float, float]:
-        """xmin ymin xmax ymax, m."""
+        """Area: xmin ymin xmax ymax, m."""
         ...
 
 
 @runtime_checkable
 class Drawn(Protocol):
-    """Frames of a drawn site, and what each sensor measures when nothing moves there."""
+    """Frames of a random site, and measurements of the empty site."""
 
     @property
     def site(self) -> Site:
-        """Where."""
+        """Site of the frames."""
         ...
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """What was recorded."""
+        """Recorded frames."""
         ...
 
     @property
     def empty(self) -> tuple[np.ndarray, ...]:
-        """Measurements of each sensor, (rows, columns) m."""
+        """Measurements of each sensor, (rows, columns), m."""
         ...
 
 
@@ -100,41 +100,47 @@ def recording(
     empty: Sequence[np.ndarray] | None = None,
     count: int | None = None,
     slope: Slope = LEVEL,
-) -> Recording:
-    """Frames of sensors that do not move; each is read when it is written.
+) -> PackedRecording:
+    """Return frames of fixed sensors; each is read when it is written.
 
-    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: what each sensor measures of the empty site, taken
-    from the frames themselves when None; count: only the first so many frames; slope: of the ground (m per m, x and y).
+    area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
+    take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y).
     """
     empty = empty_scene(frames).measurements if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
-    return Recording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
+    return PackedRecording(rig, _Changes(rig, frames, min(len(frames), len(frames) if count is None else count)))
 
 
-def recording_of(dataset: CoopDataset, count: int | None = None) -> Recording:
-    """A recorded dataset; count: only the first so many frames."""
+def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedRecording:
+    """Return a recorded dataset, or its first `count` frames."""
     site = dataset.site
     return recording(dataset, site.area, site.height, count=count, slope=site.relief.slope)
 
 
-def drawn_recording(drawn: Drawn) -> Recording:
-    """A recording of a junction that was drawn, `toolkit.datasets.random_recordings.RandomRecording`."""
+def drawn_recording(drawn: Drawn) -> PackedRecording:
+    """Return a recording of a random site."""
     site = drawn.site
     return recording(drawn.frames, site.area, site.height, empty=drawn.empty, slope=site.relief.slope)
 
 
-def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> Iterator[Recording]:
-    """Recordings of clouds, one of each run of samples that have the same sensors and area. To be written in order."""
+def sample_recordings(samples: Iterable[OnLevelGround], height: float = 4.0) -> Iterator[PackedRecording]:
+    """Yield a recording for each run of samples with the same sensors and area.
+
+    They must be written in order.
+    """
     for (sensors, area), group in groupby(samples, key=lambda each: (each.sensors, each.area)):
         nothing = tuple(np.zeros(0, np.uint32) for _ in sensors)
         still = tuple(np.zeros(0, np.float32) for _ in sensors)
         stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
         changes = (Change(nothing, nothing, each.objects, tuple(each.clouds)) for each in group)
-        yield Recording(Rig(stands, area, height, nothing, still), changes)
+        yield PackedRecording(Rig(stands, area, height, nothing, still), changes)
 
 
-def recordings_in(path: Path) -> list[Recording]:
-    """What a packed file holds, ready to be written again. Raises what `PackedFrames` raises."""
+def read_recordings(path: Path) -> list[PackedRecording]:
+    """Read a packed file, ready to be written again.
+
+    Raises what `PackedFrames` raises.
+    """
     packed = PackedFrames(path)
     frames_of: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
@@ -142,32 +148,35 @@ def recordings_in(path: Path) -> list[Recording]:
         clouds = tuple(packed.points(k, None)) if packed.recorded(k) else None
         change = Change(tuple(pixels), tuple(steps), packed.objects(k), clouds)
         frames_of[packed.rigs.index(packed.rig(k))].append(change)
-    return [Recording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
+    return [PackedRecording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]
 
 
 def drawn_file(drawn: Drawn) -> bytes:
-    """The content of the packed file of a junction that was drawn."""
+    """Content of the packed file of a random site."""
     with TemporaryDirectory() as folder:
         pack([drawn_recording(drawn)], Path(folder, "one.packed"))
         return Path(folder, "one.packed").read_bytes()
 
 
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
-    """Write what several packed files hold as one; the number of frames. Raises ValueError where there is none."""
+    """Write several packed files as one and return the number of frames.
+
+    Raises ValueError without any frame.
+    """
     with hdf5_file(unfinished) as (file, check):
-        return _write(file, (each for path in paths for each in recordings_in(path)), check, None)
+        return _write(file, (each for path in paths for each in read_recordings(path)), check, None)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
-    """What of a frame differs from the empty site: pixels that show something in the crop, or nothing any more."""
-    found = [_changed(rig, s, measurement) for s, measurement in enumerate(frame.measurements)]
+    """Find pixels that show something in the crop that the empty site does not, or the reverse."""
+    found = [_find_changes(rig, s, measurement) for s, measurement in enumerate(frame.measurements)]
     return Change(tuple(pixels for pixels, _ in found), tuple(steps for _, steps in found), frame.objects)
 
 
-def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
-    """Write the packed file of one or many recordings; it appears whole under its name, or not at all.
+def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
+    """Write a packed file, complete or not at all, and return its number of frames.
 
-    Returns the number of frames. Raises ValueError where there is none, OSError where the disk is full.
+    Raises ValueError without any frame, OSError if the disk is full.
     """
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
@@ -175,7 +184,7 @@ def pack(recordings: Iterable[Recording], out: Path, *, progress: Callable[[int]
 
 @dataclass(frozen=True)
 class _Changes:
-    """The changes of frames, made when asked for; whole where a process boundary is crossed."""
+    """Changes of frames, made on demand; pickled whole."""
 
     rig: Rig
     frames: Sequence[Frame]
@@ -190,7 +199,7 @@ class _Changes:
 
 def _write(
     file: h5py.File,
-    recordings: Iterable[Recording],
+    recordings: Iterable[PackedRecording],
     check: Callable[[], None],
     progress: Callable[[int], None] | None,
 ) -> int:
@@ -241,7 +250,7 @@ def _write_rig(group: h5py.Group, rig: Rig) -> None:
         group.create_dataset(name, data=values, compression="gzip" if len(values) else None, shuffle=len(values) > 0)
 
 
-def _changed(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_changes(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     still = np.zeros(measurement.size, np.float32)
     still[rig.pixels[s]] = rig.depth[s]
     flat = measurement.ravel()
@@ -254,13 +263,13 @@ def _changed(rig: Rig, s: int, measurement: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Where the parts of each frame end, in rows of one length: where rigs have fewer sensors, the rest is empty."""
+    """Stack rows of ends, padded with empty parts where a rig has fewer sensors."""
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 
 
 class _Clouds:
-    """The clouds of recorded frames, written together at the end."""
+    """Clouds of recorded frames, written together at the end."""
 
     def __init__(self) -> None:
         self._frames: list[int] = []
@@ -285,7 +294,7 @@ class _Clouds:
 
 
 class _Column:
-    """A growing array of a file, written a few chunks at a time."""
+    """Growing array of a file, written a few chunks at a time."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
         options = {"chunks": (_CHUNK,), "compression": "gzip", "compression_opts": 1, "shuffle": True}

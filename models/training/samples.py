@@ -1,7 +1,11 @@
-"""Training examples: a packed frame with fresh noise, augmented, voxelised, and what its anchors should find."""
+"""Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
+
+Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -12,41 +16,143 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.anchors import anchors
 from models.network.voxels import Voxels, collate, voxelise
-from models.training.augmentation import random_errors, thinned, tilted, with_errors
-from models.training.packed import PackedFrames
-from models.training.targets import Assignment, assign, assign_by_kind, sample
+from models.training.losses import Assignment, assign, assign_by_kind, sample
+from models.training.packed import PackedFrames, Rig
 from toolkit.arrays import Bool, Float, Float32, Shaped
 from toolkit.boxes import count_points, points_in_boxes
+from toolkit.geometry import levelled
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import centred_in
+from toolkit.sensors.errors.drop_out import DeadRows, DropOut
+from toolkit.sensors.errors.mixed_pixels import MixedPixels
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profile import ErrorProfile, ErrorTerm
+from toolkit.sensors.errors.range_noise import OwnNoise, lidar_noise, stereo_noise
+from toolkit.sensors.errors.reading import TrueImage
+from toolkit.sensors.errors.vehicle_surfaces import Glass, Paint
+from toolkit.sensors.errors.weather import rain
+from toolkit.sensors.sensor import Sensor
+
+FEWEST_KEPT = 0.1  # share of the points
+LIFT = 0.07  # m, deviation of the ground's height; surveys and imported sites are so far off
+SLOPE = 0.006  # deviation of the ground's slope along x and along y; at 20 m that is 12 cm
+BEYOND = 150.0  # m: where what stands outside the crop, of which a packed file says nothing, is taken to be
+
+
+def random_errors(rng: np.random.Generator) -> ErrorProfile:
+    """Draw sensor errors of random strength.
+
+    Each goes from none to a little more than in the profile `poor`; few examples have all of them.
+    """
+
+    def strength(chance: float, most: float) -> float:
+        return float(rng.uniform(0, most)) if rng.random() < chance else 0.0
+
+    terms: tuple[ErrorTerm, ...] = (
+        Glass(share=strength(0.6, 1.0)),
+        Paint(share=strength(0.3, 0.4)),
+        DropOut(share=strength(0.8, 0.06), half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0),
+        MixedPixels(share=strength(0.7, 0.3)),
+        rain(strength(0.2, 15.0)),
+        DeadRows(share=strength(0.3, 0.04)),
+        OwnNoise(),
+        stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
+        lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
+        Calibration(rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)),
+    )
+    return ErrorProfile("random", terms)
+
+
+def with_errors(
+    frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
+) -> list[Float32[np.ndarray, "_ 3"]]:
+    """Points in the crop of each chosen sensor of frame k, with random errors.
+
+    sensors: None for all. The ground is levelled.
+    """
+    rig, objects = frames.rig(k), frames.objects(k)
+    pixels, steps = frames.changed(k)
+    chosen = range(len(rig.sensors)) if sensors is None else sensors
+    return [_read(rig, s, frames.metres(steps[s]), pixels[s], (objects, errors, seed, k)) for s in chosen]
+
+
+def _read(
+    rig: Rig,
+    s: int,
+    depth: Float32[np.ndarray, " n"],
+    changed: np.ndarray,
+    drawn: tuple[Objects, ErrorProfile, int, int],
+) -> Float32[np.ndarray, "_ 3"]:
+    """Points of sensor s, placed by its believed pose.
+
+    Surfaces outside the crop can mix with those inside, but give no points themselves.
+    """
+    objects, errors, seed, k = drawn
+    sensor = rig.sensors[s]
+    beyond = np.float32(min(BEYOND, 0.99 * sensor.model.max_range))
+    image = np.full(sensor.model.shape, beyond)
+    flat = image.ravel()
+    flat[rig.pixels[s]] = rig.depth[s]
+    flat[changed] = np.where(depth > 0, depth, beyond)
+    reading = errors.read(TrueImage(sensor, image, objects), seed=seed, sensor=s, frame=k)
+    measured = reading.measurement.ravel()
+    seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
+    believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
+    points = believed.world(0, seen, measured[seen])
+    return levelled(points[rig.in_crop(points)], rig.slope)
+
+
+def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
+    """Keep a random share of the points, from a tenth to all of them."""
+    return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
+
+
+def tilt(
+    points: Float32[np.ndarray, "n 3"],
+    boxes: Float[np.ndarray, "m 7"],
+    centre: Float[np.ndarray, "2"],
+    rng: np.random.Generator,
+) -> tuple[Float32[np.ndarray, "n 3"], Float[np.ndarray, "m 7"]]:
+    """Lift the ground by N(0, 7 cm) and slope it by N(0, 0.6 %) along x and y.
+
+    It turns about `centre`. Boxes stay upright.
+    """
+    lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
+    points, boxes = points.copy(), boxes.copy()
+    points[:, 2] += lift + (points[:, :2] - centre) @ slope
+    boxes[:, 2] += lift + (boxes[:, :2] - centre) @ slope
+    return points, boxes
+
 
 Augmentation = Literal["none", "object", "scene"]
 
 
 class Batch(NamedTuple):
-    """voxels of B clouds; labels (B, H, W, A) of `models.training.targets`; boxes (B, H, W, A, 7) that positives
-    should find."""
+    """Examples ready for training.
+
+    voxels: of B clouds; labels: (B, H, W, A), see `models.training.losses`; boxes: (B, H, W, A, 7), targets of positive
+    anchors.
+    """
 
     voxels: Voxels
     labels: Tensor
     boxes: Tensor
 
     def to(self, device: torch.device | str) -> Batch:
-        """The same batch on another device."""
+        """Move the batch to another device."""
         return Batch(self.voxels.to(device), self.labels.to(device), self.boxes.to(device))
 
 
 @dataclass(frozen=True)
 class SampleRecipe:
-    """How a frame becomes an example.
+    """Recipe that turns a frame into an example.
 
     subsets: share of examples made from a random subset of the sensors, so that one network serves any set.
     augmentation: object turns and shifts each object with its points (the paper's); scene turns and mirrors everything.
     positive, negative: IoU thresholds of the anchors; sampled: anchors in the loss, 0 for all; seen: points below which
-    a vehicle is not asked for. errors, thinned, tilted: shares of the examples that sensors with errors see, whose
-    points are thinned, whose ground is off zero and slopes (`models.training.augmentation`). elsewhere: share of the
-    windows laid anywhere in the area, not near an object, where there is nothing but what looks like one. A network of
-    several classes has the thresholds of its kinds.
+    a vehicle need not be found. errors, thinned, tilted: shares of the examples with sensor errors, with thinned
+    points, and with uneven ground. elsewhere: share of the windows laid anywhere in the area instead of near an object.
+    A network of several classes has the thresholds of its kinds.
     """
 
     subsets: float = 0.5
@@ -62,7 +168,7 @@ class SampleRecipe:
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
-    """Example (epoch, k) of a packed file: the same whoever asks and whenever, different in every epoch."""
+    """Example (epoch, k) of a packed file: reproducible, and different in every epoch."""
 
     def __init__(self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int) -> None:
         self.frames, self.config, self.recipe, self.seed = frames, config, recipe, seed
@@ -88,8 +194,10 @@ class Samples(torch.utils.data.Dataset[Batch]):
         )
 
     def _assigned(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
-        """What each anchor should find. A network that knows vehicles alone says nothing about heavy ones; one that
-        knows both tells them apart."""
+        """Targets of the anchors.
+
+        A network for vehicles alone ignores heavy ones; a network for both tells them apart.
+        """
         if self.config.kinds:
             return assign_by_kind(self._anchors, self.config.kinds, objects.boxes, objects.labels, asked)
         vehicle = objects.labels == label_index(self.config.labels[0])
@@ -100,7 +208,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return Assignment(found.labels, np.append(rows, 0)[found.owner])
 
     def _scene(self, k: int, rng: np.random.Generator) -> tuple[Float32[np.ndarray, "n 3"], Objects, np.ndarray]:
-        """Points and objects of frame k in the frame of the grid, and which objects stood in the detection area."""
+        """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
         points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
         objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), centred_in(objects.boxes, area)
@@ -121,15 +229,15 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def _roughened(
         self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As the recipe says, with fewer points and on other ground; without either it draws no numbers."""
+        """Thin points and tilt the ground as the recipe says; draw no numbers without either."""
         if self.recipe.thinned and rng.random() < self.recipe.thinned:
-            points = thinned(points, rng)
+            points = thin(points, rng)
         if self.recipe.tilted and rng.random() < self.recipe.tilted:
-            points, boxes = tilted(points, boxes, centre, rng)
+            points, boxes = tilt(points, boxes, centre, rng)
         return points, boxes
 
     def _wanted(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
-        """The class that a window is laid near: of those there each as often, so that rare ones are seen as well."""
+        """Draw the class near which the window lies, each present class as often."""
         known = [label_index(name) for name in self.config.labels]
         if len(known) == 1:
             return known[0]
@@ -140,8 +248,11 @@ class Samples(torch.utils.data.Dataset[Batch]):
 def read_points(
     frames: PackedFrames, k: int, rng: np.random.Generator, *, subsets: float, errors: float
 ) -> Float32[np.ndarray, "n 3"]:
-    """Points of frame k in the crop, as all sensors see them together, or with a chance of `subsets` a random set of
-    them; with a chance of `errors` with random errors, else with the noise of the sensors' models alone."""
+    """Read points of frame k in the crop.
+
+    subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
+    models' own noise.
+    """
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
@@ -152,7 +263,7 @@ def read_points(
 
 
 def stack(batch: list[Batch]) -> Batch:
-    """Several examples as one batch."""
+    """Join examples into one batch."""
     voxels, labels, boxes = zip(*batch, strict=True)
     return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
 
@@ -163,8 +274,11 @@ def window_centre(
     wanted: Float[np.ndarray, "n 2"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "2"]:
-    """Where a window (m along x and y) of an area (xmin ymin xmax ymax, m) is centred: near one of the places wanted,
-    so that little of it is empty, and inside the area along each side that is no shorter than the window."""
+    """Draw the centre of a window (m along x and y) in an area (xmin ymin xmax ymax, m).
+
+    It lies near one of the places wanted, so that little of it is empty, and inside the area along each side that is at
+    least as long as the window.
+    """
     middle, room = (area[:2] + area[2:]) / 2, ((area[2:] - area[:2] - window) / 2).clip(0)
     near = wanted[rng.integers(len(wanted))] if len(wanted) else rng.uniform(area[:2], area[2:])
     return np.clip(near + rng.uniform(-window / 2, window / 2), middle - room, middle + room)
@@ -178,8 +292,9 @@ def jitter_objects(
     yaw: float = np.deg2rad(18.0),
     shift: float = 0.5,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object by up to ±yaw (rad) and shift it by N(0, shift) (m) in the plane, its points with it (paper,
-    training process). An object that would then touch another stays where it was.
+    """Turn and shift each object with its points (paper, training process).
+
+    Turns are up to ±yaw (rad), shifts N(0, shift) (m) in the plane. An object that would then touch another stays put.
     """
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
@@ -191,7 +306,7 @@ def jitter_objects(
         if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():
             continue
         mine = owned[:, index]
-        points[mine, :2] = (points[mine, :2] - old) @ _turned(turn).T + old + move
+        points[mine, :2] = (points[mine, :2] - old) @ _rotation(turn).T + old + move
         boxes[index, :2] += move
         boxes[index, 6] += turn
     return points, boxes
@@ -203,9 +318,9 @@ def turn_scene(
     centre: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the whole scene about `centre` by any angle, and mirror every second one."""
+    """Turn the scene about `centre` by any angle, and mirror every second one."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
-    matrix = _turned(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
+    matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()
     points[:, :2] = (points[:, :2] - centre) @ matrix.T + centre
     boxes[:, :2] = (boxes[:, :2] - centre) @ matrix.T + centre
@@ -213,5 +328,5 @@ def turn_scene(
     return points, boxes
 
 
-def _turned(angle: float) -> np.ndarray:
+def _rotation(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -1,4 +1,4 @@
-"""Average precision of a network in training, from a packed file, so that it needs neither Open3D nor a simulator."""
+"""Average precision of a network in training, without Open3D or a simulator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from models.detector import VoxelNetDetector, relocated
+from models.detector import VoxelNetDetector, relocate
 from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames
 from models.training.samples import read_points
@@ -27,18 +27,20 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 def detector_by_area(
     network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
 ) -> Callable[[Area], Detector]:
-    """The network at work in an area. Those of the last few are kept, for one has its anchors on the whole of it, and a
-    packed file may show thousands."""
+    """Return a function that gives the network's detector for an area.
+
+    The last few are kept: each has its anchors on the whole area, and a packed file may show thousands.
+    """
 
     @lru_cache(maxsize=AREAS_KEPT)
     def at_work(area: Area) -> Detector:
-        there = relocated(network, area, "general")
+        there = relocate(network, area, "general")
         return VoxelNetDetector(there, device=device, score_threshold=score_threshold)
 
     return at_work
 
 
-def detections_of(
+def detect_frames(
     network: VoxelNet,
     frames: PackedFrames,
     *,
@@ -48,9 +50,11 @@ def detections_of(
     subsets: float = 0.0,
     errors: float = 0.0,
 ) -> list[tuple[Detections, Objects, Bool[np.ndarray, " n"]]]:
-    """What is detected in each of the first `count` frames (None: all) by early fusion of all sensors, what is there,
-    and which of that is centred in the frame's area. subsets, errors: shares of the frames that some of the sensors
-    see, and sensors with errors (`models.training.samples.read_points`)."""
+    """Detect in the first `count` frames (None: all) by early fusion.
+
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: shares of the frames
+    seen by some of the sensors, and by sensors with errors (`read_points`).
+    """
     training = network.training
     detector_in, results = detector_by_area(network, device), []
     for k in range(min(len(frames), count or len(frames))):
@@ -70,13 +74,13 @@ def average_precision(
     seed: int = 0,
     device: str | torch.device = "cpu",
 ) -> dict[str, float]:
-    """AP3D of early fusion of all sensors over the first `count` frames (None: all), named "AP@0.7" and so on for
-    vehicles, "pedestrian AP@0.5" and so on for others; without those of which there is none.
+    """AP3D of early fusion over the first `count` frames (None: all).
 
-    Counted are objects centred in the area; what else is there is neither a miss nor a false alarm (protocol "exact").
+    Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes without objects are
+    left out. Only objects centred in the area count; others are neither missed nor false alarms (protocol "exact").
     Each frame is detected in its own area. seed: of the sensors' noise.
     """
-    frame_by_frame = detections_of(network, frames, count=count, seed=seed, device=device)
+    frame_by_frame = detect_frames(network, frames, count=count, seed=seed, device=device)
     detections, truths, counted = zip(*frame_by_frame, strict=True)
     figures: dict[str, float] = {}
     for label in network.config.labels:
@@ -92,6 +96,6 @@ def average_precision(
 def validation(
     data: Path, *, count: int | None = None, device: str | torch.device = "cpu"
 ) -> Callable[[VoxelNet], dict[str, float]]:
-    """`average_precision` on a packed file, for `models.training.loop.train`."""
+    """Return `average_precision` on a packed file, for `models.training.loop.train`."""
     frames = PackedFrames(data)
     return lambda network: average_precision(network, frames, count=count, device=device)

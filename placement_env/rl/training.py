@@ -137,7 +137,7 @@ def train_policy(
     Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
     libraries.
     """
-    from models.training.checkpoint import save_atomically
+    from models.weight_files import save_atomically
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
@@ -166,7 +166,7 @@ def train_policy(
 def met_until(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
     """What was met until the round after which the policy in a folder was kept, which goes where that is not known.
     rounds: steps and what was met until each, ascending; later ones are dropped."""
-    from models.training.checkpoint import read_checkpoint
+    from models.weight_files import read_checkpoint
 
     path = folder / CHECKPOINT
     steps = read_checkpoint(path)["steps"] if path.exists() else 0
@@ -325,7 +325,7 @@ def _state(model: OnPolicyAlgorithm) -> dict[str, Any]:
 
 
 def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> None:
-    from models.training.checkpoint import read_checkpoint
+    from models.weight_files import read_checkpoint
 
     state = read_checkpoint(path)
     different = [key for key, value in identity.items() if state.get(key) != value]

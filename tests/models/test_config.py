@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from models.config import ROAD_USERS, AnchorKind, VoxelNetConfig, kinds_of, road_users
+from models.config import ROAD_USERS, AnchorKind, VoxelNetConfig, road_users, select_anchors
 from models.network.voxelnet import VoxelNet
 
 
@@ -85,10 +85,10 @@ def test_what_says_nothing_new_is_not_written_so_that_digests_stay():
 
 
 def test_the_anchors_of_classes_by_name():
-    assert kinds_of(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
+    assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
         with pytest.raises(ValueError, match="classes must be different ones of vehicle, heavy, cyclist, pedestrian"):
-            kinds_of(wrong)
+            select_anchors(wrong)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import torch
 
 from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
-from models.network.rivals import LEAST_RIVAL, contested
+from models.network.candidates import LEAST_RIVAL, apply_rivals
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
@@ -197,7 +197,7 @@ def test_rivals_below_a_class_s_threshold_still_count_and_thresholds_are_of_what
     rows = ((1.0, 0.0, 0.0, 1.0, 1.0, 2.0),) * 4
     bare = VoxelNetDetector(made, score_threshold=LEAST_RIVAL)(points())
     made.config = dataclasses.replace(small, rivalry=rows)
-    expected = contested(bare, made.config)
+    expected = apply_rivals(bare, made.config)
     assert (expected.scores < bare.scores).any()
     for least in (0.0, 0.15, 0.3, 0.45):
         own = VoxelNetDetector(made, score_threshold=least)(points())

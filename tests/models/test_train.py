@@ -15,10 +15,10 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
 from models.train import WEIGHTS, commit, run, second_stages
-from models.training.checkpoint import CHECKPOINT, load_checkpoint
+from models.training.loop import CHECKPOINT
 from models.training.options import TrainingOptions
-from models.training.widening import widened
-from models.weight_files import load_weights
+from models.training.second_stage import widen
+from models.weight_files import load_weights, read_checkpoint
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -31,14 +31,14 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
         main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])
     assert ended.value.code == 0
     network, header = load_weights(tmp_path / "weights.safetensors")
-    assert same_weights(network, load_checkpoint(tmp_path / CHECKPOINT)[0])
+    assert same_weights(network, read_checkpoint(tmp_path / CHECKPOINT)["network"])
     assert header.site == "general"
     assert set(header.ap) == {"AP@0.7", "AP@0.8", "AP@0.9"}
     assert {"losses.png", "ap.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("models.training.faces.STEPS", 20)
+    monkeypatch.setattr("models.training.second_stage.STEPS", 20)
     chosen = {"classes": ("vehicle", "heavy"), "faces": ("vehicle",), "calibrate": True, "start": "general"}
     options = TrainingOptions(
         data=packed_file, out=tmp_path / "a", epochs=1.0, batch=2, device="cpu", validate=packed_file, **chosen
@@ -73,7 +73,7 @@ def test_killed_three_times_it_ends_with_the_same_weights(packed_file, tmp_path,
         assert process.wait() == -9, "it was done before it was killed: give it more epochs"
     for folder in ("killed", "whole"):
         subprocess.run([*command, str(tmp_path / folder)], env=environment, check=True, stdout=subprocess.DEVNULL)
-    killed, whole = (load_checkpoint(tmp_path / folder / CHECKPOINT)[0] for folder in ("killed", "whole"))
+    killed, whole = (read_checkpoint(tmp_path / folder / CHECKPOINT)["network"] for folder in ("killed", "whole"))
     assert same_weights(killed, whole)
 
 
@@ -104,5 +104,5 @@ def test_what_is_left_out_is_as_in_the_network_that_training_starts_from(tmp_pat
     assert second_stages(TrainingOptions(data=tmp_path, out=tmp_path), None) == (("vehicle",), (), False)
     with pytest.raises(ValueError, match="--faces must be among --classes vehicle heavy cyclist pedestrian, got tram"):
         second_stages(TrainingOptions(**given, faces=("tram",)), start)
-    one = widened(start, VoxelNetConfig.light((-8, -8, 8, 8)))
+    one = widen(start, VoxelNetConfig.light((-8, -8, 8, 8)))
     assert (one.config.labels, one.config.thresholds, one.config.faces) == (("vehicle",), (), ())

@@ -65,7 +65,7 @@ def read_published_checkpoint(path: Path) -> None:
 def checkpoint(path: Path) -> None:
     import torch
 
-    from models.training.presets import PRESETS
+    from models.training.loop import PRESETS
 
     made = network()
     state = {
@@ -76,6 +76,10 @@ def checkpoint(path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> None:
-    from models.training.checkpoint import load_checkpoint
+    from models.config import VoxelNetConfig
+    from models.weight_files import checkpoint_errors, read_checkpoint
 
-    load_checkpoint(path)
+    state = read_checkpoint(path)
+    with checkpoint_errors(path):
+        VoxelNetConfig.from_dict(state["config"])
+        network().load_state_dict(state["network"])

@@ -24,7 +24,7 @@ def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, j
         json: Print the summary as JSON.
     """
     from models.train import run
-    from models.training.log import LOG, curves
+    from models.training.loop import LOG, read_curves
     from toolkit.plots.curves import draw_training
 
     with progress_bar("step", hidden=json) as bar:
@@ -37,7 +37,7 @@ def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, j
                 bar.figures(figures)
 
         weights, measured = run(site, options, progress=report)
-    draw_training(curves(options.out / LOG), options.out)
+    draw_training(read_curves(options.out / LOG), options.out)
     pictures = "losses.png, ap.png" if options.validate else "losses.png"
     text = f"{options.out}: {weights.name}, {LOG}, {pictures}"
     print_result({"weights": str(weights), "ap": measured}, text, as_json=json)

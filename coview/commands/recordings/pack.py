@@ -68,7 +68,7 @@ def pack(
         overwrite: Replace a file that is there.
         json: Print the summary as JSON.
     """
-    from models.training.packing import drawn_file, join_packed, recording_of, recordings_in
+    from models.training.packing import dataset_recording, drawn_file, join_packed, read_recordings
     from models.training.packing import pack as write
 
     check_frames(frames)
@@ -93,7 +93,7 @@ def pack(
         opened = [open_clouds(path, layout) for path in datasets]
         with progress_bar("sample", sum(min(len(each), frames or len(each)) for each in opened), hidden=json) as bar:
             recordings = cloud_recordings(opened, frames, level=level, still=still, area=area)
-            total = write(chain(recordings, *map(recordings_in, packed)), out, progress=bar.to)
+            total = write(chain(recordings, *map(read_recordings, packed)), out, progress=bar.to)
     else:
         with ExitStack() as stack:
             simulated = [
@@ -101,8 +101,8 @@ def pack(
             ]
             count = sum(frame_count(recording, frames) for recording in simulated)
             bar = stack.enter_context(progress_bar("frame", count, hidden=json))
-            made = (recording_of(recording, frames) for recording in simulated)
-            total = write(chain(made, *map(recordings_in, packed)), out, progress=bar.to)
+            made = (dataset_recording(recording, frames) for recording in simulated)
+            total = write(chain(made, *map(read_recordings, packed)), out, progress=bar.to)
     megabytes = out.stat().st_size / 1e6
     summary = {"file": str(out), "frames": total, "mb": megabytes}
     print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=json)

@@ -97,7 +97,7 @@ def ours_of_the_same_size() -> None:
 def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
     from models.detector import load_detector
-    from models.network.candidates import candidates, suppressed
+    from models.network.candidates import candidates, suppress
     from models.network.voxels import voxelise
 
     detector, points = load_detector("tjunction"), fused_cloud()
@@ -111,7 +111,7 @@ def light() -> None:
     _report("    voxelisation", lambda: voxelise(points, config), rounds=50)
     _report("    network", lambda: detector.network(voxels), rounds=50)
     _report("    decoding", lambda: candidates(maps, detector.anchors, config, detector.thresholds), rounds=50)
-    _report("    suppression", lambda: suppressed(*boxes, config, 0.1), rounds=50)
+    _report("    suppression", lambda: suppress(*boxes, config, 0.1), rounds=50)
 
 
 def voxelisation() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,16 @@ import torch
 
 from models.config import VoxelNetConfig, road_users
 from models.network.anchors import anchors, encode, faces_back
-from models.network.candidates import MOST_CANDIDATES, averaged, candidates, label_scores, suppressed
+from models.network.candidates import (
+    LEAST_RIVAL,
+    MOST_CANDIDATES,
+    apply_rivals,
+    average_boxes,
+    candidates,
+    label_scores,
+    strongest_rivals,
+    suppress,
+)
 from models.network.voxelnet import Prediction
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
 
@@ -40,7 +50,7 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
 
 def test_perfect_maps_become_the_boxes_they_hold():
     boxes = [[1.0, 2.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5], [5, -5, 1.2, 9, 2.5, 3, -1.5]]
-    found = suppressed(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
+    found = suppress(*candidates(prediction_of(boxes), anchors(CONFIG), CONFIG, (0.1,))[0], CONFIG, 0.1)
     np.testing.assert_allclose(found.boxes[:, :6], np.array(boxes)[:, :6], atol=1e-4)
     turns = (found.boxes[:, 6] - np.array(boxes)[:, 6]) / (2 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
@@ -50,7 +60,7 @@ def test_perfect_maps_become_the_boxes_they_hold():
 def test_boxes_centred_outside_the_area_are_dropped():
     config = VoxelNetConfig.light((-8, -8, 7.5, 8))  # the grid reaches 8
     boxes = [[7.8, 0.0, 0.7, 4.5, 1.8, 1.5, 0.3], [-3.0, -4.0, 0.9, 4.0, 1.7, 1.6, 2.5]]
-    found = suppressed(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
+    found = suppress(*candidates(prediction_of(boxes, config), anchors(config), config, (0.1,))[0], config, 0.1)
     np.testing.assert_allclose(found.boxes[:, 0], [-3.0], atol=1e-4)
 
 
@@ -70,11 +80,11 @@ def test_averaging_weighs_by_squared_scores_and_heeds_neither_far_nor_turned_box
     beside = [0.2, 0, 1, 4, 2, 1.5, 0.1 + np.pi]  # the same line, the other way
     across, far = [0.0, 0, 1, 4, 2, 1.5, 0.1 + np.pi / 2], [9.0, 0, 1, 4, 2, 1.5, 0]
     found = Detections(np.array([best, beside, across, far]), np.array([0.8, 0.4, 0.7, 0.6]), np.zeros(4, np.int64))
-    mean = averaged(found, np.array([0, 3]), 0.75)
+    mean = average_boxes(found, np.array([0, 3]), 0.75)
     np.testing.assert_allclose(mean.boxes[0], [0.2 / 5, 0, 1, 4, 2, 1.5, 0.1], atol=1e-12)
     np.testing.assert_allclose(mean.boxes[1], far)
     np.testing.assert_array_equal(mean.scores, [0.8, 0.6])
-    assert len(averaged(Detections.empty(), np.array([], np.int64), 0.75)) == 0
+    assert len(average_boxes(Detections.empty(), np.array([], np.int64), 0.75)) == 0
 
 
 def class_prediction(boxes, labels, sure):
@@ -100,7 +110,7 @@ def test_every_class_is_found_in_its_own_anchors_and_suppresses_itself_alone():
     ]  # fmt: skip
     labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
     prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
-    found = suppressed(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)
+    found = suppress(*candidates(prediction, anchors(CLASSES), CLASSES, LEAST)[0], CLASSES, 0.1)
     assert found.labels.tolist() == labels
     np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
     expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
@@ -147,6 +157,77 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
 def test_a_box_is_no_mean_of_other_classes():
     box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
     found = Detections(np.array([box, other, other]), np.array([0.8, 0.7, 0.4]), np.array([VEHICLE, HEAVY, VEHICLE]))
-    mean = averaged(found, np.array([0, 1]), 0.75)
+    mean = average_boxes(found, np.array([0, 1]), 0.75)
     np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
     assert mean.labels.tolist() == [VEHICLE, HEAVY]
+
+
+STREET = VoxelNetConfig.light((-20, -20, 20, 20), **road_users())  # vehicle, heavy, cyclist, pedestrian
+ROWS = (
+    (1.0, 0.0, 9.0, 2.0, 0.0, 0.0),
+    (1.0, 0.0, 0.0, 9.0, 0.0, 0.0),
+    (2.0, -0.5, 0.0, 0.0, 0.0, 3.0),
+    (1.0,) + (0.0,) * 5,
+)
+
+
+def street():
+    """A cyclist that is a pedestrian as well, a truck whose cab is a vehicle, and a pedestrian beside the truck."""
+    boxes = [
+        [0, 0, 0.8, 1.8, 0.6, 1.6, 0],
+        [0.4, 0, 0.8, 0.6, 0.6, 1.6, 1.0],
+        [10, 0, 1.6, 9, 2.5, 3.2, 0],
+        [13, 0.1, 0.9, 4, 1.9, 1.8, 0],
+        [10, 1.45, 0.8, 0.6, 0.6, 1.7, 0],
+    ]
+    labels = np.array([CYCLIST, PEDESTRIAN, HEAVY, VEHICLE, PEDESTRIAN])
+    return Detections(np.array(boxes), np.array([0.6, 0.7, 0.9, 0.5, 0.8]), labels)
+
+
+def test_rivals_are_of_other_classes_at_the_same_place():
+    expected = np.zeros((5, 4))
+    expected[0, 3], expected[1, 2] = 0.7, 0.6
+    expected[2, 0], expected[3, 1] = 0.5, 0.9
+    np.testing.assert_array_equal(strongest_rivals(street(), STREET), expected)
+    assert strongest_rivals(Detections.empty(), STREET).shape == (0, 4)
+
+
+def test_nobody_of_a_low_score_is_a_rival():
+    found = street()
+    weak = Detections(found.boxes, np.array([0.6, 0.9 * LEAST_RIVAL, 0.9, LEAST_RIVAL, 0.8]), found.labels)
+    rivals = strongest_rivals(weak, STREET)
+    assert rivals[0, 3] == 0
+    assert rivals[2, 0] == LEAST_RIVAL
+
+
+def test_the_strongest_counts_once():
+    found = street()
+    beside = found.boxes[1:2].copy()
+    beside[:, 0] += 0.1
+    more = Detections.merge([found, Detections(beside, np.array([0.75]), np.array([PEDESTRIAN]))])
+    assert strongest_rivals(more, STREET)[0].tolist() == [0, 0, 0, 0.75]
+
+
+def test_scores_are_what_the_rivals_leave():
+    after = apply_rivals(street(), replace(STREET, rivalry=ROWS))
+
+    def sigmoid(x):
+        return 1 / (1 + np.exp(-x))
+
+    def logit(p):
+        return np.log(p / (1 - p))
+
+    expected = [sigmoid(2 * logit(0.6) - 0.5 - 3 * 0.7), 0.7, 0.9, sigmoid(logit(0.5) - 2 * 0.9), 0.8]
+    np.testing.assert_allclose(after.scores, expected, atol=1e-12)
+    np.testing.assert_array_equal(after.boxes, street().boxes)
+    np.testing.assert_array_equal(after.labels, street().labels)
+
+
+@pytest.mark.parametrize("found", [street(), Detections.empty()])
+def test_without_rivalry_nothing_changes(found):
+    assert apply_rivals(found, STREET) is found
+
+
+def test_certain_scores_stay_finite():
+    sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
+    assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()

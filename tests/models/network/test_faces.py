@@ -15,11 +15,11 @@ from models.network.faces import (
     FaceNetworks,
     face_features,
     face_offsets,
-    measured,
-    moved,
+    measure_faces,
+    move_faces,
 )
 from models.network.voxelnet import VoxelNet
-from models.training.widening import rebuilt
+from models.training.second_stage import rebuild
 from toolkit.boxes import corners
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections
 
@@ -117,20 +117,20 @@ def test_moved_by_its_offsets_a_box_is_the_truth(seed):
     boxes = truths + np.column_stack([rng.normal(0, 0.2, (9, 6)), np.zeros(9)])
     boxes[:, 2] = truths[:, 2] - truths[:, 5] / 2 + boxes[:, 5] / 2  # on the same floor
     boxes[::2, 6] += np.pi  # the other way round, of the same place
-    result = moved(boxes, *face_offsets(boxes, truths))
+    result = move_faces(boxes, *face_offsets(boxes, truths))
     np.testing.assert_allclose(result[:, :6], truths[:, :6], atol=1e-9)
     np.testing.assert_array_equal(result[:, 6], boxes[:, 6])
 
 
 def test_faces_moved_outwards_are_where_they_should_be():
-    box = moved(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
+    box = move_faces(BOX, np.array([0.3, -0.1]), np.array([0.2, 0.05]), np.array([-0.4]))[0]
     low, high = corners(box[None])[0].min(axis=0), corners(box[None])[0].max(axis=0)
     np.testing.assert_allclose(low, [1.1, -3.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(high, [5.3, -0.8, 1.2], atol=1e-12)
 
 
 def test_no_box_is_turned_inside_out():
-    box = moved(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
+    box = move_faces(BOX, np.array([-3.0, -3.0]), np.array([-2.0, -2.0]), np.array([-5.0]))[0]
     np.testing.assert_allclose(box[3:6], 0.2 * BOX[0, 3:6])
 
 
@@ -149,13 +149,13 @@ def test_a_face_moves_where_the_answer_is_surer_than_the_box_and_points_are_ther
     known = Known()
     found = Detections(BOX, np.array([0.9]), CAR)
     known.prior[:] = 0.05
-    seen = measured(known, found, cloud_at_the_front(3), ("vehicle",))
+    seen = measure_faces(known, found, cloud_at_the_front(3), ("vehicle",))
     np.testing.assert_allclose(seen.boxes[0], [3.0, -2.0, 0.8, 4.5, 2.0, 1.6, 0.0])  # its ends; no side, no top
-    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
-    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
+    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(2), ("vehicle",)).boxes, BOX)
+    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(50), ("heavy",)).boxes, BOX)
     known.prior[:] = 0.019
-    np.testing.assert_array_equal(measured(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
-    assert len(measured(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
+    np.testing.assert_array_equal(measure_faces(known, found, cloud_at_the_front(50), ("vehicle",)).boxes, BOX)
+    assert len(measure_faces(known, Detections.empty(), cloud_at_the_front(5), ("vehicle",))) == 0
 
 
 def test_networks_that_were_not_trained_answer_finite_shifts():
@@ -179,7 +179,7 @@ def test_a_detector_with_a_second_stage_gives_a_batch_as_its_items_and_keeps_sco
         np.random.default_rng(k).uniform((-9, -9, -1), (9, 9, 4), (count, 3)).astype(np.float32)
         for k, count in ((1, 3000), (2, 400))
     ]
-    staged, plain = VoxelNetDetector(rebuilt(network(), faces=("vehicle",))), VoxelNetDetector(network())
+    staged, plain = VoxelNetDetector(rebuild(network(), faces=("vehicle",))), VoxelNetDetector(network())
     for together, alone, before in zip(staged.batch(clouds), map(staged, clouds), map(plain, clouds), strict=True):
         np.testing.assert_allclose(together.boxes, alone.boxes, atol=1e-4)
         np.testing.assert_allclose(alone.scores, before.scores, atol=1e-6)

@@ -6,7 +6,20 @@ import torch
 from torch import nn
 
 from models.config import VoxelNetConfig
-from models.network.sparse import SparseVoxelNet
+from models.network.sparse import (
+    FoldedRegionProposal,
+    LinearHead,
+    PlainJoin,
+    Plane,
+    SparseColumns,
+    SparseMiddle,
+    SparseVoxelNet,
+    fold_norm,
+    fold_point_layer,
+    grown,
+    numbers,
+)
+from models.network.voxelnet import PointLayer
 from models.network.voxels import collate, voxelise
 
 NARROW = {"voxel_width": 32, "middle_widths": (16, 16, 16), "upsample_width": 32, "rpn_widths": (32, 32, 48)}
@@ -81,3 +94,119 @@ def test_cuda_gives_the_same(name, trained, cloud, assert_same):
     expected = sparse(voxels)
     there = sparse.cuda()(voxels.to("cuda"))
     assert_same([None if each is None else each.cpu() for each in there], expected)
+
+
+PUBLISHED = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 4.0, 4.0), head3x3=48, **NARROW)
+
+
+def used(norm):
+    """A BatchNorm with statistics and an affine map that are not the identity."""
+    for values, low, high in ((norm.running_mean, -1, 1), (norm.running_var, 0.5, 2), (norm.weight.data, 0.5, 2)):
+        nn.init.uniform_(values, low, high)
+    nn.init.uniform_(norm.bias.data, -1, 1)
+    return norm.eval()
+
+
+@pytest.mark.parametrize(
+    ("layer", "norm", "shape"),
+    [
+        (nn.Linear(6, 5), nn.BatchNorm1d(5), (7, 6)),
+        (nn.Conv2d(3, 5, 3, bias=False), nn.BatchNorm2d(5), (2, 3, 6, 6)),
+        (nn.Conv3d(3, 5, 3), nn.BatchNorm3d(5), (2, 3, 4, 5, 6)),
+    ],
+)
+@torch.no_grad()
+def test_a_layer_and_its_norm_are_one_layer(layer, norm, shape):
+    x, expected_of = torch.randn(shape), used(norm)
+    expected = expected_of(layer(x))
+    weight, bias = fold_norm(layer, norm)
+    layer.weight.data, layer.bias = weight, nn.Parameter(bias)
+    torch.testing.assert_close(layer(x), expected, atol=1e-5, rtol=1e-5)
+
+
+@torch.no_grad()
+def test_a_point_layer_without_its_norm_gives_the_same():
+    layer, x = PointLayer(6, 8), torch.randn(20, 6)
+    used(layer.norm)
+    torch.testing.assert_close(fold_point_layer(layer)(x), layer.eval()(x), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("config", "join"), [(PUBLISHED, LinearHead), (VoxelNetConfig.light((-4, -4, 4, 4)), PlainJoin)]
+)
+@torch.no_grad()
+def test_region_proposal_and_head_give_the_same_maps(trained, assert_same, config, join):
+    network = trained(config)
+    x = torch.rand(2, network.middle.width, *config.grid_shape[:2])
+    shuffled = torch.randperm(network.middle.width)
+    expected = network.head(network.rpn(x))
+    rpn = FoldedRegionProposal(network.rpn, network.head)
+    assert isinstance(rpn.join, join)
+    assert_same(rpn(x), expected)
+    assert_same(FoldedRegionProposal(network.rpn, network.head, shuffled)(x[:, shuffled]), expected)
+
+
+CONFIG = VoxelNetConfig.light((-4, -4, 5, 4))
+
+
+@pytest.mark.parametrize("counts", [(0,), (1,), (900,), (400, 0, 30)])
+@torch.no_grad()
+def test_columns_give_the_map_of_fold_and_convolution(trained, cloud, counts):
+    network = trained(CONFIG)
+    first = nn.Conv2d(network.middle.width, 12, 3, stride=2, padding=1)
+    voxels = collate([voxelise(cloud(CONFIG, n, seed), CONFIG) for seed, n in enumerate(counts)])
+    features = network.features(voxels)
+    expected = torch.relu(first(network.middle(features, voxels)))
+    got = SparseColumns(network.middle, first)(features, voxels)
+    torch.testing.assert_close(got, expected, atol=1e-5, rtol=1e-5)
+
+
+@torch.no_grad()
+def test_what_no_column_reaches_is_the_bias(trained, cloud):
+    network = trained(CONFIG)
+    first = nn.Conv2d(network.middle.width, 12, 3, stride=2, padding=1)
+    voxels = voxelise(cloud(CONFIG, 0), CONFIG)
+    got = SparseColumns(network.middle, first)(network.features(voxels), voxels)
+    torch.testing.assert_close(got, first.bias.relu()[:, None, None].expand_as(got[0])[None])
+
+
+DEEP = VoxelNetConfig.published("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW)
+PLANE = Plane(items=2, nx=4, ny=3)
+
+
+@pytest.mark.parametrize("counts", [(0,), (1,), (900,), (400, 0, 30)])
+@torch.no_grad()
+def test_reached_cells_and_a_constant_give_the_dense_map(trained, cloud, counts):
+    network = trained(DEEP)
+    voxels = collate([voxelise(cloud(DEEP, n, seed), DEEP) for seed, n in enumerate(counts)])
+    features = network.features(voxels)
+    middle = SparseMiddle(network.middle)
+    expected = network.middle(features, voxels)[:, middle.channel_order]
+    torch.testing.assert_close(middle(features, voxels), expected, atol=1e-5, rtol=1e-4)
+
+
+def test_a_place_is_that_of_one_cell():
+    item, ix, iy = (each.flatten() for each in torch.meshgrid(*map(torch.arange, (2, 4, 3)), indexing="ij"))
+    place = PLANE.place(item, ix, iy)
+    assert len(place.unique()) == len(place)
+    assert place.max() < PLANE.size
+    assert all(torch.equal(a, b) for a, b in zip(PLANE.cell(place), (item, ix, iy), strict=True))
+
+
+def test_cells_grow_to_their_neighbours_and_not_across_a_border():
+    def mask_of(*cells):
+        mask = torch.zeros(1, PLANE.size, dtype=torch.bool)
+        mask[0, [int(PLANE.place(*map(torch.tensor, cell))) for cell in cells]] = True
+        return mask
+
+    corner = grown(mask_of((0, 0, 0)), PLANE)
+    assert torch.equal(corner, mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)))
+    middle = grown(mask_of((1, 1, 1)), PLANE)
+    assert torch.equal(middle, mask_of(*((1, x, y) for x in range(3) for y in range(3))))
+    place = PLANE.place(*map(torch.tensor, (1, 1, 1))) + PLANE.neighbours(torch.device("cpu"))
+    assert torch.equal(torch.nonzero(middle[0])[:, 0], place.long())
+
+
+def test_set_cells_are_numbered_in_order():
+    mask = torch.tensor([[True, False, True], [False, True, True]])
+    assert numbers(mask)[mask].tolist() == [0, 1, 2, 3]

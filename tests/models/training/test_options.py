@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from models.training.options import TrainingOptions, descriptions, parsed
+from models.training.options import TrainingOptions, descriptions, parse_arguments
 
 BARE = """
 import sys
@@ -27,7 +27,7 @@ EVERYTHING = (
 
 @pytest.mark.parametrize("arguments", [["--data", "d", "--out", "o"], EVERYTHING.split()])
 def test_both_command_lines_read_the_same(arguments):
-    site, options = parsed(["tjunction", *arguments])
+    site, options = parse_arguments(["tjunction", *arguments])
     assert site == "tjunction"
     assert options == tyro.cli(TrainingOptions, args=arguments)
 
@@ -39,7 +39,7 @@ def test_every_argument_is_described():
 @pytest.mark.parametrize("wrong", [["--epochs", "0"], ["--batch", "-1"], ["--seed", "-1"], ["--voxel", "nan"]])
 def test_what_cannot_be_is_refused(wrong, capsys):
     with pytest.raises(SystemExit) as stopped:
-        parsed(["--data", "d", "--out", "o", *wrong])
+        parse_arguments(["--data", "d", "--out", "o", *wrong])
     assert stopped.value.code == 2
     assert wrong[0] in capsys.readouterr().err
 
@@ -60,6 +60,6 @@ def test_the_command_runs_where_there_is_little():
 )
 def test_classes_that_cannot_be_are_refused(wrong, said, capsys):
     with pytest.raises(SystemExit) as stopped:
-        parsed(["--data", "d", "--out", "o", *wrong])
+        parse_arguments(["--data", "d", "--out", "o", *wrong])
     assert stopped.value.code == 2
     assert said in capsys.readouterr().err

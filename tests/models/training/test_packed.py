@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from models.training.augmentation import with_errors
 from models.training.packed import STEPS_PER_METRE, PackedFrames
 from models.training.packing import join_packed, pack, recording
+from models.training.samples import with_errors
 from toolkit.boxes import count_points
 from toolkit.geometry import levelled
 from toolkit.points import frame_points

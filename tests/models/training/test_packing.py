@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.training.packed import PackedFrames
-from models.training.packing import drawn_file, join_packed, pack, recording, recordings_in, sample_recordings
+from models.training.packing import drawn_file, join_packed, pack, read_recordings, recording, sample_recordings
 from toolkit.objects import Objects
 from toolkit.sites.site import Site
 
@@ -70,7 +70,7 @@ def test_two_packs_at_once_to_one_file_both_work(frames, tmp_path):
 
 
 def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
-    pack(recordings_in(packed_file), tmp_path / "again.packed")
+    pack(read_recordings(packed_file), tmp_path / "again.packed")
     assert (tmp_path / "again.packed").read_bytes() == packed_file.read_bytes()
 
 
@@ -119,7 +119,7 @@ def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_
 
 def test_what_is_packed_can_be_packed_again(tmp_path):
     pack(sample_recordings([levelled(("a",), 3)]), tmp_path / "one.packed")
-    pack(recordings_in(tmp_path / "one.packed"), tmp_path / "two.packed")
+    pack(read_recordings(tmp_path / "one.packed"), tmp_path / "two.packed")
     assert (tmp_path / "one.packed").read_bytes() == (tmp_path / "two.packed").read_bytes()
 
 

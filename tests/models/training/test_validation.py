@@ -7,9 +7,7 @@ import pytest
 
 from models.network.voxelnet import VoxelNet
 from models.training import validation as module
-from models.training.log import LOG, curves
-from models.training.loop import train
-from models.training.presets import ANYWHERE, PRESETS, config_for
+from models.training.loop import ANYWHERE, LOG, PRESETS, make_config, read_curves, train
 from models.training.validation import AREAS_KEPT, average_precision, detector_by_area, validation
 from toolkit.objects import VEHICLE, Detections
 
@@ -18,12 +16,12 @@ FAST = replace(PRESETS["fast"], epochs=3.0)
 
 
 def test_validation_leaves_training_undisturbed(packed_file, tmp_path, same_weights):
-    config, settings = config_for(AREA, "fast"), replace(FAST, epochs=2.0)
+    config, settings = make_config(AREA, "fast"), replace(FAST, epochs=2.0)
     plain = train(packed_file, config, settings, tmp_path / "plain")
     measured = train(packed_file, config, settings, tmp_path / "ap", validate=validation(packed_file, count=2))
     assert same_weights(plain, measured)
     assert plain.training
-    epochs, values = curves(tmp_path / "ap" / LOG)["AP@0.7"]
+    epochs, values = read_curves(tmp_path / "ap" / LOG)["AP@0.7"]
     assert epochs == [1.0, 2.0]
     assert all(0 <= value <= 1 for value in values)
 
@@ -45,7 +43,7 @@ def detecting(monkeypatch, packed):
                 return Detections(found.boxes, np.full(len(found.boxes), 0.9), found.labels)
 
         monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
-        return average_precision(VoxelNet(config_for(AREA, "fast")), packed)
+        return average_precision(VoxelNet(make_config(AREA, "fast")), packed)
 
     return as_detected
 
@@ -69,7 +67,7 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
             return Detections(objects.boxes, np.full(len(objects), 0.9), named)
 
     monkeypatch.setattr("models.training.validation.VoxelNetDetector", Detector)
-    network = VoxelNet(config_for(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
+    network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
     assert average_precision(network, packed) == {"AP@0.7": 0.0, "AP@0.8": 0.0, "AP@0.9": 0.0, **heavy}
 
@@ -82,7 +80,7 @@ def test_detectors_are_kept_for_a_few_areas_alone(monkeypatch):
         return lambda points: Detections.empty()
 
     monkeypatch.setattr(module, "VoxelNetDetector", at_work)
-    detector_in = detector_by_area(VoxelNet(config_for(ANYWHERE, "general")))
+    detector_in = detector_by_area(VoxelNet(make_config(ANYWHERE, "general")))
     areas = [(0.0, 0.0, 8.0 * k, 8.0) for k in range(1, AREAS_KEPT + 2)]
     first = [detector_in(area) for area in areas]
     assert made == areas

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from models.weight_files import digest_of, load_weights
+from models.weight_files import digest_tensors, load_weights
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def packed(recording, tmp_path_factory):
 
 
 def digest(weights):
-    return digest_of(load_weights(weights)[0].state_dict())
+    return digest_tensors(load_weights(weights)[0].state_dict())
 
 
 def test_the_same_goes_on_and_another_is_refused(packed, tmp_path, run, refused):

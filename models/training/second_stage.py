@@ -1,0 +1,362 @@
+"""The second stage of a network: calibrated scores, measured faces, more classes.
+
+Calibration turns scores into shares of true detections and finds thresholds above which nearly all are true. Faces are
+fitted to boxes as detected and to boxes displaced at random: those are displaced more than the detector errs on
+vehicles it knows, as it does on vehicles of other makes, so that the points must count and not the first stage's sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from scipy.optimize import minimize
+from torch import Tensor
+
+from models.config import VoxelNetConfig
+from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
+from models.network.faces import SORTS, FaceFeatures, FaceNetworks, face_features, face_offsets
+from models.network.voxelnet import VoxelNet
+from models.training.packed import PackedFrames
+from models.training.samples import read_points
+from models.training.validation import detect_frames, detector_by_area
+from toolkit.arrays import Bool, Float, Float32, Int64
+from toolkit.boxes import count_points, iou_bev
+from toolkit.detection.metrics import TRUE_IOU, match
+from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, label_index
+from toolkit.points import centred_in
+
+
+def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
+    """Return a network for the classes of `config` that starts from one for others.
+
+    Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
+    same. A network of the same classes without a second stage is returned unchanged.
+    """
+    if network.config.labels == config.labels and not network.config.faces:
+        return network
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "thresholds": ()}
+        wider = VoxelNet(replace(network.config, labels=config.labels, kinds=config.kinds, **bare))
+    state = wider.state_dict()
+    for name, old in network.state_dict().items():
+        if name in state:
+            state[name] = _take_rows(state[name], old, wider.config, network.config) if name in _heads() else old
+    wider.load_state_dict(state)
+    return wider
+
+
+def rebuild(network: VoxelNet, **changes: Any) -> VoxelNet:
+    """Return the same weights with a changed configuration; new parts start at random."""
+    other = VoxelNet(replace(network.config, **changes))
+    state = other.state_dict()
+    state |= {name: tensor for name, tensor in network.state_dict().items() if name in state}
+    other.load_state_dict(state)
+    return other.train(network.training)
+
+
+def _heads() -> set[str]:
+    maps = ("classes", "residuals", "direction", "quality")
+    return {f"head.{name}.{part}" for name in maps for part in ("weight", "bias")}
+
+
+def _take_rows(new: Tensor, old: Tensor, wider: VoxelNetConfig, known: VoxelNetConfig) -> Tensor:
+    """Combine a head tensor: channels of shared anchors from the old one, others as they are."""
+    channels = len(new) // len(wider.anchor_labels)
+    result = new.clone()
+    places = {label: _channels(known, label, channels) for label in known.labels}
+    for label in set(wider.labels) & set(known.labels):
+        at = _channels(wider, label, channels)
+        if len(at) == len(places[label]):
+            result[at] = old[places[label]]
+    return result
+
+
+def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
+    """Channels of a class's anchors in a map with `each` per anchor."""
+    row = config.labels.index(label)
+    anchors = [anchor for anchor, owner in enumerate(config.anchor_labels) if owner == row]
+    return [anchor * each + channel for anchor in anchors for channel in range(each)]
+
+
+PRECISION = 0.97  # of the detections above the threshold that is chosen
+MOST_LOST = 0.05  # share of the true detections that a threshold may cost, whatever the precision
+FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
+LOWEST = 0.05  # score of detections that are looked at
+LEAST_SURE = 0.2  # calibrated score below which nothing is reported unless it is asked for
+TRUE, FALSE, UNCOUNTED = 1, 0, -1  # outcomes of detections
+_SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
+_RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
+_LEAST_SLOPE = 0.05
+
+
+def platt(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"]) -> tuple[float, float]:
+    """Fit slope and intercept to hits (Platt 1999).
+
+    They make sigmoid(slope · logit(score) + intercept) the likeliest share of true detections.
+    """
+    slope, intercept = with_rivals(scores, np.zeros((len(scores), 0)), hits)
+    return slope, intercept
+
+
+def with_rivals(
+    scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], hits: Bool[np.ndarray, " n"]
+) -> tuple[float, ...]:
+    """Fit slope, intercept and the weights of L rivals' scores.
+
+    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections;
+    weights are at least 0.
+    """
+    rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
+    wanted = np.zeros(rows.shape[1])
+    wanted[0] = 1.0
+
+    def lost(answer: np.ndarray) -> tuple[float, np.ndarray]:
+        p, off = rows @ answer, answer - wanted
+        return (
+            float(np.logaddexp(0.0, p).sum() - p[hits].sum() + _RIDGE / 2 * off @ off),
+            rows.T @ (sigmoid(p) - hits) + _RIDGE * off,
+        )
+
+    bounds = [(_LEAST_SLOPE, None), (None, None), *((0.0, None) for _ in rivals.T)]
+    found = minimize(lost, wanted, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-13, "gtol": 1e-7})
+    return tuple(float(each) for each in found.x)
+
+
+def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
+    """Lowest score above which a share `precision` of the detections is true.
+
+    It is 0 if that holds for all of them. If it holds for no `FEWEST` or more, the score above which that many are
+    left; but never a score that loses more than `MOST_LOST` of the true detections.
+
+    >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
+    0.2
+    """
+    order = np.argsort(-scores, kind="stable")
+    share = np.cumsum(hits[order]) / np.arange(1, len(order) + 1)
+    good = np.flatnonzero((share >= precision) & (np.arange(1, len(order) + 1) >= FEWEST))
+    first_out = good[-1] + 1 if len(good) else min(FEWEST, len(order))
+    least = float(scores[order][first_out]) if first_out < len(order) else 0.0
+    true = np.sort(scores[hits])
+    return min(least, float(np.nextafter(true[int(MOST_LOST * len(true))], 0.0))) if len(true) else least
+
+
+def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
+    """Return the network with calibration, rivalry and a threshold per class.
+
+    Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
+    (None: all) of a file that training did not use. Some frames are seen by some of the sensors, or by sensors with
+    errors.
+    """
+    bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
+    labels = bare.config.labels
+    judged = _judge(bare, frames, count, seed)
+    scores, of, hits = _columns(judged)
+    counts = hits != UNCOUNTED
+    pairs = []
+    for label in labels:
+        own = counts & (of == LABELS.index(label))
+        pairs.append(platt(scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0))
+    calibrated = rebuild(bare, calibration=tuple(pairs))
+    sure = [_rescore(found, calibrated.config) for found, _ in judged]
+    rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
+    scores = Detections.merge(sure).scores
+    rows, thresholds = [], []
+    for label in labels:
+        own = counts & (of == LABELS.index(label))
+        true = hits[own] == TRUE
+        enough = len(labels) > 1 and own.sum() >= FEWEST
+        row = with_rivals(scores[own], rivals[own], true) if enough else (1.0, 0.0, *np.zeros(len(labels)).tolist())
+        left = rescore(scores[own], rivals[own], np.array([row]))
+        rows.append(row)
+        thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
+    return rebuild(calibrated, rivalry=tuple(rows) if len(labels) > 1 else (), thresholds=tuple(thresholds))
+
+
+def _judge(
+    network: VoxelNet, frames: PackedFrames, count: int | None, seed: int
+) -> list[tuple[Detections, Int64[np.ndarray, " n"]]]:
+    """Detections of each frame, and for each TRUE, FALSE or UNCOUNTED.
+
+    A vehicle found on a heavy one is false if the network knows both.
+    """
+    judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)
+    for found, truth, counted in detect_frames(
+        network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS
+    ):
+        hits = np.full(len(found), UNCOUNTED)
+        for number in map(LABELS.index, network.config.labels):
+            known = (truth.labels != HEAVY) | (not tells_apart or number != VEHICLE)
+            at = match(found, truth[known], TRUE_IOU[number], label=number, counted=counted[known])
+            hits[~at.ignored] = np.where(at.truth[~at.ignored] >= 0, TRUE, FALSE)
+        judged.append((found, hits))
+    return judged
+
+
+def _columns(judged: list[tuple[Detections, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scores, labels and outcomes of all frames."""
+    found = Detections.merge(each for each, _ in judged)
+    return found.scores, found.labels, np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
+
+
+def _rescore(found: Detections, config: VoxelNetConfig) -> Detections:
+    """Return detections with calibrated scores."""
+    by_label = {LABELS.index(label): pair for label, pair in zip(config.labels, config.calibration, strict=True)}
+    slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
+    return Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels)
+
+
+FARTHEST_FACE = 0.6  # m; a face that is farther off than its points are counted cannot be found
+FEWEST_POINTS = 5  # on an object, below which it teaches nothing
+MATCHED = 0.4  # BEV IoU from which a detection is of an object
+LOWEST_SCORE = 0.2  # of a detection to learn from
+_SUBSETS, _ERRORS = 0.5, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
+BATCH = 512
+STEPS = 5000
+OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # deviations of boxes that are off at random
+
+
+class FaceExamples(NamedTuple):
+    """Training rows by sort of face: features, and offsets outwards (m)."""
+
+    features: dict[str, Float32[np.ndarray, "n F"]]
+    offsets: dict[str, Float32[np.ndarray, " n"]]
+
+
+def face_examples(
+    frames: PackedFrames,
+    network: VoxelNet | None,
+    labels: Sequence[str],
+    *,
+    count: int | None = None,
+    seed: int = 0,
+) -> FaceExamples:
+    """Collect examples of the first `count` frames (None: all).
+
+    Half of them are seen by a random subset of the sensors, some by sensors with errors. network: detects them, without
+    a second stage; None for randomly displaced boxes alone.
+    """
+    detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
+    rows: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
+    offsets: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
+    wanted = [label_index(label) for label in labels]
+    for k in range(min(len(frames), len(frames) if count is None else count)):
+        rng = np.random.default_rng([seed, k])
+        points = read_points(frames, k, rng, subsets=_SUBSETS, errors=_ERRORS)
+        objects = frames.level_objects(k)
+        there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
+        objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
+        boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels
+        if detector_in is not None:
+            found, owner = _match_detections(detector_in(frames.rig(k).area)(points), objects.boxes, objects.labels)
+            boxes = np.concatenate([boxes, found])
+            truths, kinds = np.concatenate([truths, truths[owner]]), np.concatenate([kinds, kinds[owner]])
+        if len(boxes):
+            _add(rows, offsets, face_features(points, boxes, kinds), face_offsets(boxes, truths))
+    return FaceExamples(
+        {sort: np.concatenate(parts) for sort, parts in rows.items()},
+        {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()},
+    )
+
+
+def train_faces(
+    network: VoxelNet, frames: PackedFrames, labels: Sequence[str], *, count: int = 1000, seed: int = 0
+) -> VoxelNet:
+    """Return the network with a second stage trained for the boxes of these labels."""
+    bare, staged = rebuild(network, faces=()), rebuild(network, faces=tuple(labels))
+    assert staged.faces is not None
+    fit_faces(staged.faces, face_examples(frames, bare, labels, count=count, seed=seed), seed=seed)
+    return staged
+
+
+def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
+    """Displace boxes in place, size and yaw; a tenth faces the other way.
+
+    Their floors stay.
+    """
+    boxes = boxes.copy()
+    floor = boxes[:, 2] - boxes[:, 5] / 2
+    small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # of a pedestrian, less
+    boxes[:, :2] += rng.normal(0, OFF["centre"], (len(boxes), 2)) * small
+    boxes[:, 3:6] *= 1 + rng.normal(0, OFF["size"], (len(boxes), 3))
+    boxes[:, 2] = floor + boxes[:, 5] / 2
+    boxes[:, 6] += rng.normal(0, OFF["yaw"], len(boxes)) + np.pi * (rng.random(len(boxes)) < 0.1)
+    return boxes
+
+
+def fit_faces(
+    networks: FaceNetworks,
+    examples: FaceExamples,
+    *,
+    steps: int | None = None,
+    learning_rate: float = 3e-3,
+    seed: int = 0,
+) -> dict[str, float]:
+    """Train the three networks, `STEPS` steps each.
+
+    Returns the mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a sort
+    without examples.
+    """
+    figures: dict[str, float] = {}
+    steps = STEPS if steps is None else steps
+    for number, sort in enumerate(SORTS):
+        if not len(examples.offsets[sort]):
+            raise ValueError(f"there are no examples of a {sort}: pack frames with vehicles that have points")
+        features = torch.from_numpy(examples.features[sort])
+        target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST_FACE, FARTHEST_FACE)
+        _fit(networks, sort, features, target, steps, learning_rate, seed)
+        with torch.inference_mode():
+            error = (networks.answers(sort, features)[0] - target).abs().mean()
+        networks.prior[number] = target.abs().mean()
+        figures |= {f"{sort} before": float(target.abs().mean()), f"{sort} after": float(error)}
+    return figures
+
+
+def _fit(
+    networks: FaceNetworks, sort: str, features: Tensor, target: Tensor, steps: int, learning_rate: float, seed: int
+) -> None:
+    """Fit by Adam the Laplace likelihood of the offsets under the predicted mean error."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        for layer in getattr(networks, sort):
+            if hasattr(layer, "reset_parameters"):
+                layer.reset_parameters()
+        optimiser = torch.optim.AdamW(getattr(networks, sort).parameters(), learning_rate, weight_decay=1e-3)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, learning_rate, total_steps=steps, pct_start=0.1)
+        for _ in range(steps):
+            rows = torch.randint(len(target), (BATCH,))
+            shift, spread = networks.answers(sort, features[rows])
+            loss = ((shift - target[rows]).abs() * torch.exp(-spread) + spread).mean()
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+            schedule.step()
+
+
+def _match_detections(
+    found: Detections, truths: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "m 7"], Int64[np.ndarray, " m"]]:
+    """Find detections that match an object, and its row."""
+    overlap = iou_bev(found.boxes, truths) * (found.labels[:, None] == labels)
+    if not overlap.size:
+        return found.boxes[:0], np.zeros(0, np.int64)
+    owner = overlap.argmax(axis=1)
+    of_one = overlap.max(axis=1) > MATCHED
+    return found.boxes[of_one], owner[of_one]
+
+
+def _add(
+    rows: dict[str, list[np.ndarray]],
+    offsets: dict[str, list[np.ndarray]],
+    features: FaceFeatures,
+    offset: tuple[np.ndarray, ...],
+) -> None:
+    """Keep the faces with points near them."""
+    for number, sort in enumerate(SORTS):
+        seen = features.counted[number] > 0
+        rows[sort].append(features[number][seen])
+        offsets[sort].append(offset[number][seen])

@@ -1,0 +1,354 @@
+"""Networks that go on as others: what is shared is taken over channel by channel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
+from models.network.anchors import per_anchor
+from models.network.candidates import calibrate, logit, sigmoid
+from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
+from models.network.voxelnet import VoxelNet
+from models.network.voxels import voxelise
+from models.training import second_stage
+from models.training.loop import make_config
+from models.training.second_stage import (
+    FARTHEST_FACE,
+    FEWEST,
+    LEAST_SURE,
+    MOST_LOST,
+    PRECISION,
+    FaceExamples,
+    face_examples,
+    fit_calibration,
+    fit_faces,
+    lowest_threshold,
+    off_at_random,
+    platt,
+    rebuild,
+    train_faces,
+    widen,
+    with_rivals,
+)
+from toolkit.boxes import iou_3d
+from toolkit.detection.metrics import reliability
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
+
+SMALL_AREA = (-8, -8, 8, 8)
+VEHICLES, ALL = VoxelNetConfig.light(SMALL_AREA), VoxelNetConfig.light(SMALL_AREA, **road_users())
+
+
+def network(config, seed=0):
+    torch.manual_seed(seed)
+    made = VoxelNet(config).eval()
+    torch.nn.init.normal_(made.head.classes.bias, 0.0, 0.5)
+    return made
+
+
+def maps(made):
+    points = torch.rand(200, 3, generator=torch.Generator().manual_seed(1)) * 6
+    with torch.no_grad():
+        answer = made.eval()(voxelise(points, made.config))
+    return [per_anchor(each, len(made.config.anchor_labels)) for each in answer]
+
+
+def test_a_network_of_more_classes_says_of_vehicles_what_it_said():
+    old = network(VEHICLES)
+    wide = widen(old, ALL)
+    assert wide.config.labels == ("vehicle", "heavy", "cyclist", "pedestrian")
+    for before, after in zip(maps(old), maps(wide), strict=True):
+        torch.testing.assert_close(after[:, :, :, :2], before)
+        assert not torch.equal(after[:, :, :, 2:4], before)
+
+
+def test_classes_keep_their_anchors_wherever_they_stand():
+    order = select_anchors(["pedestrian", "cyclist", "vehicle"])
+    old, fewer = network(ALL), VoxelNetConfig.light(SMALL_AREA, **road_users(order))
+    after = maps(widen(old, fewer))
+    for before, now in zip(maps(old), after, strict=True):
+        torch.testing.assert_close(now, before[:, :, :, [6, 4, 5, 0, 1]])
+
+
+def test_other_yaws_begin_anew():
+    kinds = (replace(ROAD_USERS[0], yaws=(0.0,)), *ROAD_USERS[1:])
+    before, after = (
+        maps(network(ALL)),
+        maps(widen(network(ALL), VoxelNetConfig.light(SMALL_AREA, **road_users(kinds[:2])))),
+    )
+    torch.testing.assert_close(after[0][..., 1:, :], before[0][..., 2:4, :])
+    assert not torch.allclose(after[0][..., 0, :], before[0][..., 0, :])
+
+
+def test_the_same_classes_are_the_same_network():
+    made = network(ALL)
+    assert widen(made, ALL) is made
+    staged = widen(rebuild(made, faces=("vehicle",)), ALL)
+    assert (staged.config, len(staged.state_dict())) == (ALL, len(made.state_dict()))
+
+
+def test_what_is_new_begins_the_same_every_time_and_the_generator_stays():
+    old = network(VEHICLES)
+    first, state = widen(old, ALL), torch.get_rng_state()
+    torch.rand(5)
+    changed = torch.get_rng_state()
+    second = widen(old, ALL)
+    assert torch.equal(torch.get_rng_state(), changed)
+    assert not torch.equal(state, changed)
+    for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
+        assert torch.equal(a, b)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_a_rebuilt_network_has_the_weights_and_the_changes(training):
+    made = network(ALL).train(training)
+    other = rebuild(made, faces=("heavy",), score_threshold=0.3)
+    assert (other.config.faces, other.config.score_threshold, other.training) == (("heavy",), 0.3, training)
+    for name, tensor in made.state_dict().items():
+        assert torch.equal(other.state_dict()[name], tensor)
+    assert made.config.faces == ()
+
+
+AREA = (-12.8, -12.8, 12.8, 12.8)
+
+
+def drawn(count=20000, slope=2.0, intercept=-1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    scores = rng.uniform(0.02, 0.98, count)
+    return scores, rng.random(count) < sigmoid(slope * logit(scores) + intercept)
+
+
+def test_it_finds_the_slope_and_intercept_of_what_was_drawn():
+    assert platt(*drawn()) == pytest.approx((2.0, -1.0), abs=0.08)
+    assert platt(*drawn(slope=0.7, intercept=0.5)) == pytest.approx((0.7, 0.5), abs=0.05)
+
+
+def test_calibrated_scores_are_shares():
+    scores, hits = drawn()
+    slope, intercept = platt(scores, hits)
+    assert reliability(scores, hits).error > 0.1
+    assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
+
+
+def test_it_finds_what_each_rival_takes_and_no_rival_adds():
+    rng = np.random.default_rng(3)
+    scores, rivals = rng.uniform(0.02, 0.98, 20000), rng.uniform(0, 1, (20000, 3)) * (rng.random((20000, 3)) < 0.5)
+    hits = rng.random(20000) < sigmoid(1.5 * logit(scores) + 0.3 - rivals @ np.array([3.0, 0.0, 1.0]))
+    assert with_rivals(scores, rivals, hits) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
+    helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
+    assert with_rivals(scores, rivals, helped)[2:] == (0.0, 0.0, 0.0)
+
+
+def test_few_or_spotless_detections_give_no_wild_answer():
+    assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
+    slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
+    assert 1.0 <= slope < 3
+    assert 0 <= intercept < 2
+    upside_down = platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)
+    assert upside_down[0] == 0.05  # order is kept
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_above_the_threshold_such_a_share_is_true_and_above_no_lower_one(seed):
+    scores, hits = drawn(3000, slope=6.0, intercept=6.0, seed=seed)
+    lowest = lowest_threshold(scores, hits, 0.96)
+    assert hits[scores > lowest].mean() >= 0.96
+    assert 0.2 < lowest < 0.5
+    assert all(hits[scores > lower].mean() < 0.96 for lower in scores[scores < lowest])
+    assert lowest_threshold(scores, np.ones(3000, bool), 0.95) == 0.0
+
+
+def test_a_share_of_few_is_not_believed():
+    scores, hits = np.linspace(1, 0.01, 100), np.arange(100) < FEWEST - 1
+    assert lowest_threshold(scores, hits, 1.0) < scores[FEWEST - 2]
+    assert lowest_threshold(scores, np.zeros(100, bool), 1.0) == scores[FEWEST]
+    assert lowest_threshold(scores[:5], hits[:5] & False, 0.9) == 0.0
+
+
+def test_a_threshold_costs_few_of_the_true_detections():
+    scores, hits = drawn(4000)
+    wanted = lowest_threshold(scores, hits, 0.99)
+    assert (scores[hits] > wanted).mean() == pytest.approx(1 - MOST_LOST, abs=0.001)
+    assert hits[scores > wanted].mean() < 0.9
+
+
+def fake(found):
+    """Stands for what a network detects on a packed file."""
+    return lambda network, frames, *, count, seed, subsets, errors: found
+
+
+def scene(label, scores, hits):
+    """A frame with detections of one class, each on an object or 10 m beside it."""
+    size = {VEHICLE: (4.0, 1.8, 1.5), CYCLIST: (1.8, 0.6, 1.7), HEAVY: (9, 2.5, 3)}[label]
+    boxes = np.array([[20.0 * k, 0.0, 1.0, *size, 0.0] for k in range(len(scores))])
+    there, labels = boxes.copy(), np.full(len(scores), label)
+    there[:, 1] += np.where(hits, 0.0, 10.0)
+    return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
+
+
+def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, packed):
+    rng = np.random.default_rng(0)
+    frames = []
+    for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
+        scores = rng.uniform(0.05, 0.98, 900)
+        hits = rng.random(900) < sigmoid(slope * logit(scores) + intercept)
+        frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
+    frames += [scene(HEAVY, np.full(FEWEST - 1, 0.5), np.zeros(FEWEST - 1, bool))]  # too few to say anything
+    monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
+    torch.manual_seed(0)
+    network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
+    result = fit_calibration(network, packed).config
+    assert result.calibration[0] == pytest.approx((3.0, 2.0), abs=0.6)
+    assert result.calibration[1] == pytest.approx((1.0, -1.0), abs=0.2)
+    assert result.calibration[2] == (1.0, 0.0)
+    assert result.thresholds[2] == LEAST_SURE
+    for number, label in enumerate((VEHICLE, CYCLIST)):
+        slope, shift = result.calibration[number]
+        sure = [
+            (sigmoid(slope * logit(found.scores) + shift), there.boxes[:, 1] == 0)
+            for found, there, _ in frames
+            if found.labels[0] == label
+        ]
+        scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
+        assert result.thresholds[number] == round(max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3)
+
+
+def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
+    """Everybody is a heavy vehicle with its cab found as a vehicle, half of the time; else a vehicle alone."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for _ in range(12):
+        heavy = rng.random(30) < 0.5
+        found, there, counted = scene(VEHICLE, rng.uniform(0.4, 0.9, 30), ~heavy)
+        trucks, drawn, _ = scene(HEAVY, rng.uniform(0.6, 0.95, 30), np.ones(30, bool))
+        labels = np.repeat([VEHICLE, HEAVY], [30 - heavy.sum(), heavy.sum()])
+        true = Objects(np.concatenate([there.boxes[~heavy], drawn.boxes[heavy]]), labels)
+        frames.append((Detections.merge([found, trucks[heavy]]), true, counted))
+    monkeypatch.setattr(second_stage, "detect_frames", fake(frames))
+    network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy")))
+    (_, _, own, from_heavy), (_, _, from_vehicle, _) = fit_calibration(network, packed).config.rivalry
+    assert own == 0
+    assert from_heavy > 4
+    assert from_vehicle < 0.5
+
+
+def test_a_flawless_detector_keeps_what_it_detects(monkeypatch, packed):
+    flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
+    monkeypatch.setattr(second_stage, "detect_frames", fake(flawless))
+    assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (LEAST_SURE,)
+
+
+def test_the_detector_calibrates_as_the_fit_does():
+    config = make_config(AREA, "fast", classes=("vehicle", "pedestrian"))
+    from dataclasses import replace
+
+    config = replace(config, calibration=((2.0, -1.0), (0.5, 0.25)))
+    scores = torch.tensor([0.1, 0.5, 0.9]).repeat(2, 1, 1, 1).permute(0, 1, 3, 2)[..., None].reshape(2, 1, 1, 3, 1)
+    label = torch.tensor(config.anchor_labels)
+    after = calibrate(scores, label, config)
+    expected = [sigmoid(2 * logit(np.array([0.1, 0.5])) - 1), sigmoid(0.5 * logit(np.array([0.9])) + 0.25)]
+    np.testing.assert_allclose(after[0, 0, 0, :, 0], np.concatenate(expected), atol=1e-6)
+    assert torch.equal(calibrate(scores, label, replace(config, calibration=())), scores)
+
+
+def solid(rng, box, count=400):
+    """Points all over a box, on its sides and its top."""
+    points = rng.uniform(-0.5, 0.5, (count, 3))
+    face = rng.integers(0, 5, count)
+    for number, (axis, at) in enumerate([(0, 0.5), (0, -0.5), (1, 0.5), (1, -0.5), (2, 0.5)]):
+        points[face == number, axis] = at
+    points = points * box[3:6] + rng.normal(0, 0.015, (count, 3))
+    cos, sin = np.cos(box[6]), np.sin(box[6])
+    return points @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + box[:3]
+
+
+def box_scene(rng):
+    size = rng.uniform([3.0, 1.45, 1.25], [6.0, 2.2, 2.6])
+    truth = np.array([[*rng.normal(0, 3, 2), size[2] / 2, *size, rng.uniform(-4, 4)]])
+    return solid(rng, truth[0]), off_at_random(truth, rng), truth
+
+
+def examples(count, seed=0):
+    rng = np.random.default_rng(seed)
+    seen, offsets = {sort: [] for sort in SORTS}, {sort: [] for sort in SORTS}
+    for _ in range(count):
+        points, box, truth = box_scene(rng)
+        features = face_features(points, box, np.array([VEHICLE]))
+        for number, (sort, offset) in enumerate(zip(SORTS, face_offsets(box, truth), strict=True)):
+            seen[sort].append(features[number])
+            offsets[sort].append(offset.astype(np.float32))
+    return FaceExamples(*({sort: np.concatenate(rows) for sort, rows in each.items()} for each in (seen, offsets)))
+
+
+def test_it_learns_where_faces_are_whatever_the_size():
+    torch.manual_seed(3)
+    networks = FaceNetworks()
+    figures = fit_faces(networks, examples(300), steps=250)
+    assert all(figures[f"{sort} after"] < 0.45 * figures[f"{sort} before"] for sort in SORTS)
+    np.testing.assert_allclose(networks.prior, [figures[f"{sort} before"] for sort in SORTS], rtol=1e-6)
+    rng = np.random.default_rng(9)
+    before, after = [], []
+    for _ in range(30):
+        points, box, truth = box_scene(rng)
+        found = measure_faces(networks, Detections(box, np.array([0.9])), points, ("vehicle",))
+        before.append(iou_3d(box, truth)[0, 0])
+        after.append(iou_3d(found.boxes, truth)[0, 0])
+    assert np.mean(after) > np.mean(before) + 0.06
+
+
+def test_training_is_the_same_every_time_and_leaves_the_generator_alone():
+    rows = examples(20)
+    first, second = FaceNetworks(), FaceNetworks()
+    for networks in (first, second):
+        torch.rand(5)
+        state = torch.get_rng_state()
+        fit_faces(networks, rows, steps=5)
+        assert torch.equal(torch.get_rng_state(), state)
+    for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_faces_that_are_too_far_off_teach_no_more_than_the_farthest():
+    rows = examples(20)
+    far = FaceExamples(rows.features, {sort: np.full_like(each, 5.0) for sort, each in rows.offsets.items()})
+    assert fit_faces(FaceNetworks(), far, steps=1)["end before"] == pytest.approx(FARTHEST_FACE)
+
+
+def test_without_examples_it_says_so():
+    rows = examples(3)
+    with pytest.raises(ValueError, match="no examples of a side"):
+        fit_faces(FaceNetworks(), FaceExamples(rows.features, rows.offsets | {"side": np.zeros(0)}), steps=1)
+
+
+def test_boxes_off_at_random_stay_on_their_floors_and_near():
+    rng = np.random.default_rng(0)
+    boxes = np.tile([[5.0, 2, 0.9, 4.4, 1.8, 1.6, 0.3], [1, 1, 1.0, 0.6, 0.6, 1.8, 2.0]], (400, 1))
+    off = off_at_random(boxes, rng)
+    np.testing.assert_allclose(off[:, 2] - off[:, 5] / 2, boxes[:, 2] - boxes[:, 5] / 2)
+    deviation = (off - boxes)[::2].std(axis=0)
+    np.testing.assert_allclose(deviation[[0, 1, 3, 4, 5]], [0.1, 0.1, 0.264, 0.126, 0.08], rtol=0.12)
+    assert (off - boxes)[1::2, :2].std() == pytest.approx(0.1 / 3, rel=0.12)
+    assert (np.cos(off[:, 6] - boxes[:, 6]) < 0).mean() == pytest.approx(0.1, abs=0.03)
+
+
+def test_examples_are_of_the_objects_asked_for(packed):
+    vehicles = face_examples(packed, None, ("vehicle",), count=4)
+    assert all(len(vehicles.features[sort]) == len(vehicles.offsets[sort]) > 0 for sort in SORTS)
+    assert (vehicles.features["end"][:, -4:] == [1, 0, 0, 0]).all()
+    both = face_examples(packed, None, ("vehicle", "heavy"), count=4)
+    assert {0, 3} == set(both.features["end"][:, -4:].argmax(axis=1).tolist())
+    again = face_examples(packed, None, ("vehicle",), count=4)
+    np.testing.assert_array_equal(again.features["side"], vehicles.features["side"])
+    assert len(face_examples(packed, None, ("vehicle",), count=2).offsets["end"]) < len(vehicles.offsets["end"])
+
+
+def test_a_network_gets_a_second_stage_and_is_else_what_it_was(packed, monkeypatch):
+    monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
+    torch.manual_seed(0)
+    network = VoxelNet(make_config(AREA, "fast"))
+    staged = train_faces(network, packed, ("vehicle",), count=2)
+    assert staged.config.faces == ("vehicle",)
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(staged.state_dict()[name], tensor)
+    assert len(staged.state_dict()) == len(network.state_dict()) + 19
