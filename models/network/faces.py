@@ -111,7 +111,8 @@ def move_faces(
 
     A negative shift leaves at least a fifth of the size.
 
-    >>> move_faces(np.array([[0, 0, 1, 4, 2, 2, 0.0]]), np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
+    >>> box = np.array([[0, 0, 1, 4, 2, 2, 0.0]])
+    >>> move_faces(box, np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
     array([[0.2 , 0.1 , 1.25, 4.4 , 1.8 , 2.5 , 0.  ]])
     """
     (front, rear), (left, right) = np.split(end, 2), np.split(side, 2)
