@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.combined.robust import Failing as Failing
     from placement_env.fidelity.coverage import Coverage as Coverage
     from placement_env.fidelity.detector import Detected as Detected
-    from placement_env.fidelity.protocol import Estimate as Estimate, Fidelity as Fidelity
+    from placement_env.protocol import Estimate as Estimate, Fidelity as Fidelity
     from placement_env.fidelity.renders import Renders as Renders
     from placement_env.fidelity.surrogate import Surrogate as Surrogate
     from placement_env.fidelity.table import TableFidelity as TableFidelity, load_table as load_table
@@ -102,7 +102,7 @@ else:
             "fidelity.combined.robust": ("Failing",),
             "fidelity.coverage": ("Coverage",),
             "fidelity.detector": ("Detected",),
-            "fidelity.protocol": ("Estimate", "Fidelity"),
+            "protocol": ("Estimate", "Fidelity"),
             "fidelity.renders": ("Renders",),
             "fidelity.surrogate": ("Surrogate",),
             "fidelity.table": ("TableFidelity", "load_table"),

@@ -22,7 +22,7 @@ from placement_env.candidates.places import added_prices, fit_together, room_bes
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
-from placement_env.fidelity.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
+from placement_env.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
 from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float64, Int64
@@ -99,7 +99,7 @@ class Objective:
     """Scores sets of candidate sensors at a site.
 
     site: a site or its name; frames: of traffic, drawn from `seed`; scheme: how sensors fuse, an object or a name;
-    codec: of what they send; fidelity: how a set is scored, see `placement_env.fidelity.protocol`; candidates: None for
+    codec: of what they send; fidelity: how a set is scored, see `placement_env.protocol`; candidates: None for
     the site's own sensors, "pool" for its pool, the candidates themselves, or a function that makes them of a site;
     progress: called with a stage ("poses rendered", "sets scored"), how many are done, and of how many (None: not
     known); detector: of fidelity "detector", None for the shipped network; iou: at which a detection counts, or

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_env.analysis.tables import columns
-from placement_env.fidelity.protocol import Fidelity
+from placement_env.protocol import Fidelity
 from toolkit.arrays import Bool, Float64
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.visibility import Visibility
+from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.codec import PAPER, Codec

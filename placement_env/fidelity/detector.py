@@ -31,8 +31,8 @@ import numpy as np
 from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.frame_detections import FrameDetections, Measured
-from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.traffic import scored
+from placement_env.protocol import ClassEstimates, Estimate
 from toolkit.arrays import Bool, Float64, Shaped
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, matches, precision_recall

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.combined.error_profiles import Errors, over_profiles, profiles_in, several
-from placement_env.fidelity.protocol import Fidelity, check_fidelity
+from placement_env.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of

@@ -37,8 +37,8 @@ from __future__ import annotations
 import numpy as np
 
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.visibility import Visibility
+from placement_env.protocol import Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import points_in_boxes

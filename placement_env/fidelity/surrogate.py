@@ -17,8 +17,8 @@ import numpy as np
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.hits.hit_model import HitModel, shipped_model
-from placement_env.fidelity.protocol import ClassEstimates, Estimate
 from placement_env.fidelity.visibility import Visibility, of_frames
+from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec

@@ -18,7 +18,7 @@ import numpy as np
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.frame_detections import Measured
-from placement_env.fidelity.protocol import ClassEstimates, Estimate
+from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec

@@ -9,10 +9,10 @@ import numpy as np
 from placement_env.candidates.pool import pool
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import Visibility, see
 from placement_env.objective import Objective
+from placement_env.protocol import Estimate
 from placement_env.report.mounted import mounted_site
 from placement_env.search import greedy
 from placement_env.subsets import MemberSums

@@ -14,9 +14,9 @@ from placement_env.classes import VEHICLES, classes_of
 from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
-from placement_env.fidelity.protocol import FidelityName
 from placement_env.fidelity.table import digest_of
 from placement_env.objective import Objective, Score, Stages, Weights
+from placement_env.protocol import FidelityName
 from placement_env.report.curve_answer import CURVE_TABLES, write_curve
 from placement_env.report.planning.refusals import check_present, exclusions
 from placement_env.report.planning.sentences import money

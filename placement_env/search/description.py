@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from placement_env.candidates.aim import aims
-from placement_env.fidelity.protocol import Doubting
 from placement_env.objective import Objective, Score
+from placement_env.protocol import Doubting
 from placement_env.search.result import Assessment, ProfileAP
 from toolkit.sensors.sensor import Sensor
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from placement_env.fidelity.combined.error_profiles import ProfileFidelity
-from placement_env.fidelity.protocol import ByFrames
 from placement_env.objective import Objective, Score
+from placement_env.protocol import ByFrames
 from placement_env.racing import Verified, verify
 from placement_env.search.result import Result
 from toolkit.arrays import Bool, Int64

@@ -4,6 +4,9 @@ A command takes the smallest class that holds what it uses, and a subclass adds 
 computing: `Processes` (workers, ray, progress) for work on given files, `Run` (those, seed, frames, cache) for work on
 simulated traffic. Other usual values are given as the parameter's default, `run: Run = Run(frames=1000)`; tyro makes
 options and help of either from the fields below, in a group of their own.
+
+The same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that
+do not fit raise ValueError, a cluster without Ray ImportError.
 """
 
 from __future__ import annotations
@@ -30,10 +33,7 @@ _Out = TypeVar("_Out")
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """Processes or machines that do the work.
-
-    Raises ValueError for a number of workers below 1, ImportError for a cluster without Ray.
-    """
+    """Processes or machines that do the work."""
 
     workers: int | None = 1
     """Processes on this machine; None for one per core."""
@@ -79,14 +79,7 @@ class Processes:
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Processes):
-    """Computation of an answer: random numbers, amount of traffic, cache and processes.
-
-    The same seed and frames give the same answer on the same machine; cache and processes change its time alone.
-    Raises ValueError for a seed below 0 and fewer than 1 frames.
-
-    >>> Run(frames=24).frames_or(200), Run().frames_or(200)
-    (24, 200)
-    """
+    """Computation of an answer: random numbers, amount of traffic, cache and processes."""
 
     seed: int = 0
     """Seed of all random numbers."""
@@ -110,7 +103,11 @@ class Run(Processes):
         return None if self.cache is None else Cache(self.cache / "cache.sqlite")
 
     def frames_or(self, usual: int) -> int:
-        """Number of frames, the usual one where none is given."""
+        """Number of frames, the usual one where none is given.
+
+        >>> Run(frames=24).frames_or(200), Run().frames_or(200)
+        (24, 200)
+        """
         return usual if self.frames is None else self.frames
 
 

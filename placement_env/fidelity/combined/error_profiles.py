@@ -14,7 +14,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
-from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
+from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import profile_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import cast
 
 from placement_env.classes import Classes
-from placement_env.fidelity.protocol import ByClass, ByFrames, Fidelity
+from placement_env.protocol import ByClass, ByFrames, Fidelity
 
 
 class LikeFirst:

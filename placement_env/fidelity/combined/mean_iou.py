@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_env.checks import check_iou
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
-from placement_env.fidelity.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
+from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool
 
 COCO_STEP = 0.05

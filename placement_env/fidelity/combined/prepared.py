@@ -14,9 +14,9 @@ from placement_env.fidelity.combined.mean_iou import IoUs, iou_thresholds, mean_
 from placement_env.fidelity.combined.robust import Failing, robust
 from placement_env.fidelity.combined.traffic_levels import ALL_TRAFFIC, LevelFidelity, TrafficLevels
 from placement_env.fidelity.preparation import Preparation, check_errors_for
-from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.traffic import Traffic, scored
 from placement_env.fidelity.visibility import of_frames
+from placement_env.protocol import Fidelity
 from toolkit.arrays import Int64
 from toolkit.objects import LABELS
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from placement_env.checks import whole
 from placement_env.fidelity.combined.like import LikeFirst
-from placement_env.fidelity.protocol import ByClass, ClassEstimates, Estimate, Fidelity
+from placement_env.protocol import ByClass, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
 LevelCombine = Literal["mean", "worst"]

@@ -16,8 +16,8 @@ from placement_env.candidates.pool import NoCandidates
 from placement_env.fidelity.combined.error_profiles import Errors, several
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation, check_fidelity_for
-from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective, Stages
+from placement_env.protocol import FidelityName
 from placement_env.report.content import Ground, Moment, Plan, Verdict
 from placement_env.report.ground import visible_ground
 from placement_env.report.mounted import mounted_site

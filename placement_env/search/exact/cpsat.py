@@ -18,9 +18,9 @@ import numpy as np
 from placement_env.checks import check_whole
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
-from placement_env.fidelity.protocol import ByFrames
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
+from placement_env.protocol import ByFrames
 from placement_env.search.exact.poles import Poles, Prices
 from placement_env.search.exact.solver import cp_model, solver_of
 from placement_env.search.exact.ties import best_of_equals

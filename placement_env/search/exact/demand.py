@@ -15,9 +15,9 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import TIE, Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
-from placement_env.fidelity.protocol import Estimate, Fidelity
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
+from placement_env.protocol import Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
 

@@ -21,8 +21,8 @@ from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.visibility import Visibility, of_frames, see
+from placement_env.protocol import Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
 BATCHES = 12  # of frames, at most, that a fast fidelity scores apart

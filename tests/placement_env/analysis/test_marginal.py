@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.marginal import format_marginal, marginal
-from placement_env.fidelity.protocol import Estimate
+from placement_env.protocol import Estimate
 
 
 class Linear:

@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import placement_env  # noqa: F401  registers the environments
-from placement_env.fidelity.protocol import FidelityName
 from placement_env.objective import Objective
+from placement_env.protocol import FidelityName
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive
 

@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from placement_env.candidates.pool import pool
 from placement_env.envs.registration import register
-from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
+from placement_env.protocol import Estimate
 from toolkit.sites.site import Mount, Site
 
 register()

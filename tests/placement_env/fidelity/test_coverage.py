@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.visibility import Visibility
+from placement_env.protocol import Fidelity
 from toolkit.detection.codec import PAPER
 from toolkit.detection.early import Early
 from toolkit.detection.scheme import bits_sent

@@ -8,8 +8,8 @@ import pytest
 
 from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected
 from placement_env.fidelity.frame_detections import Measured
-from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.renders import Renders
+from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
 from toolkit.detection.background.background import Background

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.detector import IOUS, Detected
-from placement_env.fidelity.protocol import Fidelity
 from placement_env.fidelity.table import (
     SHIPPED,
     Origin,
@@ -18,6 +17,7 @@ from placement_env.fidelity.table import (
     save_table,
 )
 from placement_env.objective import Objective
+from placement_env.protocol import Fidelity
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES

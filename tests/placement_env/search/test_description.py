@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
-from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Score, Weights
+from placement_env.protocol import Estimate
 from placement_env.search.description import (
     described_assessment,
     described_by_errors,

@@ -8,8 +8,8 @@ import pytest
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.combined.error_profiles import errors_of, over_profiles
-from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective
+from placement_env.protocol import Estimate
 from placement_env.search import greedy
 from placement_env.search.verification import ap_at_profiles, neighbours, rescored, verified
 from placement_env.subsets import all_subsets

@@ -15,7 +15,7 @@ from placement_env.fidelity.combined.error_profiles import (
     profiles_in,
     several,
 )
-from placement_env.fidelity.protocol import ByFrames, ClassEstimates, Estimate
+from placement_env.protocol import ByFrames, ClassEstimates, Estimate
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
 
 BOTH = ErrorProfiles((PAPER_ERRORS, POOR))

@@ -12,8 +12,8 @@ from placement_env.fidelity.combined.mean_iou import (
     mean_of,
 )
 from placement_env.fidelity.detector import Detected
-from placement_env.fidelity.protocol import ByFrames
 from placement_env.fidelity.surrogate import Surrogate
+from placement_env.protocol import ByFrames
 
 SETS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 1]], bool)
 

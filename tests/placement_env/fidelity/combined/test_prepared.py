@@ -10,8 +10,8 @@ from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective
+from placement_env.protocol import Estimate
 from toolkit.objects import Detections
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
 

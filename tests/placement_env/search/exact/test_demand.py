@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.protocol import Estimate
 from placement_env.fidelity.visibility import Visibility
+from placement_env.protocol import Estimate
 from placement_env.search.exact.demand import Demand, DemandFidelity
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.fidelity.protocol import Estimate
 from placement_env.objective import Objective, Weights
+from placement_env.protocol import Estimate
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated, ProfileEvaluator
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.coverage import Coverage
-from placement_env.fidelity.protocol import FIDELITIES, Fidelity, check_fidelity
 from placement_env.fidelity.published_surrogates import InformationGain, PerceptionEntropy
 from placement_env.fidelity.surrogate import Surrogate
+from placement_env.protocol import FIDELITIES, Fidelity, check_fidelity
 
 SETS = np.random.default_rng(1).random((60, 12)) < 0.35
 MADE: dict[str, Any] = {

@@ -1,0 +1,293 @@
+"""`Cases`: circumstances under which sets are scored, and how their figures become one.
+
+Four kinds of case cross: IoU thresholds, sensors that fail, levels of traffic and error profiles of the sensors. A
+figure of m sets in all of them is an array [profile, level, iou, set]; the axes are reduced from the last:
+
+    IoU thresholds   mean, as in COCO, so that no threshold alone decides what is built
+    levels           worst or mean over parts of the frames, by how many road users are there at once; NaN is left out
+    failures         worst or mean over which sensors fail (N-1, N-2); a set that may lose all its sensors keeps nothing
+    error profiles   the profile of least AP gives all figures of a set, or the mean over profiles
+
+Resamples of a paired bootstrap are reduced in the same way, each by itself, as a trailing axis. Fields that do not fit
+raise ValueError.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from placement_env.checks import check_iou, whole
+from placement_env.classes import COMBINE, Classes, Combine
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.sensors.errors.profiles import PROFILES, only_own_noise, profile_of
+
+if TYPE_CHECKING:
+    from toolkit.sensors.errors.profile import ErrorProfile
+
+    Profiles = str | ErrorProfile | tuple[str | ErrorProfile, ...]
+else:
+    Profiles = tuple[str, ...]  # what the command line reads
+
+IoUs = float | tuple[float, ...]  # one threshold, or several whose mean counts
+MOST_FAILING = 2
+MOST_LEVELS = 4
+LEVEL_NAMES: dict[int, tuple[str, ...]] = {
+    1: ("all traffic",),
+    2: ("thin traffic", "dense traffic"),
+    3: ("thin traffic", "middling traffic", "dense traffic"),
+    4: ("thin traffic", "lighter traffic", "heavier traffic", "dense traffic"),
+}
+COCO_STEP = 0.05  # of IoU, between the ends of a range
+TIE = 1e-6  # share of the intact set's AP, so that a search that adds one sensor after another does not begin blindly
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cases:
+    """Circumstances under which a set is scored."""
+
+    iou: float | str | tuple[float, ...] = 0.7
+    """IoU from which a detection counts; 0.5:0.95 for the mean AP over 0.5, 0.55 to 0.95, as in COCO."""
+    failing: int = 0
+    """Sensors that fail (0 to 2); what is left of a set counts."""
+    failures: Combine = "worst"
+    """Whether the worst choice of failing sensors counts, or the mean."""
+    levels: int = 1
+    """Levels of traffic (1 to 4), by the number of road users present; each is scored by itself."""
+    levels_by: Combine = "worst"
+    """Whether the level of least AP counts, or the mean."""
+    errors: Profiles = ("paper",)
+    """Error profiles of the sensors, one or several, known to the detector alone."""
+    errors_by: Combine = "worst"
+    """Whether the error profile of least AP counts, or the mean."""
+
+    def __post_init__(self) -> None:
+        ious = _thresholds(self.iou)
+        object.__setattr__(self, "iou", ious[0] if len(ious) == 1 else ious)
+        errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
+        object.__setattr__(self, "errors", tuple(_shortest(each) for each in errors))
+        if not whole(self.failing) or not 0 <= self.failing <= MOST_FAILING:
+            raise ValueError(f"failing must be 0 to {MOST_FAILING} sensors, got {self.failing!r}")
+        if not whole(self.levels) or not 1 <= self.levels <= MOST_LEVELS:
+            raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.levels!r}")
+        for name in ("failures", "levels_by", "errors_by"):
+            if getattr(self, name) not in COMBINE:
+                raise ValueError(f"{name} must be mean or worst, got {getattr(self, name)!r}")
+        if not len(self.profiles) == len(set(self.names)) == len({each.digest for each in self.profiles}) > 0:
+            given = ", ".join(self.names) or "none"
+            raise ValueError(f"error profiles must be different ones, got {given}: name each once")
+
+    @property
+    def ious(self) -> tuple[float, ...]:
+        """IoU thresholds, ascending.
+
+        >>> Cases(iou=0.7).ious, Cases(iou="0.5:0.6").ious
+        ((0.7,), (0.5, 0.55, 0.6))
+        """
+        return self.threshold if isinstance(self.threshold, tuple) else (self.threshold,)
+
+    @property
+    def threshold(self) -> IoUs:
+        """The IoU threshold, or all of several."""
+        return cast(IoUs, self.iou)
+
+    @cached_property
+    def profiles(self) -> tuple[ErrorProfile, ...]:
+        """Error profiles."""
+        return tuple(profile_of(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the error profiles."""
+        return tuple(each.name for each in self.profiles)
+
+    @property
+    def level_names(self) -> tuple[str, ...]:
+        """Names of the levels, thin traffic first."""
+        return LEVEL_NAMES[self.levels]
+
+    @property
+    def plain(self) -> bool:
+        """True for one threshold, no failures and undivided traffic, whatever the errors."""
+        return len(self.ious) == 1 and not self.failing and self.levels == 1
+
+    @property
+    def noise_only(self) -> bool:
+        """True where sensors have no errors but their models' own noise."""
+        return all(map(only_own_noise, self.profiles))
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """Thresholds, failures and levels as results state them."""
+        failing = {"failing": {"sensors": self.failing, "combine": self.failures}} if self.failing else {}
+        levels = {"levels": {"count": self.levels, "combine": self.levels_by}} if self.levels > 1 else {}
+        return {"iou": self.iou if len(self.ious) == 1 else list(self.ious), **failing, **levels}
+
+    @property
+    def errors_origin(self) -> dict[str, Any]:
+        """Error profiles as results state them."""
+        if len(self.profiles) == 1:
+            return dict(self.profiles[0].origin)
+        return {"profiles": [each.origin for each in self.profiles], "combine": self.errors_by}
+
+    @cached_property
+    def errors_text(self) -> str:
+        """Names of the error profiles in words.
+
+        >>> Cases(errors=("paper", "typical", "poor")).errors_text
+        'paper, typical and poor'
+        """
+        *others, last = self.names
+        return f"{', '.join(others)} and {last}" if others else last
+
+    def describe_failures(self) -> str:
+        """Words for what is left of a set.
+
+        >>> Cases(failing=1).describe_failures(), Cases(failing=2, failures="mean").describe_failures()
+        ('what is left in the worst case when 1 sensor fails', 'what is left on average when 2 sensors fail')
+        """
+        what = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
+        return f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} when {what}"
+
+    def describe_levels(self) -> str:
+        """Words for how levels of traffic become one.
+
+        >>> Cases(levels=3).describe_levels(), Cases(levels=2, levels_by="mean").describe_levels()
+        ('at the worst of 3 levels of traffic', 'averaged over 2 levels of traffic')
+        """
+        return f"{_HOW[self.levels_by]} {self.levels} levels of traffic"
+
+    def describe_errors(self) -> str:
+        """Words for how error profiles become one.
+
+        >>> Cases(errors=("paper", "poor"), errors_by="mean").describe_errors()
+        'averaged over the error profiles paper and poor'
+        """
+        return f"{_HOW[self.errors_by]} the error profiles {self.errors_text}"
+
+    def class_ious(self, classes: Classes, name: str) -> IoUs:
+        """IoU threshold or thresholds of one class: its own where it has one."""
+        own = tuple(sorted({classes.iou_of(name, iou) for iou in self.ious}))
+        return own[0] if len(own) == 1 else own
+
+    def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
+        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in each frame.
+
+        >>> [part.tolist() for part in Cases(levels=2).split(np.array([5, 0, 9, 2]))]
+        [[1, 3], [0, 2]]
+        """
+        order = np.argsort(objects, kind="stable")
+        return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
+
+    def expand(self, sets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
+        """Sets followed by what each failure leaves of them, and the set that each row belongs to.
+
+        Without failures these are the sets. A set that may lose all its sensors has one case, the empty set.
+        """
+        owners = np.arange(len(sets))
+        if not self.failing:
+            return sets, owners
+        rows, belongs = [*sets], owners.tolist()
+        for n, row in enumerate(sets):
+            members = np.flatnonzero(row)
+            losses = combinations(members.tolist(), self.failing) if len(members) > self.failing else [members]
+            for lost in losses:
+                left = row.copy()
+                left[list(lost)] = False
+                rows.append(left)
+                belongs.append(n)
+        return np.array(rows, np.bool_).reshape(len(rows), sets.shape[1]), np.array(belongs, np.int64)
+
+    def over_levels(self, figures: Float64[np.ndarray, "levels *rest"]) -> Float64[np.ndarray, "*rest"]:
+        """Figures of the levels as one; NaN, nothing to find, only where all are."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of levels that are all NaN
+            return np.asarray(np.nanmin(figures, axis=0) if self.levels_by == "worst" else np.nanmean(figures, axis=0))
+
+    def over_failures(
+        self, figures: Float64[np.ndarray, "m *rest"], owners: Int64[np.ndarray, " m"], *, tie: float = TIE
+    ) -> Float64[np.ndarray, "n *rest"]:
+        """Figures of n sets, of rows and owners as `expand` gives them. tie: share of the intact set's to add."""
+        if not self.failing:
+            return figures
+        count = int(owners.max(initial=-1)) + 1
+        cases, of = figures[count:], owners[count:]
+        reduce = np.mean if self.failures == "mean" else np.min
+        left = np.stack([reduce(cases[of == n], axis=0) for n in range(count)]) if count else figures[:0]
+        return np.asarray(left + tie * figures[:count]) if tie else left
+
+    def at_profiles(
+        self, figures: Float64[np.ndarray, "P L I m *rest"], owners: Int64[np.ndarray, " m"], *, tie: float = TIE
+    ) -> Float64[np.ndarray, "P n *rest"]:
+        """Figures of n sets at each error profile, over thresholds, levels and failures."""
+        ious = figures.shape[2]
+        mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
+        return np.stack(
+            [self.over_failures(at[0] if len(at) == 1 else self.over_levels(at), owners, tie=tie) for at in mean]
+        )
+
+    def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
+        """Least or mean of each figure over the error profiles."""
+        return np.asarray(figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0))
+
+    def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
+        """Share with which each error profile counts for each set: all for that of least AP, or all alike.
+
+        >>> Cases(errors=("paper", "poor")).shares(np.array([[0.9, 0.5], [0.8, 0.5]])).tolist()
+        [[0.0, 1.0], [1.0, 0.0]]
+        """
+        if self.errors_by == "mean":
+            return np.full(ap.shape, 1 / len(ap))
+        return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)
+
+
+_HOW = {"worst": "at the worst of", "mean": "averaged over"}
+
+
+def _shortest(errors: ErrorProfile | str) -> ErrorProfile | str:
+    """Name of a profile that has one of its own, else the profile."""
+    profile = profile_of(errors)
+    return profile.name if PROFILES.get(profile.name) == profile else profile
+
+
+def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
+    if isinstance(iou, str):
+        return _parse_range(iou)
+    found: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
+    for each in found:
+        check_iou(each)
+    if not found or len(set(found)) < len(found):
+        raise ValueError(f"IoU thresholds must be one or several different ones, got {iou!r}")
+    return tuple(float(each) for each in found)
+
+
+def _parse_range(text: str) -> tuple[float, ...]:
+    try:
+        ends = [float(each) for each in text.split(":")]
+    except ValueError:
+        ends = []
+    if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
+        raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {text}")
+    if len(ends) == 1:
+        return (ends[0],)
+    return tuple(np.round(np.arange(ends[0], ends[1] + COCO_STEP / 2, COCO_STEP), 2).tolist())
+
+
+def describe_iou(iou: IoUs) -> str:
+    """Words for a threshold, or several.
+
+    >>> describe_iou(0.7), describe_iou((0.5, 0.55, 0.6))
+    ('0.7', '0.5 to 0.6 (mean of 3 thresholds)')
+    """
+    if isinstance(iou, float | int):
+        return f"{iou:g}"
+    return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
+
+
+PLAIN = Cases()

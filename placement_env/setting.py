@@ -1,0 +1,129 @@
+"""`Setting`: what is asked, whatever the way to compute it: site, candidates, fusion, cases, fidelity and costs.
+
+With a `toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+from placement_env.cases import PLAIN, Cases
+from placement_env.classes import VEHICLES, Classes, classes_of
+from placement_env.protocol import Fidelity, FidelityName, check_fidelity
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import scheme_of
+from toolkit.objects import Detector
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from placement_env.candidates.candidates import Candidates
+
+Rendering = Literal["auto", "full", "panorama"]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Costs in AP that are taken off the reward; with both 0 it is the AP. Raises ValueError for negative ones."""
+
+    comm: float = 0.0
+    """AP that a kbit per sensor and frame costs."""
+    price: float = 0.0
+    """AP that one ordinary mount costs."""
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.comm < math.inf and 0 <= self.price < math.inf):
+            raise ValueError(f"weights must be finite and not negative, got comm {self.comm} and price {self.price}")
+
+
+AP_ONLY = Weights()
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Question that sets of sensors are scored by.
+
+    site: a site, its name or file, None only with candidates and a fidelity of one's own; candidates: None or "paper"
+    for the site's own sensors, "pool" for its pool, a GeoJSON file of poles, the candidates, or a function that makes
+    them from the site; scheme, codec: of fusion and of what is sent; classes: of road users that count; cases: IoU
+    thresholds, failures, levels of traffic and errors; fidelity: name of what scores a set, or an object that does;
+    detector: of fidelity "detector", None for the shipped network; surrogate, table: files for these fidelities, None
+    for the shipped ones; rendering: "auto", or all rays ("full") or panoramas wherever they can be used; weights: costs
+    in the reward; most_price: most that a set may cost. Raises ValueError where a field does not fit.
+
+    >>> Setting("tjunction", scheme="late", cases=Cases(iou=(0.7, 0.8))).scheme.name
+    'late'
+    """
+
+    site: Site | str | None = None
+    _: KW_ONLY
+    candidates: Candidates | Callable[[Site], Candidates] | str | Path | None = None
+    scheme: Scheme | str = "early"
+    codec: Codec = PAPER
+    classes: Classes | Iterable[str] = VEHICLES
+    cases: Cases = PLAIN
+    fidelity: FidelityName | Fidelity = "surrogate"
+    detector: Detector | None = None
+    surrogate: str | Path | None = None
+    table: str | Path | None = None
+    rendering: Rendering = "auto"
+    weights: Weights = field(default=AP_ONLY)
+    most_price: float = math.inf
+
+    def __post_init__(self) -> None:
+        if isinstance(self.fidelity, str):
+            check_fidelity(self.fidelity)
+        if not isinstance(self.weights, Weights):
+            raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
+        if not self.most_price >= 0:
+            raise ValueError(f"most_price must be 0 or more, got {self.most_price}: leave it out for any price")
+        if self.rendering not in get_args(Rendering):
+            raise ValueError(f"rendering must be one of {', '.join(get_args(Rendering))}, got {self.rendering!r}")
+        if self.detector is not None and not callable(self.detector):
+            raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
+        site = load_site(self.site) if isinstance(self.site, str) else self.site
+        converted = {
+            "site": site,
+            "scheme": scheme_of(self.scheme),
+            "codec": check_codec(self.codec),
+            "classes": classes_of(self.classes),
+            "most_price": float(self.most_price),
+        }
+        for name, value in converted.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def place(self) -> Site:
+        """The site. Raises ValueError without one."""
+        if not isinstance(self.site, Site):
+            raise ValueError("this needs a site: Setting('tjunction'), or a site's file")
+        return self.site
+
+    @cached_property
+    def pool(self) -> Candidates:
+        """The candidates. Raises ValueError and OSError where there are none."""
+        from placement_env.candidates.candidates import Candidates
+        from placement_env.candidates.choice import chosen_candidates
+
+        asked = self.candidates
+        if isinstance(asked, Candidates):
+            return asked
+        if callable(asked):
+            return asked(self.place)
+        return chosen_candidates(self.place, "paper" if asked is None else asked)
+
+    @property
+    def fusion(self) -> Scheme:
+        """The scheme."""
+        return scheme_of(self.scheme)
+
+    @property
+    def counted(self) -> Classes:
+        """The classes that count."""
+        return classes_of(self.classes)
