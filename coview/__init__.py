@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.table import load_table as load_table
     from placement_env.objective import Objective as Objective
     from placement_env.objective import Score as Score
-    from placement_env.objective import Weights as Weights
+    from placement_env.setting import Weights as Weights
     from toolkit.clouds import crop as crop
     from toolkit.clouds import from_depth as from_depth
     from toolkit.clouds import fuse as fuse

@@ -51,7 +51,9 @@ if TYPE_CHECKING:
     from placement_env.fidelity.table import TableFidelity as TableFidelity, load_table as load_table
     from placement_env.fidelity.traffic import simulate_traffic as simulate_traffic
     from placement_env.fidelity.visibility import Visibility as Visibility, see as see
-    from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores, Weights as Weights
+    from placement_env.objective import Objective as Objective, Score as Score, Scores as Scores
+    from placement_env.setting import Setting as Setting, Weights as Weights
+    from placement_env.cases import Cases as Cases
     from placement_env.racing import Race as Race, Verified as Verified
     from placement_env.report.content import Judgement as Judgement, Plan as Plan, PlanOption as PlanOption
     from placement_env.report.planning.files import write_plan as write_plan
@@ -108,7 +110,7 @@ else:
             "fidelity.table": ("TableFidelity", "load_table"),
             "fidelity.traffic": ("simulate_traffic",),
             "fidelity.visibility": ("Visibility", "see"),
-            "objective": ("Objective", "Score", "Scores", "Weights"),
+            "objective": ("Objective", "Score", "Scores"),
             "racing": ("Race", "Verified"),
             "report.content": ("Judgement", "Plan", "PlanOption"),
             "report.planning.files": ("write_plan",),
@@ -116,6 +118,8 @@ else:
             "report.planning.question": ("Question",),
             "rl.adapter": ("SB3VecEnv", "as_sb3"),
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
+            "setting": ("Setting", "Weights"),
+            "cases": ("Cases",),
             "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
             "search.exact": ("cheapest", "cpsat", "exhaustive", "hits"),
             "search.portfolio": ("portfolio",),

@@ -290,4 +290,4 @@ def describe_iou(iou: IoUs) -> str:
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
 
 
-PLAIN = Cases()
+USUAL_CASES = Cases()

@@ -24,6 +24,7 @@ from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
 from placement_env.protocol import ByClass, ByFrames, Estimate, Fidelity, FidelityName, check_fidelity
 from placement_env.racing import Race, race
+from placement_env.setting import AP_ONLY, Weights
 from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -47,22 +48,6 @@ Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or
 Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
-
-
-@dataclass(frozen=True)
-class Weights:
-    """What communication and building cost, in AP: `comm` per kbit that a sensor sends in a frame, `price` per unit of
-    the mounts' price. With both 0, the default, the reward is the AP."""
-
-    comm: float = 0.0
-    price: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.comm < np.inf and 0 <= self.price < np.inf):
-            raise ValueError(f"weights must be finite and not negative, got comm {self.comm} and price {self.price}")
-
-
-AP_ONLY = Weights()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
-from placement_env.cases import PLAIN, Cases
+from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.protocol import Fidelity, FidelityName, check_fidelity
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -67,7 +67,7 @@ class Setting:
     scheme: Scheme | str = "early"
     codec: Codec = PAPER
     classes: Classes | Iterable[str] = VEHICLES
-    cases: Cases = PLAIN
+    cases: Cases = USUAL_CASES
     fidelity: FidelityName | Fidelity = "surrogate"
     detector: Detector | None = None
     surrogate: str | Path | None = None

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from placement_env.fidelity.blocks import Block, seen_in_blocks
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
+from placement_env.setting import Rendering
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
@@ -30,7 +31,6 @@ from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
 
-Rendering = Literal["auto", "full", "panorama"]
 RENDERINGS: tuple[str, ...] = get_args(Rendering)
 BLOCK_PIXELS = 4_000_000  # of the sensors that are looked through at once, with some 40 bytes each
 

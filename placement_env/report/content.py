@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.fidelity.combined.mean_iou import IoUs
+from placement_env.cases import IoUs
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.objects import Detections, Objects
 

@@ -15,7 +15,7 @@ from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_o
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.preparation import check_fidelity_for
 from placement_env.fidelity.table import digest_of
-from placement_env.objective import Objective, Score, Stages, Weights
+from placement_env.objective import Objective, Score, Stages
 from placement_env.protocol import FidelityName
 from placement_env.report.curve_answer import CURVE_TABLES, write_curve
 from placement_env.report.planning.refusals import check_present, exclusions
@@ -37,6 +37,7 @@ from placement_env.search.portfolio.curve import amounts_up_to, budget_curve
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES
 from placement_env.search.result import Result
 from placement_env.search.verification import ap_at_profiles, verified_best
+from placement_env.setting import Weights
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme

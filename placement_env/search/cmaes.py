@@ -23,11 +23,12 @@ import numpy as np
 
 from placement_env.candidates.aim import aimed, aims
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.objective import Objective, Score, Weights
+from placement_env.objective import Objective, Score
 from placement_env.search import greedy
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result, score_of
+from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount

@@ -13,9 +13,10 @@ from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hits.hit_model import HitModel
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility, see
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.report.planning.judging import Judge
+from placement_env.setting import Weights
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints

@@ -12,9 +12,10 @@ import pytest
 from placement_env.analysis.shapley import exact_worth
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.detector import Detected
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import race
+from placement_env.setting import Weights
 from placement_env.subsets import all_subsets
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects

@@ -14,7 +14,8 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
+from placement_env.setting import Weights
 from placement_env.subsets import all_subsets
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import pool
-from placement_env.objective import AP_ONLY, Objective, Weights
+from placement_env.objective import Objective
 from placement_env.protocol import Estimate
+from placement_env.setting import AP_ONLY, Weights
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sites.site import Mount, Site
 

@@ -133,11 +133,11 @@ def search(
     from placement_env.fidelity.combined.mean_iou import iou_range
     from placement_env.fidelity.combined.robust import Failing
     from placement_env.fidelity.combined.traffic_levels import TrafficLevels
-    from placement_env.objective import Weights
     from placement_env.report.curve_answer import curve_files
     from placement_env.report.search_answer import ANSWER_FILES, check_georeference
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
+    from placement_env.setting import Weights
     from toolkit.detection.link.codecs import codec_named
     from toolkit.sites.files import load_site
 

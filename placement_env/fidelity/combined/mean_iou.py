@@ -9,13 +9,11 @@ from typing import cast
 
 import numpy as np
 
+from placement_env.cases import COCO_STEP, IoUs
 from placement_env.checks import check_iou
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool
-
-COCO_STEP = 0.05
-IoUs = float | tuple[float, ...]  # one threshold, or several, whose mean counts
 
 
 def iou_thresholds(iou: float | Iterable[float]) -> tuple[float, ...]:

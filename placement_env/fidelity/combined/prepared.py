@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.cases import IoUs
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.error_profiles import over_profiles, several
-from placement_env.fidelity.combined.mean_iou import IoUs, iou_thresholds, mean_of
+from placement_env.fidelity.combined.mean_iou import iou_thresholds, mean_of
 from placement_env.fidelity.combined.robust import Failing, robust
 from placement_env.fidelity.combined.traffic_levels import ALL_TRAFFIC, LevelFidelity, TrafficLevels
 from placement_env.fidelity.preparation import Preparation, check_errors_for

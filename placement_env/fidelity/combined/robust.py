@@ -13,14 +13,13 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from placement_env.cases import MOST_FAILING, TIE
 from placement_env.checks import whole
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
 FailureCombine = Literal["mean", "worst"]
-MOST_FAILING = 2
-TIE = 1e-6  # of the AP of the intact set
 
 
 @dataclass(frozen=True)

@@ -13,19 +13,13 @@ from typing import Literal, cast, get_args
 
 import numpy as np
 
+from placement_env.cases import LEVEL_NAMES, MOST_LEVELS
 from placement_env.checks import whole
 from placement_env.fidelity.combined.like import LikeFirst
 from placement_env.protocol import ByClass, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64, Int64
 
 LevelCombine = Literal["mean", "worst"]
-MOST_LEVELS = 4
-LEVEL_NAMES: dict[int, tuple[str, ...]] = {
-    1: ("all traffic",),
-    2: ("thin traffic", "dense traffic"),
-    3: ("thin traffic", "middling traffic", "dense traffic"),
-    4: ("thin traffic", "lighter traffic", "heavier traffic", "dense traffic"),
-}
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import numpy as np
 
 from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks, interval_about
 from placement_env.analysis.tally import Tally
+from placement_env.cases import IoUs
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.detector import Detected, Outcome

@@ -14,10 +14,10 @@ import shapely
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
+from placement_env.cases import IoUs
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, classes_of
 from placement_env.fidelity.combined.error_profiles import Errors, profiles_in, several
-from placement_env.fidelity.combined.mean_iou import IoUs
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_env.cases import TIE
 from placement_env.checks import check_whole
 from placement_env.fidelity.combined.prepared import Counting
-from placement_env.fidelity.combined.robust import TIE, Failing
+from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective

@@ -21,12 +21,13 @@ import numpy as np
 
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.published_surrogates import PerceptionEntropy
-from placement_env.objective import Objective, Stages, Weights
+from placement_env.objective import Objective, Stages
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
+from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
 from toolkit.runtime.cache import Arrays, Cache, key_of
 from toolkit.runtime.code_digest import code_digest

@@ -10,7 +10,8 @@ import pytest
 from placement_env.candidates.pool import pool
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
+from placement_env.setting import Weights
 from toolkit.sites.site import Mount, Site
 
 SITE = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))

@@ -18,7 +18,8 @@ from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.subset import SensorSubsetEnv
 from placement_env.envs.vector import SensorSelectVectorEnv
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
+from placement_env.setting import Weights
 from toolkit import load_site
 
 ALL = ["coview/SensorSelect-v0", "coview/SensorSubset-v0", "coview/SensorPose-v0"]

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import placement_env  # noqa: F401  registers the environments
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
+from placement_env.setting import Weights
 
 GOLDEN = Path(__file__).with_name("golden_v0.npz")
 STEPS, SIDE_BY_SIDE = 14, 3

@@ -11,7 +11,8 @@ import pytest
 from placement_env.envs.registration import register
 from placement_env.envs.scenario import PLACES, STATIC, Scenario, area_of, padded, places_seen, poses
 from placement_env.fidelity.coverage import LEAST
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
+from placement_env.setting import Weights
 
 register()
 CHOOSING = ["coview/SensorSelect-v0"]

@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.envs.registration import register
-from placement_env.objective import Weights
+from placement_env.setting import Weights
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.site import Site
 

@@ -11,8 +11,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from placement_env.candidates.pool import pool
 from placement_env.envs.registration import register
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.protocol import Estimate
+from placement_env.setting import Weights
 from toolkit.sites.site import Mount, Site
 
 register()

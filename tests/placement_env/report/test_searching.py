@@ -6,8 +6,8 @@ import pytest
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
-from placement_env.objective import Weights
 from placement_env.report.searching import SearchOrder, answered, question_of
+from placement_env.setting import Weights
 from toolkit.objects import Detections
 from toolkit.runtime.files import finite
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR

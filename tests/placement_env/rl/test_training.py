@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from placement_env.envs.select import SensorSelectEnv
-from placement_env.objective import Weights
 from placement_env.rl import training as learning
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.exact import exhaustive
+from placement_env.setting import Weights
 
 pytest.importorskip("sb3_contrib")
 SMALL = learning.Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)

@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from placement_env.objective import Weights
 from placement_env.search import annealing, cmaes, gradient, greedy, nsga2, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
 from placement_env.search.portfolio.entrants import Effort, entrants
 from placement_env.search.progress import Limits, Progress
+from placement_env.setting import Weights
 
 
 class Killed(BaseException):

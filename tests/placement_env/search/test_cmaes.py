@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.aim import aimed
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.search import cmaes, greedy
+from placement_env.setting import Weights
 
 pytest.importorskip("cma")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.pool import paper_candidates
-from placement_env.objective import Objective, Score, Weights
+from placement_env.objective import Objective, Score
 from placement_env.protocol import Estimate
 from placement_env.search.description import (
     described_assessment,
@@ -17,6 +17,7 @@ from placement_env.search.description import (
     described_sensors,
 )
 from placement_env.search.result import Assessment, Contender, ProfileAP
+from placement_env.setting import Weights
 from toolkit.geometry import look
 from toolkit.sensors.depth_camera import DepthCamera
 from toolkit.sensors.sensor import Sensor

@@ -7,9 +7,10 @@ import pytest
 
 from placement_env.classes import Classes
 from placement_env.fidelity.visibility import Visibility
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.search import gradient, greedy
 from placement_env.search.cmaes import Coding, angles, look_of
+from placement_env.setting import Weights
 
 TARGETS = np.array([[5.0, 0.4, 0.3], [5.0, 1.2, 0.1], [6.5, 0.4, 0.6]])  # height, heading, tilt that see an object best
 

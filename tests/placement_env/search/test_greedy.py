@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_env.objective import Weights
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive
+from placement_env.setting import Weights
 
 WAYS = [greedy.search, greedy.lazy, greedy.stochastic]
 

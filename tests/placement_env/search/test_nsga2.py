@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from placement_env.objective import Weights
 from placement_env.search import nsga2
 from placement_env.search.exact import exhaustive
+from placement_env.setting import Weights
 
 pytest.importorskip("pymoo")
 

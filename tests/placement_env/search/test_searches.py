@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_env.objective import Weights
 from placement_env.search import annealing, cmaes, greedy, nsga2, swap
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.setting import Weights
 
 WAYS = [swap.search, annealing.search]
 

@@ -5,7 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from placement_env.fidelity.combined.robust import TIE, Failing, RobustByFrames, RobustFidelity, robust
+from placement_env.cases import TIE
+from placement_env.fidelity.combined.robust import Failing, RobustByFrames, RobustFidelity, robust
 from placement_env.fidelity.coverage import Coverage
 from placement_env.objective import Objective
 from placement_env.search import swap

@@ -3,8 +3,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from placement_env.objective import Weights
 from placement_env.search.exact import exhaustive
+from placement_env.setting import Weights
 
 
 def brute(objective, budget):

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from placement_env.objective import Weights
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive, submodular
 from placement_env.search.progress import Progress
+from placement_env.setting import Weights
 
 
 def test_only_coverage_by_one_view_is_submodular(make):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.combined.error_profiles import errors_of
-from placement_env.objective import Objective, Weights
+from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import DetectorEvaluator, Evaluated, ProfileEvaluator
+from placement_env.setting import Weights
 
 VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in truth
 
