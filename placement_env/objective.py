@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from placement_env.fidelity.combined.robust import Failing
     from placement_env.fidelity.combined.traffic_levels import TrafficLevels
     from placement_env.fidelity.preparation import Preparation
-    from placement_env.fidelity.visibility import Rendering, Visibility
+    from placement_env.fidelity.visibility import Visibility
+    from placement_env.setting import Rendering
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 Stages = Callable[[str, int, int | None], None]  # called with a stage, how many are done and of how many

@@ -12,10 +12,10 @@ import numpy as np
 
 from placement_env.checks import check_iou, check_range, check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
-from placement_env.fidelity.visibility import Rendering, check_rendering
+from placement_env.fidelity.visibility import check_rendering
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName, check_fidelity
-from placement_env.setting import AP_ONLY, Weights
+from placement_env.setting import AP_ONLY, Rendering, Weights
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of

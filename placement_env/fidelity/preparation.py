@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from placement_env.fidelity.hits.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Rendering, Visibility
+    from placement_env.fidelity.visibility import Visibility
+    from placement_env.setting import Rendering
     from toolkit.runtime.cache import Cache
 
 
