@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from toolkit.detection.link.inbox import Inbox as Inbox
     from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
-    from toolkit.detection.failing.monitor import (
+    from toolkit.detection.sensor_monitor import (
         Fault as Fault,
         SensorMonitor as SensorMonitor,
         Shown as Shown,
@@ -158,7 +158,7 @@ else:
             "detection.link.inbox": ("Inbox",),
             "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
-            "detection.failing.monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
+            "detection.sensor_monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),

@@ -1,20 +1,21 @@
-"""`coview stress`: what is left of the AP when messages are late or lost, poses wrong and sensors fail."""
+"""`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and sensors fail."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_ious, check_least, check_schemes, site_file
+from coview.arguments import Label, check_ious, check_schemes, site_file
 from coview.detectors import check_digest, recording_detector
 from coview.exits import OK
 from coview.outputs import check_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
+from toolkit.runtime.run import Run
 
 
 def stress(
@@ -26,78 +27,60 @@ def stress(
     kinds: tuple[str, ...] = (),
     label: Label = "vehicle",
     iou: tuple[float, ...] = (0.7,),
-    frames: int | None = None,
-    seed: int = 0,
     site: str | None = None,
-    cache: Path | None = None,
     table: str | None = None,
     out: Path = Path("out/stress"),
     overwrite: bool = False,
     json: bool = False,
+    run: Run = Run(),
 ) -> int:
-    """Put fusion schemes under stress: bytes, pose errors, sensors that are silent, blinded or frozen, and, where
-    frames lie close together, delay, loss, lower rates and clocks that differ. AP with intervals, text, JSON and SVG,
-    where one scheme overtakes another, and how soon it is noticed that a sensor fails.
+    """Put fusion schemes under stress: pose errors, sensors that are silent, blinded or frozen, and, where frames lie
+    close together, delay, loss, lower rates and clocks that differ. Prints and writes AP with intervals, where one
+    scheme overtakes another, and how soon the failure of a sensor is noticed.
 
     Example: coview stress sequence.hdf5 --detector voxelnet --schemes early foreground --kinds bytes pose delay
 
     Args:
-        dataset: Recording; for delay, loss, rate and clock made by coview simulate --every 0.1.
+        dataset: Recording; for delay, loss, rate and clock one made with coview simulate --every 0.1.
         detector: As in coview evaluate.
-        schemes: Which of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion, the last
-            within 3 kbit a sensor, and where bytes are looked at, within 0.5 to 6.
-        kinds: Which of bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate and clock; all that the
-            recording can show when left out.
-        label: Class of the road users to be found.
-        iou: At which a detection counts; several for rows of each.
-        frames: Only the first so many frames.
-        seed: Of noise, errors, channels and intervals.
+        schemes: Any of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion. Adaptive
+            fusion keeps within 3 kbit a sensor, and under bytes within 0.5 to 6.
+        kinds: Any of bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate and clock; all that the
+            recording can show by default.
+        label: Class of the road users to find.
+        iou: Thresholds at which a detection counts; rows for each.
         site: Name or file; needed for foreign recordings that show no built-in site.
-        cache: File that keeps what the detector said: with it a run that was stopped goes on where it was, and another
-            with other schemes, levels and IoUs asks only for what is new.
-        table: Built-in site or .npz of coview table: what is left of all sensors when one or two fail, exactly.
-        out: Folder for stress.json and stress.svg, written anew after each condition.
-        overwrite: Replace those of another run.
+        table: Built-in site or .npz of coview table: adds what is left exactly when one or two sensors fail.
+        out: Folder for stress.json and stress.svg; rewritten after each condition.
+        overwrite: Replace the files of another run.
         json: Print the rows as JSON.
+        run: With a cache an interrupted run resumes, and another one detects only what is new.
     """
+    from coview.studies.stress.crossings import find_crossings
+    from coview.studies.stress.noticing import time_faults
+    from coview.studies.stress.outputs import STRESS_FILES, StressResults, exact_failures, write_rows, write_stress
+    from coview.studies.stress.stressing import KeptDetections, StressQuestion, StressRow, choose_kinds, is_sequence
+    from coview.studies.stress.stressing import stress as put_under_stress
     from placement_env.fidelity.table import load_table
-    from placement_env.report.stress.crossings import crossings
-    from placement_env.report.stress.exact_failures import exact_failures
-    from placement_env.report.stress.files import (
-        STRESS_FILES,
-        format_crossings,
-        format_exact,
-        format_noticed,
-        format_stress,
-        stress_content,
-        write_rows,
-        write_stress,
-    )
-    from placement_env.report.stress.kept_detections import KeptDetections
-    from placement_env.report.stress.noticing import noticing
-    from placement_env.report.stress.outcomes import StressRow
-    from placement_env.report.stress.stressing import in_sequence, kinds_for
-    from placement_env.report.stress.stressing import stress as put_under_stress
     from toolkit.detection.codec import PAPER
     from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
-    from toolkit.runtime.cache import Cache
 
     check_ious(iou)
     check_schemes(schemes)
-    check_least("--seed", seed, 0)
     for name in STRESS_FILES:
         check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
-    beside: dict[str, Sequence[Any]] = {}
-    if table is not None:
-        beside["exact"] = exact_failures(load_table(table), ious=iou, label=label)
+    exact = None if table is None else exact_failures(load_table(table), ious=iou, label=label)
     with open_recording(dataset, site) as recording:
-        total, chosen = frame_count(recording, frames), kinds_for(recording, kinds)
+        total = frame_count(recording, run.frames)
+        question = StressQuestion(schemes=schemes, kinds=choose_kinds(recording, kinds), label=label, ious=iou)
         detect = recording_detector(detector, recording)
-        if cache is not None:
+        if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
-        kept = KeptDetections(detect, None if cache is None else Cache(cache))
+        kept = KeptDetections.of(detect, run.memo)
         provenance = dataset_origin(recording) | detector_origin(detect)
-        provenance |= settings_origin(PAPER, site=recording.site.name, frames=total, seed=seed, kinds=chosen)
+        provenance |= settings_origin(
+            PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=question.kinds
+        )
         rows: list[StressRow] = []
 
         def keep(more: Sequence[StressRow]) -> None:
@@ -105,18 +88,12 @@ def stress(
             write_rows(rows, provenance, out)
 
         with progress_bar("frame", hidden=json) as bar:
-            put_under_stress(
-                recording, kept, schemes=schemes, kinds=chosen, frames=total, label=label, ious=iou, seed=seed,
-                progress=bar.of, finished=keep,
-            )  # fmt: skip
-        if in_sequence(recording) and {"silent", "blinded", "frozen"} & {*chosen}:
-            beside["noticed"], beside["false_alarms"] = noticing(recording, kept, frames=total, seed=seed)
-    beside["crossings"] = crossings(rows, seed=seed)
-    content = stress_content(rows, provenance, **beside)
-    write_stress(rows, content, out)
-    texts = [format_stress(rows), format_crossings(rows, beside["crossings"])]
-    texts += [format_noticed(beside["noticed"], beside["false_alarms"])] if "noticed" in beside else []
-    texts += [format_exact(beside["exact"])] if "exact" in beside else []
-    texts.append(f"written to {out}: {', '.join(STRESS_FILES)}")
-    print_result(content, "\n\n".join(filter(None, texts)), as_json=json)
+            put_under_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
+        results = StressResults(tuple(rows), find_crossings(rows, seed=run.seed), exact=exact)
+        if is_sequence(recording) and {"silent", "blinded", "frozen"} & {*question.kinds}:
+            noticed, alarms = time_faults(recording, kept, run)
+            results = replace(results, noticed=noticed, false_alarms=alarms)
+    write_stress(results, provenance, out)
+    text = f"{results.as_text()}\n\nwritten to {out}: {', '.join(STRESS_FILES)}"
+    print_result(results.as_dict(provenance), text, as_json=json)
     return OK

@@ -1,7 +1,8 @@
-"""`coview reproduce`: the paper's experiments, ours beside theirs."""
+"""`coview reproduce`: the paper's experiments, our figures beside the paper's."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from coview.exits import OK
 from coview.outputs import check_folder
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
+from toolkit.runtime.run import Processes
 
 
 def reproduce(
@@ -23,37 +25,39 @@ def reproduce(
     frames: int = 1000,
     detector: str = "voxelnet",
     table: Path | None = None,
-    workers: int = 1,
     json: bool = False,
+    processes: Processes = Processes(),
 ) -> int:
-    """Run the paper's experiments at one of its two sites: a page, CSV and SVG of our figures beside the paper's.
+    """Run the paper's experiments at one of its two sites; write our figures beside the paper's as page, CSV and SVG.
 
-    Killed and started again it goes on where it was; started again when all is done it writes the page anew, from what
-    was detected, within seconds.
+    An interrupted run resumes when started again; a finished one rewrites the page from its detections within seconds.
 
     Example: coview reproduce tjunction --frames 100 --out out/paper_tjunction
 
     Args:
         site: tjunction or roundabout.
-        out: Folder for index.html, the files of each experiment, the test recording and what was detected in it.
+        out: Folder for index.html, the files of each experiment, the test recording and its detections.
         frames: Test frames; the paper has 1000, 20 take minutes.
-        detector: As in coview evaluate; one that is not the site's own makes a table of all sensor sets, which takes
-            long: make one with coview table elsewhere and give it as --table.
+        detector: As in coview evaluate; any but the site's own needs a new table of all sensor sets, which takes long:
+            make one with coview table elsewhere and give it as --table.
         table: Table of all sensor sets (.npz of coview table) in place of the shipped one.
-        workers: Processes.
         json: Print all figures as JSON.
+        processes: That simulate and detect.
     """
-    from placement_env.report.paper.reproduction import PAGE, check_paper_site
-    from placement_env.report.paper.reproduction import reproduce as run
+    from coview.studies.paper.reproduction import PAGE, check_paper_site
+    from coview.studies.paper.reproduction import reproduce as run
 
     check_paper_site(site)
     check_least("--frames", frames, 1)
-    check_least("--workers", workers, 1)
     check_folder(out, holds=PAGE, inputs=[] if table is None else [table], overwrite=True)
     with progress_bar("frame", hidden=json) as bar:
         made = run(
-            site, out, frames=frames, detector=partial(recording_detector, detector), table=table, workers=workers,
-            progress=bar.stage,
-        )  # fmt: skip
+            site,
+            out,
+            frames=frames,
+            detector=partial(recording_detector, detector),
+            table=table,
+            processes=replace(processes, progress=bar.stage),
+        )
     print_result(made.as_dict(), f"{made.summary}\nwritten to {made.page}", as_json=json)
     return OK

@@ -2,7 +2,7 @@
 
 import json
 
-from placement_env.report.stress.noticing import FalseAlarms, Noticed
+from coview.studies.stress.noticing import FalseAlarms, Noticed
 
 
 def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
@@ -33,7 +33,7 @@ def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
     assert len(written["rows"]) == 6 * 2 * 2
     assert {each["failing"] for each in written["exact"]} == {1, 2}
     assert "crossings" in written
-    assert (tmp_path / "kept").stat().st_size > 0
+    assert (tmp_path / "kept" / "cache.sqlite").stat().st_size > 0
     assert run(*arguments)[1] == out
 
 
@@ -41,18 +41,18 @@ def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, r
     found = (Noticed("frozen", "foreground", 6, 6, 0.2, 0.3),), (FalseAlarms("nothing wrong", "foreground", 1, 2.0),)
     asked = []
 
-    def noticing(*_, **named):
-        asked.append(named)
+    def time_faults(_recording, _detector, run):
+        asked.append(run)
         return found
 
-    monkeypatch.setattr("placement_env.report.stress.stressing.in_sequence", lambda recording: True)
-    monkeypatch.setattr("placement_env.report.stress.noticing.noticing", noticing)
+    monkeypatch.setattr("coview.studies.stress.stressing.is_sequence", lambda recording: True)
+    monkeypatch.setattr("coview.studies.stress.noticing.time_faults", time_faults)
     common = ("stress", recording, "--frames", 1, "--schemes", "late", "--seed", 3, "--overwrite", "--out", tmp_path)
     code, out, _ = run(*common, "--kinds", "frozen")
     assert code == 0
     assert out.splitlines()[-6].split() == ["frozen", "foreground", "6", "6", "0.2", "s", "0.3", "s"]
     assert out.splitlines()[-3].split() == ["nothing", "wrong", "foreground", "1", "2.0"]
-    assert asked == [{"frames": 1, "seed": 3}]
+    assert [(asked_run.frames, asked_run.seed) for asked_run in asked] == [(1, 3)]
     assert json.loads((tmp_path / "stress.json").read_text())["false_alarms"][0]["alarms"] == 1
     run(*common, "--kinds", "bytes")
     assert len(asked) == 1  # nobody fails
@@ -66,8 +66,8 @@ def test_wrong_arguments(recording, refused, tmp_path):
         (("--iou", "1.5"), "--iou"),
         (("--table", "nowhere"), "no table 'nowhere'"),
         (("--table", "tjunction", "--iou", "0.5"), "holds AP at IoU 0.7"),
-        (("--frames", "0"), "--frames must be at least 1"),
-        (("--seed", "-1"), "--seed"),
+        (("--frames", "0"), "frames must be a whole number of at least 1"),
+        (("--seed", "-1"), "seed must be a whole number of at least 0"),
     ):
         assert said in refused("stress", recording, *arguments, "--out", tmp_path / "out")
         assert not (tmp_path / "out").exists()

@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from placement_env.report.paper import reproduction
+from coview.studies.paper import reproduction
 
 
 @pytest.mark.parametrize("site", ["general", "somewhere.json"])
 def test_other_sites_are_refused_in_one_line(site, tmp_path, refused):
     line = refused("reproduce", site, "--out", tmp_path / "out")
-    assert f"the paper has figures of tjunction and roundabout, none of '{site}'" in line
+    assert f"the paper has figures for tjunction and roundabout, not for '{site}'" in line
     assert not (tmp_path / "out").exists()
 
 
@@ -18,7 +18,7 @@ def test_other_sites_are_refused_in_one_line(site, tmp_path, refused):
     ("arguments", "words"),
     [
         (("--frames", 0), "--frames must be at least 1, got 0"),
-        (("--workers", 0), "--workers must be at least 1, got 0"),
+        (("--workers", 0), "workers must be a whole number of at least 1, got 0"),
         (("--table", "none.npz"), "none.npz"),
     ],
 )
@@ -45,7 +45,7 @@ def test_it_hands_on_what_it_was_given_and_prints(tmp_path, run, monkeypatch):
     assert code == 0
     assert "roundabout: 20 frames, 7 vehicles" in printed
     assert f"written to {tmp_path / 'index.html'}" in printed
-    assert (asked["site"], asked["out"], asked["frames"], asked["workers"]) == ("roundabout", tmp_path, 20, 2)
+    assert (asked["site"], asked["out"], asked["frames"], asked["processes"].workers) == ("roundabout", tmp_path, 20, 2)
     assert asked["table"] is None
     code, printed, _ = run(*arguments, "--json")
     assert json.loads(printed) == {"site": "roundabout", "frames": 20, "vehicles": 7, "experiments": []}

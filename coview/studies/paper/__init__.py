@@ -1,0 +1,1 @@
+"""The paper's experiments, our figures beside the paper's."""

@@ -1,0 +1,313 @@
+"""Detections of every scheme and sensor set in the paper's experiments, kept on disk per frame, and their AP.
+
+Two kinds of value are kept for each frame:
+
+    truth    scored vehicles, and the points of each sensor on each of them
+    run      detections of one sensor set in one scheme: boxes and scores after fusion, their hits at each IoU of `IOUS`
+             by the exact and by the published protocol, the IoU of each scored vehicle with the detection that fits it
+             best, bits sent and milliseconds
+
+All experiments are computed from these without a detector. The values of a frame are stored together, so an interrupted
+run resumes with the frame it was at, and a run with more frames or sets computes only those.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from placement_env.analysis.intervals import Interval, ap_interval
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
+from placement_env.fidelity.frame_detections import Measured
+from placement_env.fidelity.traffic import scored
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.boxes import iou_3d
+from toolkit.detection.metrics import Curve, average_precision, match, precision_recall
+from toolkit.detection.scheme import Fused
+from toolkit.detection.schemes import scheme_of
+from toolkit.detection.view import View, together
+from toolkit.geometry import invert, transform
+from toolkit.objects import Detector, Objects
+from toolkit.points import beyond, centred_in, detect_on_ground, points_on
+from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.run import Processes
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+
+class SchemeRun(NamedTuple):
+    """A scheme, by name, and the sensors (ascending numbers) that take part."""
+
+    scheme: str
+    sensors: tuple[int, ...]
+
+
+class FrameTruth(NamedTuple):
+    """Scored vehicles of one frame.
+
+    boxes: of the vehicles; points: of each sensor on each vehicle; sent: per sensor the points in the crop, those
+    beyond the hybrid radius in the horizontal plane, and those beyond it as the published code measures
+    (`toolkit.points.beyond`).
+    """
+
+    boxes: Float64[np.ndarray, "m 7"]
+    points: Int64[np.ndarray, "m sensors"]
+    sent: Int64[np.ndarray, "3 sensors"]
+
+
+class FrameRun(NamedTuple):
+    """Detections of one run in one frame.
+
+    boxes, scores: of the detections; truth: at each of `IOUS` the scored vehicle that each hit, or FALSE_ALARM or
+    IGNORED; published: the same by the protocol `published`, where 0 is a hit; best: IoU of each scored vehicle with
+    the detection that overlaps it most; bits: sent by each sensor; ms: from measurement to fused boxes.
+    """
+
+    boxes: Float64[np.ndarray, "n 7"]
+    scores: Float64[np.ndarray, " n"]
+    truth: Int64[np.ndarray, "ious n"]
+    published: Int64[np.ndarray, "ious n"]
+    best: Float64[np.ndarray, " m"]
+    bits: Int64[np.ndarray, " sensors"]
+    ms: Float64[np.ndarray, " 1"]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredDetections:
+    """Everything that the experiments are computed from."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    truths: tuple[FrameTruth, ...]
+    runs: dict[SchemeRun, tuple[FrameRun, ...]]
+    detector: str
+    recording: str
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.truths)
+
+    @cached_property
+    def to_find(self) -> tuple[int, ...]:
+        """Number of scored vehicles in each frame."""
+        return tuple(len(truth.boxes) for truth in self.truths)
+
+    @property
+    def vehicles(self) -> int:
+        """Number of scored vehicles in all frames."""
+        return sum(self.to_find)
+
+    def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
+        """Points on each vehicle in the fused cloud of a sensor set, frame after frame."""
+        counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
+        return np.concatenate([np.zeros(0, np.int64), *counts])
+
+
+def detect_runs(
+    renders: Measured,
+    detector: Detector,
+    runs: Sequence[SchemeRun],
+    *,
+    memo: Cache,
+    frames: int,
+    processes: Processes = Processes(),
+    stage: str = "frames detected",
+) -> StoredDetections:
+    """Detect each run in the first `frames` frames, or take it from the memo.
+
+    stage: name of this work to whoever watches its progress, who hears nothing if all frames are kept. Raises
+    ValueError for a detector without `digest`, or if fewer frames were recorded.
+    """
+    digest = getattr(detector, "digest", None)
+    if digest is None:
+        raise ValueError(
+            f"detections are kept under the detector's digest, {type(detector).__name__} has none: add one"
+        )
+    if not 1 <= frames <= renders.frames:
+        raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
+    runs = tuple(dict.fromkeys(runs))
+    wanted: tuple[SchemeRun | None, ...] = (None, *runs)  # None: the truth
+    depends_on = key_of(renders.digest, digest, code_digest(__name__, type(detector).__module__)).hex()
+    keys = {(k, run): key_of("paper", depends_on, k, run) for k in range(frames) for run in wanted}
+    kept = dict(zip(keys, memo.get(list(keys.values())), strict=True))
+    tasks = []
+    for k in range(frames):
+        missing = tuple(run for run in runs if kept[k, run] is None)
+        if missing or kept[k, None] is None:
+            tasks.append((k, missing))
+    job = _FrameJob(renders, detector, alone=processes.alone)
+    results = processes.map(job, tasks, progress=processes.stage(stage, len(tasks)))
+    for (k, missing), (truth, found) in zip(tasks, results, strict=True):
+        new: dict[tuple[int, SchemeRun | None], Arrays] = {(k, None): truth}
+        new |= {(k, run): values for run, values in zip(missing, found, strict=True)}
+        memo.put({keys[each]: values for each, values in new.items()})
+        kept |= new
+    whole = cast("dict[tuple[int, SchemeRun | None], Arrays]", kept)
+    return StoredDetections(
+        renders.site,
+        tuple(renders.sensors),
+        tuple(FrameTruth(*whole[k, None]) for k in range(frames)),
+        {run: tuple(FrameRun(*whole[k, run]) for k in range(frames)) for run in runs},
+        digest,
+        renders.digest,
+    )
+
+
+@dataclass(frozen=True)
+class _FrameJob:
+    """The truth of one frame, and the runs that are missing there."""
+
+    renders: Measured
+    detector: Detector
+    alone: bool
+
+    def __call__(self, task: tuple[int, tuple[SchemeRun, ...]]) -> tuple[Arrays, list[Arrays]]:
+        if not self.alone and "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)  # each core has a process already
+        k, runs = task
+        renders = self.renders
+        objects = renders.objects(k)  # reads the frame, which must not count as time of a run
+        counted = scored(objects, renders.site)
+        view = View(
+            renders.site,
+            renders.sensors,
+            measure=partial(renders.clouds, k),
+            run=lambda clouds: detect_on_ground(self.detector, together(clouds), renders.site),
+        )
+        boxes = objects.boxes[counted]
+        clouds = [view.cloud(c).points for c in range(len(renders.sensors))]
+        points = [points_on(cloud, boxes, renders.site) for cloud in clouds]
+        sent = [self._count_points(cloud, sensor) for cloud, sensor in zip(clouds, renders.sensors, strict=True)]
+        truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
+        return truth, [self._run(run, view, objects, counted) for run in runs]
+
+    def _count_points(self, cloud: Float32[np.ndarray, "n 3"], sensor: Sensor) -> list[int]:
+        radius = self.renders.site.hybrid_radius
+        far = [int(beyond(cloud, sensor, radius, metric).sum()) for metric in ("horizontal", "published")]
+        return [len(cloud), *far]
+
+    def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Bool[np.ndarray, " n"]) -> Arrays:
+        fused: Fused = scheme_of(run.scheme).fuse(view, run.sensors)
+        found = fused.detections
+        place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
+        there = objects[centred_in(objects.boxes, self.renders.site.area)]
+        truth = np.empty((len(IOUS), len(found)), np.int64)
+        published = np.empty_like(truth)
+        for row, iou in enumerate(IOUS):
+            exact = match(found, objects, iou, counted=counted)
+            truth[row] = np.where(exact.ignored, IGNORED, place[exact.truth])
+            theirs = match(found, there, iou, protocol="published")
+            published[row] = np.where(theirs.ignored, IGNORED, np.where(theirs.truth >= 0, 0, FALSE_ALARM))
+        best = iou_3d(found.boxes, objects.boxes[counted]).max(axis=0, initial=0.0)
+        return FrameRun(found.boxes, found.scores, truth, published, best, fused.bits, np.array([fused.ms]))
+
+
+class RunHits(NamedTuple):
+    """Hits of a run, per frame.
+
+    scores, hits: of each detection that is not ignored; to_find: number of vehicles; hit_iou: mean IoU, over all
+    frames, of the vehicles that were hit with the detection that overlaps them most.
+    """
+
+    scores: list[Float64[np.ndarray, " _"]]
+    hits: list[Bool[np.ndarray, " _"]]
+    to_find: list[int]
+    hit_iou: float
+
+    @property
+    def curve(self) -> Curve:
+        """Precision over recall."""
+        scores, hits = (np.concatenate([np.zeros(0), *each]) for each in (self.scores, self.hits))
+        return precision_recall(scores, hits.astype(bool), sum(self.to_find))
+
+
+class ApScore(NamedTuple):
+    """AP at one IoU, its interval, recall of all detections, vehicles to find, mean IoU of the hits.
+
+    NaN where a figure is undefined.
+    """
+
+    ap: float
+    interval: Interval
+    recall: float
+    vehicles: int
+    hit_iou: float
+
+
+def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    """Select the boxes whose centre every sensor has in its field of view, occluded or not.
+
+    This is the region of the paper's table 3.
+    """
+    views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
+    return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
+
+
+def count_hits(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> RunHits:
+    """Collect the hits and false alarms of a run.
+
+    region: in view of all these sensors, () for the whole area. Vehicles there are to be found, a hit counts if it hits
+    one of them, and a false alarm if its centre lies there.
+    """
+    row, sensors = IOUS.index(iou), [stored.sensors[c] for c in region]
+    scores, hits, to_find, ious = [], [], [], [np.zeros(0)]
+    for truth, found in zip(stored.truths, stored.runs[run], strict=True):
+        hit_of = found.truth[row]
+        there = in_view_of_all(sensors, truth.boxes)
+        alarm_there = in_view_of_all(sensors, found.boxes)
+        hit = hit_of >= 0
+        in_region = np.where(hit, np.append(there, False)[np.where(hit, hit_of, -1)], alarm_there)
+        counts = in_region & (hit_of != IGNORED)
+        scores.append(found.scores[counts])
+        hits.append(hit[counts])
+        to_find.append(int(there.sum()))
+        ious.append(found.best[hit_of[counts & hit]])
+    all_ious = np.concatenate(ious)
+    return RunHits(scores, hits, to_find, float(all_ious.mean()) if len(all_ious) else float("nan"))
+
+
+def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region: tuple[int, ...] = ()) -> ApScore:
+    """AP of a run by the exact protocol of `toolkit.detection.metrics.evaluate`."""
+    counted = count_hits(stored, run, iou, region)
+    vehicles, hits = sum(counted.to_find), sum(int(hit.sum()) for hit in counted.hits)
+    ap = average_precision(counted.curve) if vehicles else float("nan")
+    recall = hits / vehicles if vehicles else float("nan")
+    interval = ap_interval(counted.scores, counted.hits, counted.to_find)
+    return ApScore(ap, interval, recall, vehicles, counted.hit_iou)
+
+
+def published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
+    """AP of a run by the protocol `published` of `toolkit.detection.metrics`; NaN without vehicles."""
+    row = IOUS.index(iou)
+    frames = [f for truth, f in zip(stored.truths, stored.runs[run], strict=True) if len(truth.boxes)]
+    if not frames:
+        return float("nan")
+    scores = np.concatenate([f.scores for f in frames])
+    outcome = np.concatenate([f.published[row] for f in frames])
+    counts = outcome != IGNORED
+    return average_precision(precision_recall(scores[counts], outcome[counts] >= 0, stored.vehicles))
+
+
+def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
+    """Mean kbit that a sensor sends per frame."""
+    return float(np.mean([f.bits.mean() for f in stored.runs[run]])) / 1000
+
+
+def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
+    """Median time from measurement to fused boxes, with sensors working in parallel."""
+    return float(np.median([f.ms[0] for f in stored.runs[run]]))
+
+
+def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
+    """Share of the vehicles, in a region if given, on which a set has a point; NaN without vehicles."""
+    boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
+    there = in_view_of_all([stored.sensors[c] for c in region], boxes)
+    points = stored.points(sensors)[there]
+    return float((points > 0).mean()) if len(points) else float("nan")

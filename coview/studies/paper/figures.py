@@ -1,0 +1,316 @@
+"""Figures of the paper: PR curves, point density of the best sensor sets, and IoU against point density.
+
+IoU against density is binned and fitted as in the paper. Every scored vehicle counts once for each of the best sensor
+sets (early fusion): its point density in the fused cloud, and the IoU of the detection that overlaps it most, 0 without
+any. Densities from 0 to the maximum are cut into 200 bins of equal width; the IoU of a bin is the mean over its
+vehicles. The fit is IoU = a + b ln(points) by least squares over the bins, weighted by their vehicles, at the mean
+density of each; vehicles without a point take no part in bins and fit. A log curve keeps rising where IoU no longer
+does, so the density that a wanted IoU needs is given twice: by the fit, and by the measured mean IoU, made monotone in
+the density (isotonic regression).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from coview.studies.paper.comparison import Compared, Experiment, RowEvidence, TableRow, explain_difference, percent
+from coview.studies.paper.detections import (
+    SchemeRun,
+    StoredDetections,
+    count_hits,
+    published_ap,
+    score_run,
+    visible_share,
+)
+from coview.studies.paper.page import draw_log_fit
+from coview.studies.paper.published import (
+    CURVE_STATEMENTS,
+    DENSITY_STATEMENTS,
+    FIGURE_DENSITY,
+    FIGURE_IOU,
+    FIGURE_PR,
+    GOOD_ABOVE,
+    IOU_BINS,
+    PLACE_NAMES,
+    POOR_BELOW,
+    SensorSet,
+    Statement,
+    sensor_sets,
+    set_name,
+)
+from placement_env.analysis.intervals import Interval, ratio_interval
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.detection.metrics import Curve
+
+RECALL_STEP = 0.001  # of recall, between the points of a curve that are written to a file
+FEW = 300  # points that the paper speaks of
+AT = (0, 1, 2, 5, 10, 20, 50, 70, 100, 150, 200, 250, 300, 400, 500, 750, *range(1000, 4001, 250))
+WANTED_IOU = (0.5, 0.6, 0.7, 0.8, 0.9)
+
+
+def curve_runs(site: str) -> list[SchemeRun]:
+    """Runs that the figures need."""
+    return [SchemeRun("early", sensors) for sensors in sensor_sets(site).best_early]
+
+
+def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
+    """PR curves: early fusion with the best set of each size, at IoU 0.7."""
+    curves = {run.sensors: count_hits(stored, run).curve for run in curve_runs(site)}
+    rows = [_ap_row(stored, site, sensors) for sensors in curves]
+    rows += [_statement_row(stored, each, curves[each.sensors]) for each in CURVE_STATEMENTS[site]]
+    everyone = next(iter(curves.values()))
+    fewest = list(curves)[-1]
+
+    def draw(out: Path) -> None:
+        from toolkit.plots.curves import draw_pr_curves
+
+        named = {
+            f"{set_name(sensors)}: AP {row.ours:.3f} (paper {row.paper:.3f})": (curve.recall, curve.precision)
+            for (sensors, curve), row in zip(curves.items(), rows, strict=False)
+        }
+        draw_pr_curves(named, out, title=f"Early fusion, {PLACE_NAMES[site]}, IoU 0.7, {stored.frames} frames")
+
+    return Experiment(
+        "pr_curves",
+        "Precision and recall of the best set of each size",
+        f"{FIGURE_PR}, section IV-C",
+        ("figure", "sensors"),
+        tuple(rows),
+        basis,
+        f"All sensors find {percent(max_recall(everyone))} of the vehicles, sensor {set_name(fewest)} alone "
+        f"{percent(max_recall(curves[fewest]))}: more sensors raise the maximum recall, as in the paper.",
+        draw,
+        (("pr_curves_points", tuple(_curve_points(curves))),),
+    )
+
+
+def max_recall(curve: Curve) -> float:
+    """Recall of all detections, 0 without any."""
+    return float(curve.recall[-1]) if len(curve.recall) else 0.0
+
+
+def precision_from(curve: Curve, recall: float) -> float:
+    """Best precision at this recall or above, 0 if it is not reached.
+
+    >>> precision_from(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
+    0.5
+    """
+    reached = curve.recall >= recall
+    return float(curve.precision[reached].max(initial=0.0))
+
+
+def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
+    """Select the last point of a curve in each step of recall."""
+    number = np.floor(curve.recall / RECALL_STEP)
+    return np.append(number[1:] != number[:-1], True)[: len(number)]
+
+
+def _ap_row(stored: StoredDetections, site: str, sensors: SensorSet) -> Compared:
+    paper = {row.sensors: row.early for row in sensor_sets(site).rows}[sensors]
+    run = SchemeRun("early", sensors)
+    ours = score_run(stored, run)
+    evidence = RowEvidence(visible_share(stored, sensors), ours.recall, published=published_ap(stored, run))
+    reason = explain_difference(ours.ap, paper, evidence)
+    return Compared(("AP@0.7", set_name(sensors)), "AP", ours.ap, paper, ours.interval, reason=reason)
+
+
+def _statement_row(stored: StoredDetections, says: Statement, curve: Curve) -> Compared:
+    ours = max_recall(curve) if says.of == "greatest recall" else precision_from(curve, 0.95)
+    seen = visible_share(stored, says.sensors)
+    reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
+    labels = says.of, set_name(says.sensors)
+    return Compared(labels, "share", ours, says.value, relation=says.relation, reason=reason)
+
+
+def _curve_points(curves: dict[SensorSet, Curve]) -> list[TableRow]:
+    rows: list[TableRow] = [("sensors", "score", "precision", "recall")]
+    for sensors, curve in curves.items():
+        kept = steps(curve)
+        figures = zip(curve.score[kept], curve.precision[kept], curve.recall[kept], strict=True)
+        rows += [(set_name(sensors), *(round(float(each), 6) for each in row)) for row in figures]
+    return rows
+
+
+def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
+    """Point density: points of the best sensor sets on a vehicle, as cumulative shares."""
+    sets = sensor_sets(site).best_early
+    paper = {(says.of, says.sensors): says for says in DENSITY_STATEMENTS[site]}
+    rows = []
+    for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
+        for sensors in sets:
+            share, interval = _share_below(stored, sensors, below)
+            says = next((each for (what, chosen), each in paper.items() if (what, chosen) == (of, sensors)), None)
+            relation = "is" if says is None else says.relation
+            value = None if says is None else says.value
+            rows.append(Compared((of, set_name(sensors)), "share", share, value, interval, relation=relation))
+    for sensors in sets:
+        points = stored.points(sensors)
+        median = float(np.median(points)) if len(points) else float("nan")
+        rows.append(Compared(("median of the points", set_name(sensors)), "points", median, None))
+    everyone, fewest = rows[0].ours, rows[len(sets) - 1].ours
+
+    def draw(out: Path) -> None:
+        from toolkit.plots.curves import draw_density_cdf
+
+        draw_density_cdf({set_name(sensors): stored.points(sensors) for sensors in sets}, out)
+
+    return Experiment(
+        "point_density",
+        "Points on a vehicle with the best sets",
+        f"{FIGURE_DENSITY}, section IV-E",
+        ("share of vehicles with", "sensors"),
+        tuple(rows),
+        basis,
+        f"{percent(fewest)} of the vehicles have no point from sensor {set_name(sets[-1])} alone, "
+        f"{percent(everyone)} none from all sensors."
+        + ("" if DENSITY_STATEMENTS[site] else f" The paper shows this for the {PLACE_NAMES['tjunction']} alone."),
+        draw,
+        (("point_density_curves", tuple(_density_curves(stored, sets))),),
+    )
+
+
+def _share_below(stored: StoredDetections, sensors: SensorSet, below: int) -> tuple[float, Interval]:
+    """Share of the vehicles with fewer points than `below`, and its interval."""
+    few = [int((truth.points[:, list(sensors)].sum(axis=1) < below).sum()) for truth in stored.truths]
+    share = sum(few) / stored.vehicles if stored.vehicles else float("nan")
+    return share, ratio_interval(few, list(stored.to_find))
+
+
+def _density_curves(stored: StoredDetections, sets: tuple[SensorSet, ...]) -> list[TableRow]:
+    points = [stored.points(sensors) for sensors in sets]
+    rows: list[TableRow] = [("points, at most", *map(set_name, sets))]
+    rows += [(at, *(round(float((each <= at).mean()), 6) if len(each) else "" for each in points)) for at in AT]
+    return rows
+
+
+class BinnedIou(NamedTuple):
+    """Bins with vehicles: mean density, mean IoU and number of the vehicles in each."""
+
+    density: Float64[np.ndarray, " bins"]
+    iou: Float64[np.ndarray, " bins"]
+    vehicles: Int64[np.ndarray, " bins"]
+
+
+class LogFit(NamedTuple):
+    """IoU = intercept + slope · ln(points); NaN with fewer than two bins."""
+
+    intercept: float
+    slope: float
+
+    def density_needed(self, iou: float) -> float:
+        """Points from which the fit reaches an IoU; infinite if it never does.
+
+        >>> round(LogFit(0.2, 0.1).density_needed(0.7), 1)
+        148.4
+        """
+        if not self.slope > 0:
+            return float("nan") if self.slope != self.slope else float("inf")
+        return float(np.exp((iou - self.intercept) / self.slope))
+
+
+def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
+    """IoU against density; the paper gives no coefficients: poor below 70 points, much better above 100."""
+    density, iou = densities_and_ious(stored, site)
+    bins = bin_iou(density[density > 0], iou[density > 0])
+    fit = fit_log(bins)
+    most = float(density.max(initial=0))
+    rows = []
+    for name, low, high in (
+        (f"mean, below {POOR_BELOW} points", 0.0, float(POOR_BELOW)),
+        (f"mean, {POOR_BELOW} to {GOOD_ABOVE} points", float(POOR_BELOW), GOOD_ABOVE + 1.0),
+        (f"mean, above {GOOD_ABOVE} points", GOOD_ABOVE + 1.0, float("inf")),
+    ):
+        rows.append(_mean_row(stored, site, name, low, high))
+    for wanted in WANTED_IOU:
+        by_fit = fit.density_needed(wanted)
+        ours = max(by_fit, 1.0) if by_fit <= most else None
+        measured = density_needed(density, iou, wanted)
+        rows.append(Compared((f"density for IoU {wanted:g}, by the fit",), "points", ours, None))
+        rows.append(Compared((f"density for IoU {wanted:g}, measured",), "points", measured, None))
+    poor, good = ("–" if row.ours is None else f"{row.ours:.2f}" for row in (rows[0], rows[2]))
+
+    def draw(out: Path) -> None:
+        title = f"IoU and point density, {PLACE_NAMES[site]}, {stored.frames} frames"
+        draw_log_fit(bins.density, bins.iou, (fit.intercept, fit.slope), out, title=title)
+
+    heads = ("points, mean of the bin", "IoU, mean of the bin", "vehicles")
+    columns = zip(bins.density.round(3).tolist(), bins.iou.round(6).tolist(), bins.vehicles.tolist(), strict=True)
+    return Experiment(
+        "iou_density",
+        "IoU against point density",
+        f"{FIGURE_IOU}, section IV-E",
+        ("figure",),
+        tuple(rows),
+        f"{basis}, each with every one of the best sets: {len(density)} in {IOU_BINS} bins up to {most:.0f} points",
+        f"IoU = {fit.intercept:.3f} + {fit.slope:.3f} ln(points). Boxes on fewer than {POOR_BELOW} points have a mean "
+        f"IoU of {poor}, boxes on more than {GOOD_ABOVE} of {good}: as the paper says, the density tells how well a "
+        "vehicle can be measured." + ("" if site == "tjunction" else " The paper shows this for the T-junction alone."),
+        draw,
+        (("iou_density_bins", (heads, *columns)),),
+    )
+
+
+def densities_and_ious(
+    stored: StoredDetections, site: str
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Point density and IoU of every vehicle with each of the best sets."""
+    density, iou = [np.zeros(0)], [np.zeros(0)]
+    for run in curve_runs(site):
+        density.append(stored.points(run.sensors).astype(np.float64))
+        iou += [found.best for found in stored.runs[run]]
+    return np.concatenate(density), np.concatenate(iou)
+
+
+def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], bins: int = IOU_BINS) -> BinnedIou:
+    """Average over bins of equal width from 0 to the maximum density.
+
+    >>> bin_iou(np.array([0.0, 1.0, 9.0, 10.0]), np.array([0.0, 0.2, 0.8, 1.0]), bins=2).iou
+    array([0.1, 0.9])
+    """
+    width = float(density.max(initial=0)) / bins
+    number = np.minimum((density / width).astype(np.int64), bins - 1) if width else np.zeros(len(density), np.int64)
+    count = np.bincount(number, minlength=bins)
+    held = count > 0
+    means = [np.bincount(number, values, minlength=bins)[held] / count[held] for values in (density, iou)]
+    return BinnedIou(means[0], means[1], count[held])
+
+
+def fit_log(bins: BinnedIou) -> LogFit:
+    """Fit by weighted least squares over the bins whose density is above 0."""
+    above = bins.density > 0
+    if above.sum() < 2:
+        return LogFit(float("nan"), float("nan"))
+    slope, intercept = np.polyfit(np.log(bins.density[above]), bins.iou[above], 1, w=np.sqrt(bins.vehicles[above]))
+    return LogFit(float(intercept), float(slope))
+
+
+def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float) -> float | None:
+    """Least density from which the mean IoU, made monotone, reaches the wanted one; None if it never does.
+
+    >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
+    2.0
+    """
+    at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
+    pooled: list[list[float]] = []  # first density, mean IoU, vehicles
+    for first, mean, count in zip(at, np.bincount(group, iou) / counts if len(at) else (), counts, strict=True):
+        pooled.append([float(first), float(mean), float(count)])
+        while len(pooled) > 1 and pooled[-2][1] >= pooled[-1][1]:
+            (low, a, m), (_, b, n) = pooled[-2:]
+            pooled[-2:] = [[low, (a * m + b * n) / (m + n), m + n]]
+    return next((first for first, mean, _ in pooled if mean >= wanted - 1e-12), None)
+
+
+def _mean_row(stored: StoredDetections, site: str, name: str, low: float, high: float) -> Compared:
+    """Mean IoU of the vehicles with `low` points or more, but fewer than `high`."""
+    sums, counts = np.zeros(stored.frames), np.zeros(stored.frames)
+    for run in curve_runs(site):
+        for k, (truth, found) in enumerate(zip(stored.truths, stored.runs[run], strict=True)):
+            points = truth.points[:, list(run.sensors)].sum(axis=1)
+            within = (points >= low) & (points < high)
+            sums[k] += found.best[within].sum()
+            counts[k] += within.sum()
+    mean = float(sums.sum() / counts.sum()) if counts.sum() else None
+    return Compared((name,), "IoU", mean, None, None if mean is None else ratio_interval(sums, counts))

@@ -1,0 +1,242 @@
+"""`reproduce`: the paper's experiments at one of its sites, from simulating the test recording to the page.
+
+Everything that takes long is kept in the folder, so that an interrupted run resumes: the recording
+(`recording_1000.hdf5`, its blocks beside it), detections (`detections.sqlite`), and a table of all sensor sets if the
+shipped one does not fit (`table_….npz`). The figures are computed from these each time, without a detector.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from coview.studies.paper.comparison import CAUSES, GIVEN, LARGE, Compared, Experiment, to_csv
+from coview.studies.paper.detections import StoredDetections, detect_runs
+from coview.studies.paper.figures import curve_experiment, curve_runs, density_experiment, iou_experiment
+from coview.studies.paper.page import paper_page
+from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
+from coview.studies.paper.tables import (
+    benchmark_experiment,
+    region_experiment,
+    region_runs,
+    scheme_experiment,
+    scheme_runs,
+    set_experiment,
+)
+from placement_env.analysis.tables import columns
+from placement_env.checks import check_whole
+from placement_env.fidelity.renders import Recorded, Renders
+from placement_env.fidelity.table import Table, digest_of, load_table, make_table
+from toolkit.bodies.fleet import fleet_named
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.simulation import simulate_dataset
+from toolkit.detection.provenance import coview_version
+from toolkit.objects import Detector
+from toolkit.runtime.cache import Cache
+from toolkit.runtime.files import finite, write_text, writing_together
+from toolkit.runtime.run import Processes
+from toolkit.sites.files import load_site
+
+SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
+NOISE_SEED = 0
+PAGE, FIGURES = "index.html", "reproduction.json"
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """The experiments at a site, and the path of the page."""
+
+    site: str
+    frames: int
+    vehicles: int
+    experiments: tuple[Experiment, ...]
+    page: Path
+
+    @property
+    def large(self) -> tuple[tuple[str, Compared], ...]:
+        """AP values that differ much from the paper's, each with the name of its experiment."""
+        return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
+
+    @property
+    def summary(self) -> str:
+        """Table for terminals: how far the AP of each experiment is from the paper's."""
+        table = [["experiment", "AP compared", f"beyond {LARGE:g}", "mean difference", "greatest"]]
+        for each in self.experiments:
+            differences = [row.difference for row in each.rows if row.unit == "AP" and row.difference is not None]
+            if differences:
+                far = sum(abs(difference) > LARGE for difference in differences)
+                mean, greatest = sum(differences) / len(differences), max(differences, key=abs)
+                table.append([each.name, str(len(differences)), str(far), f"{mean:+.4f}", f"{greatest:+.4f}"])
+        return f"{self.site}: {self.frames} frames, {self.vehicles} vehicles\n{columns(table)}"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the values for JSON."""
+        about = {"site": self.site, "frames": self.frames, "vehicles": self.vehicles}
+        return about | {"experiments": [each.as_dict() for each in self.experiments]}
+
+
+def reproduce(
+    site: str,
+    out: str | Path,
+    *,
+    frames: int = TEST_FRAMES,
+    detector: Callable[[CoopDataset], Detector] | None = None,
+    table: str | Path | None = None,
+    recorded: int = TEST_FRAMES,
+    processes: Processes = Processes(),
+) -> Reproduction:
+    """Run the paper's experiments at one of its sites and write them into a folder.
+
+    frames: of the test recording that are evaluated; detector: makes one for the recording, None for the site's shipped
+    network; table: file of `coview table` with the AP of all sensor sets, None for the shipped table, or for a new one
+    if that was not measured at this site with this detector; recorded: frames of the recording, at least `frames`.
+    Raises ValueError for a site that the paper has no figures for, and for arguments that do not fit.
+    """
+    check_paper_site(site)
+    check_whole("frames", frames, least=1)
+    check_whole("recorded", recorded, least=1)
+    given = None if table is None else load_table(table)
+    out, recorded = Path(out), max(frames, recorded)
+    with open_test_recording(site, out, recorded, processes) as recording:
+        detect = _shipped_detector(site, recording) if detector is None else detector(recording)
+        if given is not None:
+            _check_table(given, recording, detect)
+        renders, memo = Renders.of(recording, NOISE_SEED), Cache(out / "detections.sqlite")
+        runs = [*scheme_runs(len(recording.sensors)), *curve_runs(site), *region_runs(site)]
+        detect_in = partial(detect_runs, renders, detect, memo=memo, processes=processes)
+        stored = detect_in(runs, frames=frames)
+        sets = given or _shipped_table(site, recording, detect)
+        if sets is None:
+            path = out / f"table_{frames}_{getattr(detect, 'digest', '')[:12]}_{renders.digest[:12]}.npz"
+            sets = _own_table(renders, detect, path, frames, processes)
+        shipped = detector is None or stored.detector == load_table(site).origin.detector
+        seen = detect_in((), frames=min(sets.origin.frames, renders.frames), stage="frames looked at")
+    experiments = all_experiments(stored, seen, sets, site)
+    conditions = _conditions(stored, sets, site)
+    write_experiments(out, experiments, site=site, conditions=conditions, causes=CAUSES if shipped else _OTHER_CAUSES)
+    return Reproduction(site, stored.frames, stored.vehicles, experiments, out / PAGE)
+
+
+_OTHER_CAUSES = CAUSES | {"!": GIVEN}
+
+
+def check_paper_site(site: str) -> None:
+    """Raise ValueError for a site that the paper has no figures for."""
+    if site not in PAPER_SITES:
+        raise ValueError(f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one of them")
+
+
+@contextmanager
+def open_test_recording(site: str, out: Path, frames: int, processes: Processes) -> Iterator[CoopDataset]:
+    """Open the test recording; simulate it if it is missing."""
+    path = out / f"recording_{frames}.hdf5"
+    try:
+        simulate_dataset(
+            load_site(site),
+            frames=frames,
+            seed=SEEDS[site],
+            out=path,
+            workers=processes.count,
+            progress=processes.stage("frames simulated", frames),
+            fleet=fleet_named("catalogue"),
+        )
+    except FileExistsError:
+        raise FileExistsError(
+            f"{path} is damaged or not the test recording: remove it, or give another --out"
+        ) from None
+    with CoopDataset(path) as recording:
+        yield recording
+
+
+def all_experiments(
+    stored: StoredDetections, seen: StoredDetections, table: Table, site: str
+) -> tuple[Experiment, ...]:
+    """Every experiment, in the paper's order. seen: the frames of the table, without runs."""
+    basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
+    return (
+        scheme_experiment(stored, site, basis),
+        set_experiment(table, seen, site),
+        curve_experiment(stored, site, basis),
+        region_experiment(stored, site, basis),
+        density_experiment(stored, site, basis),
+        iou_experiment(stored, site, basis),
+        benchmark_experiment(stored, site, basis),
+    )
+
+
+def write_experiments(
+    out: Path,
+    experiments: tuple[Experiment, ...],
+    *,
+    site: str,
+    conditions: dict[str, str],
+    causes: dict[str, str],
+) -> None:
+    """Write CSV and SVG of each experiment, all figures as JSON, and the page: all of them or none."""
+    with writing_together(out) as folder:
+        pictures = {}
+        for each in experiments:
+            each.draw(folder / f"{each.name}.svg")
+            pictures[each.name] = (folder / f"{each.name}.svg").read_bytes()
+            write_text(folder / f"{each.name}.csv", each.csv)
+            for name, rows in each.curves:
+                write_text(folder / f"{name}.csv", to_csv(rows))
+        figures = {"site": site, "conditions": conditions, "experiments": [each.as_dict() for each in experiments]}
+        write_text(folder / FIGURES, json.dumps(finite(figures), indent=1, allow_nan=False))
+        title = f"The paper's experiments at the {PLACE_NAMES[site]}, our figures beside the paper's"
+        write_text(folder / PAGE, paper_page(title, experiments, pictures, conditions=conditions, causes=causes))
+
+
+def _conditions(stored: StoredDetections, table: Table, site: str) -> dict[str, str]:
+    origin = table.origin
+    return {
+        "test recording": f"{stored.frames} frames, seed {SEEDS[site]}, {stored.vehicles} vehicles (no heavy ones) "
+        f"centred in the area; the paper's has {TEST_FRAMES} frames",
+        "sensors": f"{len(stored.sensors)}, exact poses; noise of {DEPTH_NOISE * 100:g} cm at every depth",
+        "detector": f"digest {stored.detector[:12]}",
+        "sensor sets": f"exact table of {origin.frames} frames, {origin.objects} vehicles",
+        "protocol": "exact (toolkit.detection.metrics): all-point interpolated AP, IoU of volumes, 0.7 unless stated",
+        "milliseconds": "of this machine under its load at the time; only the order of magnitude can be compared",
+        "coview": coview_version(),
+        "made by": f"coview reproduce {site} --frames {stored.frames}",
+    }
+
+
+def _shipped_detector(site: str, recording: CoopDataset) -> Detector:
+    from models.detector import load_site_detector
+
+    return load_site_detector(site, recording.site.area)
+
+
+def _shipped_table(site: str, recording: CoopDataset, detector: Detector) -> Table | None:
+    """The shipped table, if it was measured at this site with this detector."""
+    table = load_table(site)
+    place = digest_of(recording.site, recording.sensors)
+    fits = table.origin.place == place and table.origin.detector == getattr(detector, "digest", None)
+    return table if fits else None
+
+
+def _check_table(table: Table, recording: CoopDataset, detector: Detector) -> None:
+    if table.origin.place != digest_of(recording.site, recording.sensors):
+        raise ValueError(f"the table is of {table.origin.site!r} with other sensors: make one with coview table")
+    if table.origin.detector != getattr(detector, "digest", None):
+        raise ValueError("the table was measured with another detector: make one with coview table")
+
+
+def _own_table(
+    renders: Recorded,
+    detector: Detector,
+    path: Path,
+    frames: int,
+    processes: Processes,
+) -> Table:
+    """The table of all sensor sets over these frames; made if it is missing."""
+    with suppress(ValueError, FileNotFoundError):  # damaged, or not made yet
+        return load_table(path)
+    tell = processes.progress
+    report = None if tell is None else partial(tell, "frames of all sensor sets")
+    return make_table(renders, detector, path, frames=frames, seed=NOISE_SEED, workers=processes.count, progress=report)

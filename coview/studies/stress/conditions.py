@@ -1,0 +1,198 @@
+"""Conditions: one thing that goes wrong, at one level; and the systems that are put under them.
+
+    bytes     nothing goes wrong; every scheme in every encoding
+    pose      sensors are not where they are believed to be, by 0 to 1 m and 0 to 1°; benchmarks of cooperative
+              perception begin at 0.2 m and 0.2°
+    mounting  the same for sensors on poles: 0 to 1°, and a centimetre for every tenth of a degree
+    silent    a sensor sends nothing, each in turn
+    pairs     two sensors send nothing, each pair in turn
+    blinded   a sensor sends and sees nothing, each in turn
+    frozen    a sensor repeats its first measurement, each in turn
+    delay     messages arrive 0.1, 0.2 or 0.3 s late, with a jitter of a tenth; with and without tracks
+    loss      10 and 30 % of the messages are lost, singly, and 30 % in bursts of 5; with and without tracks
+    rate      sensors send every 2nd or 5th frame; with and without tracks
+    clock     sensors' clocks are off by 20, 50 or 100 ms (standard deviation)
+
+Pose errors are root mean squares. They are drawn for each sensor, and again for every block of frames used by the
+bootstrap, so that the intervals cover other draws too. The last four kinds need frames that lie close together
+(`coview simulate --every 0.1`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from toolkit.detection.codec import PAPER, Codec
+from toolkit.detection.link.channel import PERFECT, LinkChannel
+from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.link.range_images import STEPS, RangeImages
+from toolkit.detection.scheme import Scheme
+from toolkit.detection.schemes import CURVE_KBIT
+from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.sensors.errors.clock import ClockOffset
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees
+METRES_PER_DEGREE = 0.1  # offset of a sensor that is mounted crooked
+DELAYS = (0.1, 0.2, 0.3)  # s
+LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))  # share, messages in a burst
+RATES = (2, 5)  # every n-th frame
+CLOCKS = (0.02, 0.05, 0.1)  # s
+BUDGETS_KBIT = (0.5, *CURVE_KBIT)  # per sensor and frame, of adaptive sharing
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One thing that goes wrong, at one level.
+
+    kind, level: in words; errors: of the sensors; channel: of their messages; tracks: whether the centre moves
+    detections to where they are by now; silent, blinded, frozen: sensors (indices); amount: the level as a number where
+    the levels of a kind are ordered; redrawn: whether errors are drawn anew for each block of frames.
+    """
+
+    kind: str
+    level: str
+    errors: ErrorProfile = PAPER_ERRORS
+    channel: LinkChannel = PERFECT
+    tracks: bool = False
+    silent: tuple[int, ...] = ()
+    blinded: tuple[int, ...] = ()
+    frozen: tuple[int, ...] = ()
+    amount: float | None = None
+    redrawn: bool = False
+
+
+def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
+    """Return the conditions of a kind for sensors with these names. Raises ValueError for an unknown kind."""
+    if kind not in KINDS:
+        raise ValueError(f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}")
+    return _MAKERS[kind](names)
+
+
+def _bytes(_: Sequence[str]) -> list[Condition]:
+    return [Condition("bytes", "nothing goes wrong")]
+
+
+def _pose(_: Sequence[str]) -> list[Condition]:
+    return [_pose_error("pose", level, level, f"{level:g} m, {level:g}°") for level in POSE_LEVELS]
+
+
+def _mounting(_: Sequence[str]) -> list[Condition]:
+    levels = [(level, METRES_PER_DEGREE * level) for level in POSE_LEVELS]
+    return [_pose_error("mounting", deg, m, f"{deg:g}°, {100 * m:g} cm") for deg, m in levels]
+
+
+def _pose_error(kind: str, deg: float, metres: float, words: str) -> Condition:
+    errors = _add_error(f"{kind} {deg:g}", Calibration(np.deg2rad(deg), metres))
+    return Condition(kind, words, errors, amount=deg, redrawn=True)
+
+
+def _clock(_: Sequence[str]) -> list[Condition]:
+    return [Condition("clock", f"{1000 * s:g} ms", _add_error(f"clock {s:g}", ClockOffset(s))) for s in CLOCKS]
+
+
+def _add_error(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
+    return ErrorProfile(name, (*PAPER_ERRORS.terms, term))
+
+
+def _silent(names: Sequence[str]) -> list[Condition]:
+    return [Condition("silent", name, silent=(k,)) for k, name in enumerate(names)]
+
+
+def _pairs(names: Sequence[str]) -> list[Condition]:
+    pairs = combinations(range(len(names)), 2)
+    return [Condition("pairs", " and ".join(names[k] for k in pair), silent=pair) for pair in pairs]
+
+
+def _blinded(names: Sequence[str]) -> list[Condition]:
+    return [Condition("blinded", name, blinded=(k,)) for k, name in enumerate(names)]
+
+
+def _frozen(names: Sequence[str]) -> list[Condition]:
+    return [Condition("frozen", name, frozen=(k,)) for k, name in enumerate(names)]
+
+
+def _delay(_: Sequence[str]) -> list[Condition]:
+    return _pair_with_tracks("delay", {f"{s:g} s": LinkChannel(delay=s, jitter=s / 10) for s in DELAYS})
+
+
+def _loss(_: Sequence[str]) -> list[Condition]:
+    bursts = {None: "", **{burst: f" in bursts of {burst:g}" for _, burst in LOSSES if burst is not None}}
+    channels = {f"{share:.0%}{bursts[burst]}": LinkChannel(loss=share, burst=burst) for share, burst in LOSSES}
+    return _pair_with_tracks("loss", channels)
+
+
+def _rate(_: Sequence[str]) -> list[Condition]:
+    return _pair_with_tracks("rate", {f"every {every} frames": LinkChannel(every=every) for every in RATES})
+
+
+def _pair_with_tracks(kind: str, channels: dict[str, LinkChannel]) -> list[Condition]:
+    """Conditions without tracks and with them, one after the other."""
+    return [
+        Condition(kind, f"{level}{', tracks' if tracks else ''}", channel=channel, tracks=tracks)
+        for level, channel in channels.items()
+        for tracks in (False, True)
+    ]
+
+
+_MAKERS: dict[str, Callable[[Sequence[str]], list[Condition]]] = {
+    "bytes": _bytes,
+    "pose": _pose,
+    "mounting": _mounting,
+    "silent": _silent,
+    "pairs": _pairs,
+    "blinded": _blinded,
+    "frozen": _frozen,
+    "delay": _delay,
+    "loss": _loss,
+    "rate": _rate,
+    "clock": _clock,
+}
+KINDS = tuple(_MAKERS)
+IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
+
+
+@dataclass(frozen=True)
+class System:
+    """A fusion scheme and its codec, under its name in tables."""
+
+    scheme: Scheme
+    codec: Codec
+    name: str
+
+
+def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
+    """Return the systems that are put under conditions of a kind.
+
+    Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, schemes that send points do so in all
+    steps, and adaptive sharing within each of `BUDGETS_KBIT`, or its own budget where that is for the whole link.
+    """
+    if kind != "bytes":
+        return [System(scheme, RangeImages(), _step_name(STEPS[0])) for scheme in schemes]
+    systems = []
+    for scheme in schemes:
+        if isinstance(scheme, Adaptive):  # chooses its steps itself
+            budgets = [replace(scheme, budget_bits=int(1000 * kbit)) for kbit in BUDGETS_KBIT]
+            kept = [scheme] if scheme.whole_link else budgets
+            systems += [System(each, each.codec, f"{each.budget_bits / 1000:g} kbit") for each in kept]
+            continue
+        if getattr(scheme, "codec", None) is None:
+            systems.append(System(scheme, PAPER, "paper"))
+        if not scheme.sends_points:
+            systems.append(System(scheme, RangeImages(), "bytes"))
+            continue
+        for step in STEPS:
+            stepped = replace(scheme, step=step) if isinstance(scheme, Foreground | ForegroundDifferences) else scheme
+            systems.append(System(stepped, RangeImages(step), _step_name(step)))
+    return systems
+
+
+def _step_name(step: float) -> str:
+    return f"{100 * step:g} cm"

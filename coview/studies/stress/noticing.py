@@ -1,0 +1,215 @@
+"""Time until the fusion centre notices that a sensor fails, and its false alarms.
+
+In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch began: it falls silent, repeats what it
+measured then, or sees nothing any more. Its monitor (`toolkit.detection.sensor_monitor`) looks at what arrives, once
+with whole images and once with foreground. A sensor must see the objects that the centre detects in all messages and
+that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from coview.studies.stress.conditions import make_conditions
+from toolkit.arrays import Bool
+from toolkit.boxes import count_points
+from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.datasets.readings import read_frame
+from toolkit.detection.evaluation import Recording
+from toolkit.detection.link.channel import PERFECT, LinkChannel
+from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.link.lagged import lagged_frames
+from toolkit.detection.link.range_images import STEPS
+from toolkit.detection.link.standing_out import drawn_scene, standing_out
+from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
+from toolkit.detection.view import frame_view
+from toolkit.frame import Frame
+from toolkit.objects import Detector
+from toolkit.points import unproject
+from toolkit.runtime.files import finite
+from toolkit.runtime.run import Run
+
+ONSET = 2.0  # s after traffic began
+TIME_ALLOWED = 2.0  # s after the onset, within which a fault must be noticed
+SUPPORT = 10  # points of other sensors on an object that a sensor must see
+FAULTS = (Fault.SILENT, Fault.FROZEN, Fault.BLINDED)
+SENT_AS = ("whole images", "foreground")
+
+
+@dataclass(frozen=True)
+class Noticed:
+    """Seconds until a fault was noticed: median and maximum over all cases.
+
+    Infinite for a fault that was not noticed within `TIME_ALLOWED`.
+    """
+
+    fault: str
+    sent_as: str
+    cases: int
+    noticed: int
+    median: float
+    worst: float
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the values for JSON: None for infinity."""
+        return {name: finite(value) for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class FalseAlarms:
+    """Alarms about sensors that work, and sensor-minutes watched, over one kind of link."""
+
+    link: str
+    sent_as: str
+    alarms: int
+    minutes: float
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the values for JSON."""
+        return asdict(self)
+
+
+def time_faults(
+    recording: Recording, detector: Detector, run: Run = Run()
+) -> tuple[tuple[Noticed, ...], tuple[FalseAlarms, ...]]:
+    """Time every fault of every sensor in every stretch of traffic, and count false alarms over every link.
+
+    recording: frames close together; run: with the seed of noise and links, and the number of first frames. Raises
+    ValueError if no stretch of traffic is longer than `ONSET`.
+    """
+    count, seed = min(len(recording), run.frames_or(len(recording))), run.seed
+    scenes, links = RecordingScenes(recording, noise_seed=seed), _links()
+    after: dict[tuple[Fault, str], list[float]] = {(fault, way): [] for fault in FAULTS for way in SENT_AS}
+    alarms = {(link, way): 0 for link in links for way in SENT_AS}
+    minutes = dict.fromkeys(links, 0.0)
+    for stretch in _stretches(recording, count, seed):
+        if stretch[-1].time - stretch[0].time < ONSET:
+            continue
+        centre = _Centre(recording, detector, scenes)
+        for fault, way in after:
+            sensors = range(len(stretch[0].sensors))
+            after[fault, way] += [_time_to_notice(centre, stretch, sensor, fault, way) for sensor in sensors]
+        for link, channel in links.items():
+            lagged = list(lagged_frames(stretch, channel, seed=seed, noise_seed=None))
+            minutes[link] += (stretch[-1].time - stretch[0].time) * len(stretch[0].sensors) / 60
+            for way in SENT_AS:
+                shown = [(each.frame, each.ages) for each in lagged]
+                alarms[link, way] += sum(
+                    _count_alarms(centre, shown, sensor, way) for sensor in range(len(stretch[0].sensors))
+                )
+    if not any(after.values()):
+        raise ValueError(f"no stretch of traffic is {ONSET:g} s long here: record with coview simulate --every 0.1")
+    noticed = [
+        Noticed(fault.value, way, len(each), int(np.isfinite(each).sum()), _median(each), max(each))
+        for (fault, way), each in after.items()
+    ]
+    return tuple(noticed), tuple(FalseAlarms(*which, made, minutes[which[0]]) for which, made in alarms.items())
+
+
+def _links() -> dict[str, LinkChannel]:
+    wrong = [each for kind in ("delay", "loss") for each in make_conditions(kind, ()) if not each.tracks]
+    return {"nothing wrong": PERFECT} | {f"{each.kind} {each.level}": each.channel for each in wrong}
+
+
+def _stretches(recording: Recording, count: int, seed: int) -> Iterator[list[Frame]]:
+    """Runs of frames in which traffic goes on."""
+    stretch: list[Frame] = []
+    for k in range(count):
+        frame = read_frame(recording, k, noise_seed=seed)
+        if stretch and not np.isin(frame.objects.ids, stretch[-1].objects.ids).any():
+            yield stretch
+            stretch = []
+        stretch.append(frame)
+    if stretch:
+        yield stretch
+
+
+class _Centre:
+    """The fusion centre: what it receives of each frame, and detects in it."""
+
+    def __init__(self, recording: Recording, detector: Detector, scenes: RecordingScenes) -> None:
+        self._site, self._detector, self.scenes = recording.site, detector, scenes
+
+    def shown(self, frame: Frame, sensor: int, way: str, time: float) -> Shown:
+        """Message of a sensor: the whole image, or the foreground of its crop in the finest step."""
+        if way == SENT_AS[0]:
+            return Shown(time, np.asarray(frame.measurements[sensor], np.float32))
+        captured = frame_view(frame, self._detector, self._site).captured(sensor)
+        out = standing_out(captured, self.scenes(sensor))
+        image = captured.sending(out.pixels).measurement
+        steps = np.rint(image / STEPS[0]).astype(np.float32) * np.float32(STEPS[0])
+        return Shown(time, steps, image > 0, out.missing)
+
+    def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
+        """Monitor of a sensor that should send from `start` on; frame: any one with that sensor."""
+        captured, scene = frame_view(frame, self._detector, self._site).captured(sensor), self.scenes(sensor)
+        view = np.zeros(scene.first.size, bool)
+        view[drawn_scene(captured, scene).pixels] = True
+        return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
+
+    def covered(self, frame: Frame, sensor: int) -> Bool[np.ndarray, "rows columns"]:
+        """Pixels in which a sensor must see what others see."""
+        others = [k for k in range(len(frame.sensors)) if k != sensor]
+        view = frame_view(frame, self._detector, self._site, scene=self.scenes)
+        boxes = Foreground().fuse(view, range(len(frame.sensors))).detections.boxes
+        clouds = []
+        for k in others:
+            shown = self.shown(frame, k, SENT_AS[1], frame.time)
+            xyz, valid = unproject(frame.sensors[k], shown.image)
+            clouds.append(xyz[:, valid].T)
+        supported = count_points(np.concatenate([np.zeros((0, 3)), *clouds]), boxes) >= SUPPORT
+        return standing_before(self.scenes(sensor), frame.sensors[sensor], boxes[supported])
+
+
+def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, way: str) -> float:
+    """Seconds from the onset of a fault until the monitor raises an alarm."""
+    begin = stretch[0].time
+    onset = next(k for k, frame in enumerate(stretch) if frame.time - begin >= ONSET - 1e-9)
+    monitor = centre.monitor(stretch[0], sensor, begin)
+    last: Shown | None = None
+    for k in range(max(0, onset - 2), len(stretch)):
+        frame, since = stretch[k], stretch[k].time - stretch[onset].time
+        if since > TIME_ALLOWED + 1e-9:
+            break
+        if k >= onset:
+            frame = _break_sensor(frame, stretch[onset], sensor, fault)
+        if k < onset or fault is not Fault.SILENT:
+            last = centre.shown(frame, sensor, way, frame.time)
+        if monitor.look(frame.time, last, partial(centre.covered, frame, sensor)) is not None and k >= onset:
+            return round(since, 6)
+    return float("inf")
+
+
+def _break_sensor(frame: Frame, first: Frame, sensor: int, fault: Fault) -> Frame:
+    """Frame in which one sensor measures nothing, or what it measured first."""
+    instead = {
+        Fault.BLINDED: np.zeros_like(frame.measurements[sensor]),
+        Fault.FROZEN: first.measurements[sensor],
+    }.get(fault, frame.measurements[sensor])
+    return replace(
+        frame, measurements=tuple(instead if k == sensor else each for k, each in enumerate(frame.measurements))
+    )
+
+
+def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
+    """Number of alarms that the monitor of a working sensor raises."""
+    monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
+    last: Shown | None = None
+    for frame, ages in shown:
+        if not np.isnan(ages[sensor]):
+            measured = frame.time - float(ages[sensor])
+            if last is None or measured > last.time:
+                last = centre.shown(frame, sensor, way, measured)
+        fault = monitor.look(frame.time, last, partial(centre.covered, frame, sensor))
+        count += fault is not None and before is None
+        before = fault
+    return count
+
+
+def _median(seconds: Sequence[float]) -> float:
+    """Middle value; of an even number, the later of the middle two."""
+    return sorted(seconds)[len(seconds) // 2]

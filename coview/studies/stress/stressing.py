@@ -1,0 +1,354 @@
+"""`stress`: AP of fusion schemes under every condition, with intervals, and what the schemes send.
+
+Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
+second after traffic starts afresh is not scored under any condition, because late messages cannot have arrived yet.
+Intervals are a bootstrap over blocks of frames (`placement_env.analysis.intervals`) with one seed, so that conditions
+are compared on the same draws; over frames close together, which resemble each other, they are too narrow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
+
+import numpy as np
+
+from coview.studies.stress.conditions import (
+    IN_SEQUENCE,
+    KINDS,
+    Condition,
+    System,
+    make_conditions,
+    make_systems,
+)
+from placement_env.analysis.intervals import BLOCK_FRAMES
+from placement_env.analysis.tally import Tally
+from placement_env.report.content import Judgement
+from toolkit.arrays import Float32
+from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.datasets.readings import read_frame
+from toolkit.detection.evaluation import Recording
+from toolkit.detection.link.channel import STALE
+from toolkit.detection.link.lagged import Lagged, lagged_frames
+from toolkit.detection.link.tracks import Tracks
+from toolkit.detection.metrics import match
+from toolkit.detection.scheme import Chained, Scheme
+from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.view import LinkMemory, frame_view
+from toolkit.frame import Frame
+from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, known_labels, label_index
+from toolkit.points import centred_in
+from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.run import Run
+from toolkit.sensors.errors.clock import MOST_APART
+from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sites.site import Site
+
+Needed = Callable[[int], Sequence[int]]  # messages that must have arrived before one can be read
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressQuestion:
+    """What is put under stress, and what is to be found.
+
+    schemes: all by default; kinds: of stress, all that the recording can show by default; label, ious: class of the
+    objects to find and the thresholds of a hit. Raises ValueError without a scheme or an IoU, and for unknown ones.
+    """
+
+    schemes: tuple[Scheme | str, ...] = tuple(SCHEMES)
+    kinds: tuple[str, ...] = ()
+    label: str = LABELS[VEHICLE]
+    ious: tuple[float, ...] = (0.7,)
+
+    def __post_init__(self) -> None:
+        label_index(self.label)
+        if not (self.schemes and self.ious):
+            raise ValueError(f"name at least one IoU and one scheme of {', '.join(SCHEMES)}")
+        for scheme in self.schemes:
+            scheme_of(scheme)
+
+
+@dataclass(frozen=True)
+class StressRow:
+    """One scheme under one condition.
+
+    judged: AP with its interval; kbit_per_sensor: per frame, over the sensors that send; age: mean over sensors and
+    frames of what the centre shows (s); label, iou: of what is to be found; amount: how much goes wrong, None if that
+    is no number; tally: the detections behind `judged`.
+    """
+
+    kind: str
+    level: str
+    scheme: str
+    codec: str
+    judged: Judgement
+    kbit_per_sensor: float
+    age: float
+    label: str
+    iou: float
+    amount: float | None = None
+    tally: Tally | None = field(default=None, repr=False, compare=False)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the values for JSON, without the tally."""
+        values = {name: value for name, value in vars(self).items() if name != "tally"}
+        return values | {"judged": asdict(self.judged)}
+
+
+def is_sequence(recording: Recording) -> bool:
+    """Return whether frames lie close enough together to show what is late or lost."""
+    return 0 < _frame_spacing(recording) <= MOST_APART
+
+
+def choose_kinds(recording: Recording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the given kinds of stress, or all that a recording can show.
+
+    Raises ValueError for an unknown kind, and for one that needs frames closer together.
+    """
+    for kind in kinds:
+        make_conditions(kind, ())
+    close = is_sequence(recording)
+    for kind in kinds:
+        if kind in IN_SEQUENCE and not close:
+            raise ValueError(
+                f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_frame_spacing(recording):g} s "
+                "apart: record with coview simulate --every 0.1"
+            )
+    return tuple(kinds) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
+
+
+def _frame_spacing(recording: Recording) -> float:
+    """Seconds between the first two frames."""
+    return recording[1].time - recording[0].time if len(recording) > 1 else np.inf
+
+
+class KeptDetections:
+    """A detector that is asked once for each cloud.
+
+    Under most conditions most sensors measure what they measure under others, and boxes of one sensor are the same
+    whichever way points are sent, so most clouds come again. Kept on disk as well, an interrupted stress test resumes,
+    and one with other schemes, levels or IoU thresholds detects only what is new.
+
+    detector: asked for clouds that are not kept; cache: where detections are kept, None for memory alone.
+    Raises ValueError for a cache with a path and a detector without the attribute `digest`.
+    """
+
+    def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
+        digest, self._cache, self.asked = getattr(detector, "digest", None), Cache() if cache is None else cache, 0
+        if digest is None and self._cache.path is not None:
+            raise ValueError(
+                "a detector whose detections are kept needs an attribute digest, a text that changes with all that it "
+                "depends on: add one, or keep nothing"
+            )
+        self.labels = known_labels(detector)
+        self._detector, self._depends_on = detector, [digest, code_digest(type(detector).__module__)]
+
+    @staticmethod
+    def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
+        """Return the detector itself if it keeps detections already, else one that does."""
+        return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
+
+    def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
+        """Return the detections for these points, in this order."""
+        content = sha256(np.ascontiguousarray(points).tobytes()).hexdigest()
+        key = key_of("detections", *self._depends_on, len(points), content)
+        kept = self._cache.get([key])[0]
+        if kept is None:
+            self.asked += 1
+            detections = self._detector(points)
+            kept = detections.boxes, detections.scores, detections.labels
+            self._cache.put({key: kept})
+        return Detections(*kept)
+
+
+def stress(
+    recording: Recording,
+    detector: Detector,
+    question: StressQuestion,
+    run: Run = Run(),
+    *,
+    finished: Callable[[Sequence[StressRow]], None] | None = None,
+) -> tuple[StressRow, ...]:
+    """Put every scheme under every condition.
+
+    run: its seed is that of noise, errors, channels and bootstrap, its frames are the first ones of the recording; with
+    its cache an interrupted run resumes; finished: called with the rows of each condition. Raises ValueError as
+    `choose_kinds`, for a label that the detector does not know, and for a cache without `digest` of the detector.
+    """
+    check_known(detector, [question.label])
+    kept = KeptDetections.of(detector, run.memo)
+    names = [sensor.name for sensor in recording.sensors]
+    conditions = [each for kind in choose_kinds(recording, question.kinds) for each in make_conditions(kind, names)]
+    count = min(len(recording), run.frames_or(len(recording)))
+    report = run.stage("frames under stress", count * len(conditions))
+    scenes, each_frame = RecordingScenes(recording, noise_seed=run.seed), report if run.alone else None
+    job = _ConditionJob(recording, kept, question, count, run.seed, scenes, each_frame)
+    rows: list[StressRow] = []
+    for number, more in enumerate(run.map(job, enumerate(conditions)), 1):
+        rows += more
+        if report is not None:
+            report(number * count)
+        if finished is not None:
+            finished(more)
+    return tuple(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _ConditionJob:
+    """All systems under one of several conditions; report: called with the frames done, None in other processes."""
+
+    recording: Recording
+    detector: KeptDetections
+    question: StressQuestion
+    frames: int
+    seed: int
+    scenes: RecordingScenes
+    report: Callable[[int], None] | None
+
+    def __call__(self, task: tuple[int, Condition]) -> list[StressRow]:
+        number, condition = task
+        settled = STALE if _frame_spacing(self.recording) <= MOST_APART else 0.0
+        systems = make_systems([scheme_of(each) for each in self.question.schemes], condition.kind)
+        trials = [Trial(system, self.question.label, self.question.ious) for system in systems]
+        groups = _group_by_needed(trials)
+        for part, (some, needed) in enumerate(groups):
+            memory: LinkMemory = {}
+            for k, lagged in enumerate(self._arrivals(condition, needed), 1):
+                seen = _blind(lagged, condition.blinded)
+                self._look(some, seen, condition, memory, scored=lagged.since >= settled)
+                if self.report is not None:
+                    self.report(number * self.frames + (part * self.frames + k) // len(groups))
+        return [row for trial in trials for row in trial.rows(condition, self.seed)]
+
+    def _arrivals(self, condition: Condition, needed: Needed | None) -> Iterator[Lagged]:
+        """Frames as the centre has them under a condition."""
+        if condition.redrawn:
+            read = _RedrawnErrors(self.recording, condition.errors, self.seed)
+            return lagged_frames(
+                read, condition.channel, frames=self.frames, seed=self.seed, noise_seed=None, needed=needed
+            )
+        return lagged_frames(
+            self.recording,
+            condition.channel,
+            frames=self.frames,
+            seed=self.seed,
+            errors=condition.errors,
+            noise_seed=self.seed,
+            frozen=condition.frozen,
+            needed=needed,
+        )
+
+    def _look(
+        self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
+    ) -> None:
+        """Fuse one frame by every system; systems that send alike share views.
+
+        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images.
+        """
+        frame, site, views = lagged.frame, self.recording.site, {}
+        sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
+        for trial in trials:
+            codec = trial.system.codec
+            if codec.digest not in views:
+                views[codec.digest] = frame_view(frame, self.detector, site, codec=codec, scene=self.scenes)
+            scheme = trial.system.scheme
+            fused = scheme.fuse(views[codec.digest], sending)
+            if isinstance(scheme, Chained):
+                sent = frame_view(lagged.sent, self.detector, site, scene=self.scenes, memory=memory)
+                fused = replace(fused, bits=np.array(scheme.sent_bits(sent, sending), np.int64))
+            ages, detections = lagged.ages[sending] if sending else np.array([np.nan]), fused.detections
+            if condition.tracks:  # if one sensor has long sent nothing new, others have: the median age
+                detections = trial.track(detections, frame.time, float(np.median(ages)), begins=not lagged.since)
+            if scored:
+                trial.add(frame, site, detections, fused.kbit_per_sensor, float(ages.mean()))
+
+
+class Trial:
+    """One system under one condition: its detections, frame after frame."""
+
+    def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
+        self.system, self._label, self._ious = system, label, tuple(ious)
+        self._scores: list[list[np.ndarray]] = [[] for _ in ious]
+        self._hits: list[list[np.ndarray]] = [[] for _ in ious]
+        self._truths: list[int] = []
+        self._kbit: list[float] = []
+        self._ages: list[float] = []
+        self._tracks, self._last = Tracks(), -np.inf
+
+    def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
+        """Move detections in measurements of an age to where they are now."""
+        if begins:
+            self._tracks, self._last = Tracks(), -np.inf
+        if age != age:
+            return detections
+        self._last = max(self._last, now - age)
+        self._tracks.update(detections, self._last)
+        return self._tracks.at(now)
+
+    def add(self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float) -> None:
+        """Score one more frame."""
+        counted = centred_in(frame.objects.boxes, site.area)
+        for k, iou in enumerate(self._ious):
+            matched = match(detections, frame.objects, iou, label=self._label, counted=counted)
+            self._scores[k].append(detections.scores[~matched.ignored])
+            self._hits[k].append(matched.truth[~matched.ignored] >= 0)
+        self._truths.append(int(matched.scored.sum()))
+        self._kbit.append(kbit)
+        self._ages.append(age)
+
+    def rows(self, condition: Condition, seed: int) -> list[StressRow]:
+        """Figures over all frames, at each IoU."""
+        ages = np.array(self._ages)
+        age = float(ages[~np.isnan(ages)].mean()) if (~np.isnan(ages)).any() else np.nan
+        kbit, system = float(np.mean(self._kbit)), self.system
+        names = (condition.kind, condition.level, system.scheme.name, system.name)
+        tallies = [
+            Tally.of_frames(scores, hits, self._truths) for scores, hits in zip(self._scores, self._hits, strict=True)
+        ]
+        return [
+            StressRow(*names, _judge(each, self._label, seed), kbit, age, self._label, iou, condition.amount, each)
+            for iou, each in zip(self._ious, tallies, strict=True)
+        ]
+
+
+def _judge(tally: Tally, label: str, seed: int) -> Judgement:
+    figures = (tally.ap, *tally.interval(seed=seed), tally.recall, tally.precision if len(tally.hit) else None)
+    return Judgement(*figures, int(tally.truths.sum()), len(tally.truths), label)
+
+
+def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed | None]]:
+    """Trials whose messages can be read when they arrive, then each of those that need earlier messages."""
+    alone: list[Trial] = []
+    chained: list[tuple[list[Trial], Needed | None]] = []
+    for trial in trials:
+        if isinstance(trial.system.scheme, Chained):
+            chained.append(([trial], trial.system.scheme.needed))
+        else:
+            alone.append(trial)
+    return [*([(alone, None)] if alone else []), *chained]
+
+
+class _RedrawnErrors:
+    """Frames whose sensor errors are drawn anew for every block of frames."""
+
+    def __init__(self, recording: Recording, errors: ErrorProfile, seed: int) -> None:
+        self._recording, self._errors, self._seed = recording, errors, seed
+
+    def __len__(self) -> int:
+        return len(self._recording)
+
+    def __getitem__(self, index: int, /) -> Frame:
+        seed = int(np.random.default_rng([self._seed, index // BLOCK_FRAMES]).integers(2**31))
+        return read_frame(self._recording, index, errors=self._errors, noise_seed=seed)
+
+
+def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
+    """Frames without what these sensors measure."""
+
+    def without(frame: Frame) -> Frame:
+        measured = tuple(np.zeros_like(image) if k in sensors else image for k, image in enumerate(frame.measurements))
+        return replace(frame, measurements=measured)
+
+    return lagged._replace(frame=without(lagged.frame), sent=without(lagged.sent))

@@ -1,1 +1,0 @@
-"""What a deployed set of sensors meets, and what is left of its AP."""

@@ -1,0 +1,106 @@
+"""Conditions, and the systems that are put under them."""
+
+import numpy as np
+import pytest
+
+from coview.studies.stress.conditions import IN_SEQUENCE, KINDS, make_conditions, make_systems
+from toolkit.detection.early import Early
+from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.late import Late
+from toolkit.detection.link.channel import PERFECT, LinkChannel
+from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.link.range_images import STEPS, RangeImages
+from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.sensors.errors.pose_errors import Calibration
+from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+
+def test_every_kind_has_distinct_levels():
+    for kind in KINDS:
+        made = make_conditions(kind, ["a", "b"])
+        assert {each.kind for each in made} == {kind}
+        assert len({each.level for each in made}) == len(made) > 0
+    assert set(IN_SEQUENCE) < set(KINDS)
+
+
+def test_pose_errors_include_those_of_the_benchmarks():
+    made = make_conditions("pose", [])
+    assert [(each.amount, each.level) for each in made] == [
+        (0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°"),
+        (1, "1 m, 1°"),
+    ]  # fmt: skip
+    assert [each.errors.terms[-1] for each in made] == [
+        Calibration(np.deg2rad(each.amount), each.amount) for each in made
+    ]
+    assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
+
+
+def test_crooked_mounting_moves_a_sensor_by_a_centimetre_per_tenth_of_a_degree():
+    made = make_conditions("mounting", [])
+    assert [each.level for each in made[:4]] == ["0°, 0 cm", "0.1°, 1 cm", "0.2°, 2 cm", "0.4°, 4 cm"]
+    assert made[-1].errors.terms[-1] == Calibration(np.deg2rad(1.0), 0.1)
+    assert all(each.redrawn for each in made)
+
+
+def test_each_pair_fails_in_turn():
+    made = make_conditions("pairs", ["a", "b", "c"])
+    assert [(each.level, each.silent) for each in made] == [
+        ("a and b", (0, 1)),
+        ("a and c", (0, 2)),
+        ("b and c", (1, 2)),
+    ]
+
+
+def test_each_sensor_fails_in_turn():
+    for kind in ("silent", "blinded", "frozen"):
+        made = make_conditions(kind, ["a", "b"])
+        assert [(each.level, getattr(each, kind)) for each in made] == [("a", (0,)), ("b", (1,))]
+        assert all(each.channel == PERFECT and not each.tracks for each in made)
+
+
+def test_channels_come_without_tracks_and_with_them():
+    delays = make_conditions("delay", [])
+    assert [(each.level, each.channel.delay, each.tracks) for each in delays[2:4]] == [
+        ("0.2 s", 0.2, False),
+        ("0.2 s, tracks", 0.2, True),
+    ]
+    assert delays[0].channel == LinkChannel(delay=0.1, jitter=0.01)
+    losses = [each.channel for each in make_conditions("loss", [])[::2]]
+    assert losses == [LinkChannel(loss=0.1), LinkChannel(loss=0.3), LinkChannel(loss=0.3, burst=5.0)]
+    assert [each.level for each in make_conditions("loss", [])[-2:]] == [
+        "30% in bursts of 5",
+        "30% in bursts of 5, tracks",
+    ]
+    assert [each.channel.every for each in make_conditions("rate", [])] == [2, 2, 5, 5]
+
+
+def test_unknown_kind():
+    with pytest.raises(ValueError, match="choose among bytes, pose, mounting, silent"):
+        make_conditions("earthquake", [])
+
+
+def names(schemes, kind="bytes"):
+    return [(each.scheme.name, each.name) for each in make_systems(schemes, kind)]
+
+
+def test_under_bytes_every_scheme_is_sent_in_every_encoding():
+    steps = ["2 cm", "4 cm", "8 cm"]
+    assert names([Late()]) == [("late", "paper"), ("late", "bytes")]
+    assert names([Early()]) == [("early", each) for each in ("paper", *steps)]
+    assert names([Hybrid()]) == [("hybrid", each) for each in ("paper", *steps)]
+    assert names([Foreground()]) == [("foreground", each) for each in steps]
+    assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [Foreground(x) for x in STEPS]
+    assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [RangeImages(x) for x in STEPS]
+
+
+def test_adaptive_sharing_keeps_its_budget_only_for_the_whole_link():
+    made = make_systems([Adaptive(sigmas=5.0)], "bytes")
+    assert [each.name for each in made] == [f"{kbit} kbit" for kbit in ("0.5", "1", "1.5", "2", "3", "4", "5", "6")]
+    budgets = [500, 1000, 1500, 2000, 3000, 4000, 5000, 6000]
+    assert [each.scheme for each in made] == [Adaptive(bits, sigmas=5.0) for bits in budgets]
+    whole = Adaptive(18_000, whole_link=True)
+    assert [each.scheme for each in make_systems([whole], "bytes")] == [whole]
+
+
+def test_under_other_kinds_every_scheme_sends_the_finest_step():
+    assert names([Late(), Early(), Adaptive()], "delay") == [(n, "2 cm") for n in ("late", "early", "adaptive")]

@@ -1,0 +1,54 @@
+"""Time until a fault is noticed, on flat ground with a moving block."""
+
+import pytest
+
+from coview.studies.stress.noticing import Noticed, time_faults
+from toolkit.runtime.run import Run
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+
+
+@pytest.fixture(scope="module")
+def found(driving, tops):
+    fine = driving(30)  # in images nine times as fine
+    fine.sensors = tuple(
+        Sensor(each.name, DepthCamera(width=135, height=90, stride=1), each.pose) for each in driving.sensors
+    )
+    return time_faults(fine, tops(), Run(frames=28))
+
+
+def test_every_fault_of_every_sensor_in_both_ways_of_sending(found):
+    noticed = {(each.fault, each.sent_as): each for each in found[0]}
+    assert {each.cases for each in noticed.values()} == {2}
+    for way in ("whole images", "foreground"):
+        assert noticed["silent", way].median == noticed["silent", way].worst == pytest.approx(0.5)
+    assert noticed["frozen", "whole images"] == Noticed("frozen", "whole images", 2, 2, 0.2, 0.2)
+    assert noticed["blinded", "whole images"] == Noticed("blinded", "whole images", 2, 2, 0.2, 0.2)
+    assert noticed["frozen", "foreground"].worst == 0.2
+    assert noticed["blinded", "foreground"].worst == 0.2
+
+
+def test_false_alarms_are_those_of_lost_messages(found):
+    alarms = {(each.link, each.sent_as): each for each in found[1]}
+    nothing = alarms["nothing wrong", "foreground"]
+    assert nothing.alarms == 0
+    assert nothing.minutes == pytest.approx(0.09)
+    assert nothing.as_dict()["link"] == "nothing wrong"
+    assert alarms["delay 0.3 s", "whole images"].alarms == 0
+    assert (
+        alarms["loss 30% in bursts of 5", "whole images"].alarms
+        == alarms["loss 30% in bursts of 5", "foreground"].alarms
+    )
+    assert len(alarms) == 14
+
+
+def test_few_pixels_of_foreground_tell_nothing(driving, tops):
+    noticed = {(each.fault, each.sent_as): each for each in time_faults(driving(28), tops())[0]}
+    assert noticed["frozen", "whole images"].noticed == 2
+    assert (noticed["frozen", "foreground"].noticed, noticed["frozen", "foreground"].worst) == (0, float("inf"))
+    assert noticed["frozen", "foreground"].as_dict()["worst"] is None
+
+
+def test_traffic_that_is_too_short(driving, tops):
+    with pytest.raises(ValueError, match="no stretch of traffic is 2 s long"):
+        time_faults(driving(10), tops())

@@ -1,1 +1,0 @@
-"""Sensors that fail: how the fusion centre notices."""
