@@ -124,8 +124,10 @@ def _delay(_: Sequence[str]) -> list[Condition]:
 
 
 def _loss(_: Sequence[str]) -> list[Condition]:
-    bursts = {None: "", **{burst: f" in bursts of {burst:g}" for _, burst in LOSSES if burst is not None}}
-    channels = {f"{share:.0%}{bursts[burst]}": LinkChannel(loss=share, burst=burst) for share, burst in LOSSES}
+    channels = {}
+    for share, burst in LOSSES:
+        words = "" if burst is None else f" in bursts of {burst:g}"
+        channels[f"{share:.0%}{words}"] = LinkChannel(loss=share, burst=burst)
     return _pair_with_tracks("loss", channels)
 
 
