@@ -59,8 +59,14 @@ def stress(
     from coview.studies.stress.crossings import find_crossings
     from coview.studies.stress.noticing import time_faults
     from coview.studies.stress.outputs import STRESS_FILES, StressResults, exact_failures, write_rows, write_stress
-    from coview.studies.stress.stressing import KeptDetections, StressQuestion, StressRow, choose_kinds, is_sequence
-    from coview.studies.stress.stressing import stress as put_under_stress
+    from coview.studies.stress.stressing import (
+        KeptDetections,
+        StressQuestion,
+        StressRow,
+        choose_kinds,
+        is_sequence,
+        run_stress,
+    )
     from placement_env.fidelity.table import load_table
     from toolkit.detection.codec import PAPER
     from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
@@ -88,7 +94,7 @@ def stress(
             write_rows(rows, provenance, out)
 
         with progress_bar("frame", hidden=json) as bar:
-            put_under_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
+            run_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
         results = StressResults(tuple(rows), find_crossings(rows, seed=run.seed), exact=exact)
         if is_sequence(recording) and {"silent", "blinded", "frozen"} & {*question.kinds}:
             noticed, alarms = time_faults(recording, kept, run)

@@ -44,14 +44,13 @@ def reproduce(
         json: Print all figures as JSON.
         processes: That simulate and detect.
     """
-    from coview.studies.paper.reproduction import PAGE, check_paper_site
-    from coview.studies.paper.reproduction import reproduce as run
+    from coview.studies.paper.reproduction import PAGE, check_paper_site, run_reproduction
 
     check_paper_site(site)
     check_least("--frames", frames, 1)
     check_folder(out, holds=PAGE, inputs=[] if table is None else [table], overwrite=True)
     with progress_bar("frame", hidden=json) as bar:
-        made = run(
+        made = run_reproduction(
             site,
             out,
             frames=frames,

@@ -24,7 +24,7 @@ from toolkit.runtime.files import writing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-OURS, THEIRS = "#0072b2", "#e69f00"  # told apart by colour-blind readers (Okabe and Ito)
+OUR_COLOUR, PAPER_COLOUR = "#0072b2", "#e69f00"  # told apart by colour-blind readers (Okabe and Ito)
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; max-width: 70rem; margin: 2rem auto; padding: 0 1rem; }
@@ -122,8 +122,8 @@ def draw_pairs(pairs: Sequence[Pair], out: Path, *, title: str) -> None:
         place = np.arange(len(pairs))
         ours = [np.nan if each.ours is None else each.ours for each in pairs]
         paper = [np.nan if each.paper is None else each.paper for each in pairs]
-        axes.bar(place - 0.2, ours, 0.38, color=OURS, label="ours")
-        axes.bar(place + 0.2, paper, 0.38, color="white", edgecolor=THEIRS, hatch="///", label="paper")
+        axes.bar(place - 0.2, ours, 0.38, color=OUR_COLOUR, label="ours")
+        axes.bar(place + 0.2, paper, 0.38, color="white", edgecolor=PAPER_COLOUR, hatch="///", label="paper")
         for x, each in zip(place, pairs, strict=True):
             if each.interval is not None:
                 axes.plot([x - 0.2] * 2, each.interval, color="black", linewidth=1.2, marker="_", markersize=6)
@@ -139,7 +139,9 @@ def draw_agreement(groups: Mapping[str, Sequence[tuple[str, float, float]]], out
     """Draw ours over the paper's: a marker for each (name, paper, ours) of each group, and the diagonal."""
     with _chart(out, 6.0, 5.2) as axes:
         axes.plot([0, 1], [0, 1], color="#888888", linewidth=0.8, linestyle="dashed")
-        for (group, rows), (colour, marker) in zip(groups.items(), ((OURS, "o"), (THEIRS, "^")), strict=False):
+        for (group, rows), (colour, marker) in zip(
+            groups.items(), ((OUR_COLOUR, "o"), (PAPER_COLOUR, "^")), strict=False
+        ):
             paper, ours = [row[1] for row in rows], [row[2] for row in rows]
             axes.scatter(paper, ours, s=26, color=colour, marker=marker, label=f"{group} fusion", zorder=3)
             for name, x, y in rows:
@@ -161,12 +163,12 @@ def draw_log_fit(
 ) -> None:
     """Draw mean IoU over point density, a marker for each bin, and intercept + slope · ln(density)."""
     with _chart(out, 6.0, 4.2) as axes:
-        axes.scatter(density, iou, s=12, color=OURS, label="mean of a bin", zorder=3)
+        axes.scatter(density, iou, s=12, color=OUR_COLOUR, label="mean of a bin", zorder=3)
         intercept, slope = coefficients
         if len(density) and np.isfinite(intercept):
             x = np.geomspace(max(float(density.min()), 1.0), float(density.max()), 200)
             fit = f"{intercept:.3f} + {slope:.3f} ln(points)"
-            axes.plot(x, intercept + slope * np.log(x), color=THEIRS, linewidth=1.8, label=fit)
+            axes.plot(x, intercept + slope * np.log(x), color=PAPER_COLOUR, linewidth=1.8, label=fit)
         axes.set(xlabel="points on the vehicle", ylabel="IoU", xlim=(0, None), ylim=(0, 1.02), title=title)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8, loc="lower right")

@@ -1,4 +1,4 @@
-"""`reproduce`: the paper's experiments at one of its sites, from simulating the test recording to the page.
+"""`run_reproduction`: the paper's experiments at one of its sites, from simulating the test recording to the page.
 
 Everything that takes long is kept in the folder, so that an interrupted run resumes: the recording
 (`recording_1000.hdf5`, its blocks beside it), detections (`detections.sqlite`), and a table of all sensor sets if the
@@ -79,7 +79,7 @@ class Reproduction:
         return about | {"experiments": [each.as_dict() for each in self.experiments]}
 
 
-def reproduce(
+def run_reproduction(
     site: str,
     out: str | Path,
     *,

@@ -135,7 +135,7 @@ def _aps(rows: Sequence[StressRow]) -> Float64[np.ndarray, " levels"]:
 
 def _draw_aps(row: StressRow, seed: int) -> Float64[np.ndarray, " resamples"]:
     if row.tally is None:
-        raise ValueError(f"{row.kind} {row.level}: its frames are unknown: pass the rows that stress() returns")
+        raise ValueError(f"{row.kind} {row.level}: its frames are unknown: pass the rows that run_stress returns")
     return row.tally.resamples(seed=seed)
 
 

@@ -1,4 +1,4 @@
-"""`stress`: AP of fusion schemes under every condition, with intervals, and what the schemes send.
+"""`run_stress`: AP of fusion schemes under every condition, with intervals, and what the schemes send.
 
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
 second after traffic starts afresh is not scored under any condition, because late messages cannot have arrived yet.
@@ -163,7 +163,7 @@ class KeptDetections:
         return Detections(*kept)
 
 
-def stress(
+def run_stress(
     recording: Recording,
     detector: Detector,
     question: StressQuestion,

@@ -35,11 +35,11 @@ def test_a_folder_that_cannot_be_one(tmp_path, refused):
 def test_it_hands_on_what_it_was_given_and_prints(tmp_path, run, monkeypatch):
     asked = {}
 
-    def reproduce(site, out, **settings):
+    def run_reproduction(site, out, **settings):
         asked.update(settings, site=site, out=out)
         return reproduction.Reproduction(site, settings["frames"], 7, (), out / "index.html")
 
-    monkeypatch.setattr(reproduction, "reproduce", reproduce)
+    monkeypatch.setattr(reproduction, "run_reproduction", run_reproduction)
     arguments = ("reproduce", "roundabout", "--frames", 20, "--workers", 2, "--out", tmp_path)
     code, printed, _ = run(*arguments)
     assert code == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coview.studies.paper import reproduction
-from coview.studies.paper.reproduction import FIGURES, PAGE, check_paper_site, reproduce
+from coview.studies.paper.reproduction import FIGURES, PAGE, check_paper_site, run_reproduction
 from placement_env.fidelity.table import save_table
 from toolkit.boxes import count_points
 from toolkit.objects import Detections
@@ -38,7 +38,7 @@ class Guess:
 
 
 def run(out, detector, table, **settings):
-    return reproduce(
+    return run_reproduction(
         "tjunction", out, frames=FRAMES, recorded=FRAMES, detector=lambda recording: detector, table=table, **settings
     )
 
@@ -145,7 +145,7 @@ def test_a_killed_run_resumes(made, table, tmp_path):
 def test_fewer_frames_need_no_detector(made, table, unwritten):
     _, _, out, _ = made
     never = Guess(fails=1)
-    fewer = reproduce("tjunction", out, frames=1, recorded=FRAMES, detector=lambda _: never, table=table)
+    fewer = run_reproduction("tjunction", out, frames=1, recorded=FRAMES, detector=lambda _: never, table=table)
     assert (fewer.frames, never.calls) == (1, 0)
 
 
@@ -201,4 +201,4 @@ def test_the_paper_has_figures_for_two_sites(site):
 @pytest.mark.parametrize("frames", [0, -1])
 def test_refuses_frames(tmp_path, frames):
     with pytest.raises(ValueError, match="frames must be a whole number of at least 1"):
-        reproduce("tjunction", tmp_path, frames=frames)
+        run_reproduction("tjunction", tmp_path, frames=frames)

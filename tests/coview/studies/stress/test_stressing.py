@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coview.studies.stress.conditions import Condition, make_systems
-from coview.studies.stress.stressing import KeptDetections, StressQuestion, Trial, choose_kinds, stress
+from coview.studies.stress.stressing import KeptDetections, StressQuestion, Trial, choose_kinds, run_stress
 from toolkit.detection.early import Early
 from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.detection.link.foreground import Foreground
@@ -19,7 +19,7 @@ from toolkit.sites.site import Site
 
 
 def ask(recording, detector, *, schemes, kinds):
-    return stress(recording, detector, StressQuestion(schemes=tuple(schemes), kinds=tuple(kinds)))
+    return run_stress(recording, detector, StressQuestion(schemes=tuple(schemes), kinds=tuple(kinds)))
 
 
 def by(rows, **wanted):
@@ -115,7 +115,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
     done = []
     question = StressQuestion(schemes=(Foreground(),), kinds=("pose", "blinded"))
     run = Run(frames=3, progress=lambda *counts: done.append(counts))
-    rows = stress(driving(4, 5.0), tops(), question, run)
+    rows = run_stress(driving(4, 5.0), tops(), question, run)
     assert [row.level for row in rows[:6]] == [f"{x} m, {x}°" for x in ("0", "0.1", "0.2", "0.4", "0.6", "1")]
     assert [row.level for row in rows[6:]] == ["a", "b"]
     assert [row.amount for row in rows] == [0, 0.1, 0.2, 0.4, 0.6, 1, None, None]
@@ -138,8 +138,8 @@ def test_bad_questions(driving, tops):
 
 def test_processes_give_the_same_rows(driving, tops):
     question, finished = StressQuestion(schemes=("early",), kinds=("silent",)), []
-    alone = stress(driving(4, 5.0), tops(), question)
-    assert stress(driving(4, 5.0), tops(), question, Run(workers=2), finished=finished.append) == alone
+    alone = run_stress(driving(4, 5.0), tops(), question)
+    assert run_stress(driving(4, 5.0), tops(), question, Run(workers=2), finished=finished.append) == alone
     assert [row for rows in finished for row in rows] == list(alone)
 
 
