@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from toolkit.clouds import points_per_box as points_per_box
     from toolkit.datasets.cloud_files import fuse_files as fuse_files
     from toolkit.datasets.dataset import CoopDataset as CoopDataset
-    from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
+    from toolkit.datasets.doctor import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
     from toolkit.detection.evaluation import evaluate_dataset as evaluate_dataset
@@ -62,7 +62,7 @@ else:
         "toolkit.clouds": ("crop", "from_depth", "fuse", "points_per_box"),
         "toolkit.datasets.cloud_files": ("fuse_files",),
         "toolkit.datasets.dataset": ("CoopDataset",),
-        "toolkit.datasets.doctor.diagnosis": ("diagnose",),
+        "toolkit.datasets.doctor": ("diagnose",),
         "toolkit.datasets.simulation": ("simulate_dataset",),
         "toolkit.detection.cluster": ("ClusterDetector",),
         "toolkit.detection.evaluation": ("evaluate_dataset", "format_table"),

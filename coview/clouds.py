@@ -17,12 +17,12 @@ TOGETHER, CLUSTER = "together", "cluster"
 
 if TYPE_CHECKING:
     from models.training.packing import PackedRecording
-    from toolkit.calibration.sensor_poses import FoundPose
-    from toolkit.datasets.records.fields import Samples
+    from toolkit.calibration.poses import FoundPose
+    from toolkit.datasets.records import Samples
     from toolkit.datasets.sample import Sample
     from toolkit.detection.codec import Codec
-    from toolkit.detection.samples.detected import Detected
-    from toolkit.detection.samples.evaluated import SampleEvaluation
+    from toolkit.detection.detect import Detected
+    from toolkit.detection.sample_evaluation import SampleEvaluation
     from toolkit.detection.scheme import Scheme
     from toolkit.objects import Detector
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def open_clouds(path: Path, layout: str, *, poses: Path | None = None, inverted: bool = False) -> Samples:
     """The samples of a recording of clouds; poses: a file of them, which only plain folders take."""
     from toolkit.datasets.layouts.folder import folder
-    from toolkit.datasets.samples import open_samples
+    from toolkit.datasets.recordings import open_samples
 
     if poses is None and not inverted:
         return open_samples(path, layout)
@@ -67,7 +67,7 @@ def watched(found: Iterable[Detected], progress: Callable[[int], None]) -> Itera
 
 def passing(samples: Iterable[Sample], problems: dict[str, int], progress: Callable[[int], None]) -> Iterator[Sample]:
     """Samples as they come by; the bar moves, and what was met in reading them is added up."""
-    from toolkit.datasets.records.labels import add_problems
+    from toolkit.datasets.records import add_problems
 
     for done, sample in enumerate(samples, 1):
         add_problems(problems, sample.problems)
@@ -85,7 +85,7 @@ def cloud_recordings(
 ) -> Iterator[PackedRecording]:
     """Recordings of clouds on level ground, ready to be packed."""
     from models.training.packing import sample_recordings
-    from toolkit.detection.samples.levelled import level_samples
+    from toolkit.detection.detect import level_samples
 
     middle, half = area_about(area)
     for samples in opened:
@@ -112,12 +112,12 @@ def score_clouds(
     hidden: bool,
 ) -> SampleEvaluation:
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
-    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
-    from toolkit.calibration.samples.sample_scenes import SampleScenes
+    from toolkit.calibration.poses import corrections, with_corrections
+    from toolkit.calibration.scenes import SampleScenes
     from toolkit.detection.background.known_background import KnownBackground
-    from toolkit.detection.samples.clusters import learn_cluster_detector
-    from toolkit.detection.samples.detected import middle_of
-    from toolkit.detection.samples.evaluated import evaluate_samples
+    from toolkit.detection.detect import middle_of
+    from toolkit.detection.foreground_clusters import learn_cluster_detector
+    from toolkit.detection.sample_evaluation import evaluate_samples
     from toolkit.objects import known_labels
 
     check_least("--frames", frames, 1, "leave it out for all")
@@ -171,8 +171,8 @@ def found_poses(
 ) -> tuple[FoundPose, ...]:
     """Where the lidars of a recording are, by a reference as in coview calibrate, of a recording its first so many
     frames, or "together" by each other."""
+    from toolkit.calibration.poses import find_sample_poses
     from toolkit.calibration.reference import read_surface
-    from toolkit.calibration.samples.sample_poses import find_sample_poses
 
     surface = None if reference == TOGETHER else read_surface(reference, frames=frames)
     return find_sample_poses(opened, surface, held=held)
@@ -186,7 +186,7 @@ def opened_clouds(path: Path, layout: str, frames: int | None) -> Callable[[], I
 
 def write_corrected_clouds(opened: Callable[[], Iterable[Sample]], found: Sequence[FoundPose], out: Path) -> int:
     """Write samples as a plain folder, their sensors where they were found to be."""
-    from toolkit.calibration.samples.sample_poses import corrections, with_corrections
-    from toolkit.datasets.samples import write_samples
+    from toolkit.calibration.poses import corrections, with_corrections
+    from toolkit.datasets.recordings import write_samples
 
     return write_samples(with_corrections(opened(), corrections(found)), out, "folder")

@@ -66,7 +66,7 @@ def area_about(
 ) -> tuple[tuple[float, float] | None, tuple[float, float]]:
     """The middle of an area and half its sides; without one there is no middle, and it reaches `DETECTION_REACH` about
     wherever the sensors are."""
-    from toolkit.detection.samples.detected import DETECTION_REACH
+    from toolkit.detection.detect import DETECTION_REACH
     from toolkit.sites.site import check_area
 
     if area is None:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
         load_empty_scenes as load_empty_scenes,
         save_empty_scenes as save_empty_scenes,
     )
-    from toolkit.calibration.samples.sample_poses import find_sample_poses as find_sample_poses
-    from toolkit.calibration.samples.sample_scenes import (
+    from toolkit.calibration.poses import find_sample_poses as find_sample_poses
+    from toolkit.calibration.scenes import (
         SampleScenes as SampleScenes,
         learn_sample_scenes as learn_sample_scenes,
     )
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from toolkit.datasets.cloud_files import fuse_files as fuse_files
     from toolkit.datasets.dataset import CoopDataset as CoopDataset
     from toolkit.datasets.readings import read_frame as read_frame, with_errors as with_errors
-    from toolkit.datasets.doctor.diagnosis import diagnose as diagnose
+    from toolkit.datasets.doctor import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
     from toolkit.detection.background.known_background import KnownBackground as KnownBackground
     from toolkit.detection.background.site_background import (
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
         evaluate as evaluate,
         precision_recall as precision_recall,
     )
-    from toolkit.detection.samples.clusters import (
+    from toolkit.detection.foreground_clusters import (
         foreground_clusters as foreground_clusters,
         learn_cluster_detector as learn_cluster_detector,
     )
@@ -134,13 +134,13 @@ else:
                 "load_empty_scenes",
                 "save_empty_scenes",
             ),
-            "calibration.samples.sample_poses": ("find_sample_poses",),
-            "calibration.samples.sample_scenes": ("SampleScenes", "learn_sample_scenes"),
+            "calibration.poses": ("find_sample_poses",),
+            "calibration.scenes": ("SampleScenes", "learn_sample_scenes"),
             "clouds": ("crop", "down_sample", "from_depth", "fuse", "points_per_box", "sensor_numbers"),
             "datasets.cloud_files": ("fuse_files",),
             "datasets.dataset": ("CoopDataset",),
             "datasets.readings": ("read_frame", "with_errors"),
-            "datasets.doctor.diagnosis": ("diagnose",),
+            "datasets.doctor": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
             "detection.background.known_background": ("KnownBackground",),
             "detection.background.site_background": ("recording_background", "site_background"),
@@ -162,7 +162,7 @@ else:
             "detection.link.range_images": ("RangeImages",),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
-            "detection.samples.clusters": ("foreground_clusters", "learn_cluster_detector"),
+            "detection.foreground_clusters": ("foreground_clusters", "learn_cluster_detector"),
             "detection.scheme": ("Scheme",),
             "detection.schemes": ("scheme_of",),
             "detection.survey": ("survey",),

@@ -22,7 +22,7 @@ from models.training.packing import FARTHEST, change
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
-from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import read_frame, with_errors
 from toolkit.detection.view import Captured

@@ -11,8 +11,8 @@ import pytest
 from models.training.packed import PackedFrames
 from toolkit.boxes import footprints
 from toolkit.datasets.cloud_files import read_poses
+from toolkit.datasets.recordings import read, write_samples
 from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.datasets.samples import read, write_samples
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer

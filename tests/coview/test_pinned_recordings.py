@@ -28,7 +28,7 @@ CLOUDS = {  # by scheme, protocol, measure and group: AP of vehicles, how many t
 @pytest.fixture(scope="session")
 def layouts(recording, tmp_path_factory):
     """The recording as a plain folder of clouds and as KITTI."""
-    from toolkit.datasets.samples import read, write_samples
+    from toolkit.datasets.recordings import read, write_samples
 
     folder = tmp_path_factory.mktemp("pinned")
     for layout in ("folder", "kitti"):

@@ -138,7 +138,7 @@ def _published(path: Path) -> None:
 def _read_recording(path: Path) -> None:
     """As `doctor`, `survey` and `evaluate` read it."""
     from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.doctor.diagnosis import diagnose
+    from toolkit.datasets.doctor import diagnose
     from toolkit.detection.evaluation import evaluate_dataset
     from toolkit.detection.survey import survey
     from toolkit.objects import Detections

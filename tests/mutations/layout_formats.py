@@ -81,7 +81,7 @@ def samples(count: int = 3) -> list[Any]:
 
 def write(layout: str, folder: Path) -> Path:
     """A sound recording; what is to be opened."""
-    from toolkit.datasets.samples import write_samples
+    from toolkit.datasets.recordings import write_samples
 
     own: dict[str, Callable[[Path], Path]] = {
         "pair": _pair, "rcooper": _rcooper, "ros1": _ros1, "ros2": _ros2, "sqlite": partial(_ros2, sqlite=True),
@@ -97,9 +97,9 @@ def read(layout: str, opened: Path) -> None:
     """All that commands do with a recording before they compute."""
     from formats import one_line
 
-    from toolkit.datasets.samples import open_samples, write_samples
-    from toolkit.detection.samples.counted import survey_samples
-    from toolkit.detection.samples.diagnosis import diagnose_samples
+    from toolkit.datasets.recordings import open_samples, write_samples
+    from toolkit.detection.label_doctor import diagnose_samples
+    from toolkit.detection.survey import survey_samples
 
     some = list(open_samples(opened, NAMED.get(layout, layout)))
     for sample in some:
@@ -201,7 +201,7 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    from toolkit.datasets.layouts import rosbag_writer as writing
+    from toolkit.datasets.layouts import rosbag as writing
     from toolkit.datasets.layouts.rosbag import CLOUD, TF
 
     store, kinds = get_typestore(Stores.ROS2_HUMBLE), (TF, CLOUD)

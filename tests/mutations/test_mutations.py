@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.datasets.layouts.table import LAYOUTS as LAYOUT_NAMES
+from toolkit.datasets.recordings import LAYOUTS as LAYOUT_NAMES
 
 HERE = Path(__file__).parent
 HALVES = (

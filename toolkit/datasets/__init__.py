@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from toolkit.runtime.lazy import lazily
 
 if TYPE_CHECKING:
+    from toolkit.datasets.recordings import open_samples as open_samples
+    from toolkit.datasets.recordings import read as read
+    from toolkit.datasets.recordings import write_samples as write_samples
     from toolkit.datasets.sample import Sample as Sample
     from toolkit.datasets.sample import SensorCloud as SensorCloud
-    from toolkit.datasets.samples import open_samples as open_samples
-    from toolkit.datasets.samples import read as read
-    from toolkit.datasets.samples import write_samples as write_samples
 else:
     __getattr__, __dir__, __all__ = lazily(
         __name__, {"sample": ("Sample", "SensorCloud"), "samples": ("open_samples", "read", "write_samples")}

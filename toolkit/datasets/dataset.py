@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.layouts.hdf5_clouds import CLOUDS_KIND
+from toolkit.datasets.layouts.hdf5 import CLOUDS_KIND
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects

@@ -28,7 +28,7 @@ import numpy as np
 from toolkit.arrays import Bool, Int64
 from toolkit.boxes import Overlap
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.link.load import SetLoad, link_load

@@ -8,20 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.ground import Ground
+from toolkit.calibration.scenes import SampleScenes
+from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.frame import Frame
-from toolkit.objects import Detections, Detector
-from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points, unproject
+from toolkit.objects import Detections, Detector, Objects
+from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points, inside, unproject
+from toolkit.sensors.model import SensorModel
 from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.spinning_lidar import SpinningLidar
 
 NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # what links keep from frame to frame, by sensor (index) and name
@@ -289,3 +294,106 @@ def _timed(call: Callable[[], _Value]) -> tuple[_Value, float]:
     start = perf_counter()
     result = call()
     return result, (perf_counter() - start) * 1e3
+
+
+class ImagedClouds:
+    """What a `toolkit.detection.view.View` asks of a sample with images, cloud by cloud (index), each made once.
+
+    ground, middle, area, height: as of `toolkit.detection.view.sample_view`; number: of the sample.
+    """
+
+    def __init__(
+        self,
+        sample: Sample,
+        scenes: SampleScenes,
+        ground: Ground | None,
+        middle: Float64[np.ndarray, "2"],
+        area: Float64[np.ndarray, "4"],
+        *,
+        height: float,
+        number: int = 0,
+    ) -> None:
+        self.sample, self.scenes, self.middle, self.area = sample, scenes, middle, area
+        self.height, self.number = height, number
+        self._lift = None if ground is None else ground.points
+        self._made = lru_cache(maxsize=None)(self._make)
+
+    def model(self, k: int) -> SensorModel:
+        """Of the sensor."""
+        return self.scenes[self.sample.clouds[k].name].grid.model
+
+    def measure(self, k: int) -> Float32[np.ndarray, "n 3"]:
+        """The points in the crop that the image shows, where they were measured."""
+        return self._made(k)[0]
+
+    def capture(self, k: int) -> Captured:
+        """The image."""
+        return self._made(k)[1]
+
+    def scene(self, k: int) -> EmptyScene:
+        """Of the sensor."""
+        return self.scenes[self.sample.clouds[k].name].scene
+
+    def _make(self, k: int) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
+        cloud = self.sample.clouds[k]
+        image = self.scenes.image(cloud)
+        shift = np.eye(4)
+        shift[:2, 3] = -self.middle
+        sensor = Sensor(cloud.name, image.grid.model, shift @ cloud.world_SE3_sensor)
+        known = np.isfinite(self.sample.time) and self.sample.time >= 0
+        time = self.sample.time if known else 0.0
+        frame = Frame((sensor,), (image.measurement,), Objects.empty(), time, self.number)
+        points = (cloud.in_world() - [*self.middle, 0.0])[image.shown]
+        lifted = points if self._lift is None or not len(points) else self._lift(points)
+        upright = lifted.astype(np.float32)
+        kept = inside(upright, self.area, self.height)
+        cells = image.cells[image.shown][kept]
+        return upright[kept], Captured(frame, 0, self.area, self.height, cells, self._lift)
+
+
+CROP_HEIGHT = 4.0  # m, of the paper's crop
+
+
+def sample_view(
+    sample: Sample,
+    detector: Detector,
+    ground: Ground | None,
+    middle: Float64[np.ndarray, "2"],
+    area: Float64[np.ndarray, "4"],
+    *,
+    codec: Codec = PAPER,
+    nms_iou: float = NMS_IOU,
+    scenes: SampleScenes | None = None,
+    number: int = 0,
+    memory: LinkMemory | None = None,
+) -> View:
+    """The view of a sample's clouds, counted from the middle, on level ground, cropped to the area and below 4 m.
+
+    Sensor k is that of cloud k, where it stands on that ground; what kind of sensor it is does not matter here unless
+    there are scenes. number: of the sample, for messages to say; memory: of links, from sample to sample of the same
+    sensors.
+    """
+    lifted = np.eye(4) if ground is None else ground.level_SE3_frame
+    shift = np.eye(4)
+    shift[:2, 3] = -middle
+
+    def points(k: int) -> Float32[np.ndarray, "n 3"]:
+        points = sample.clouds[k].in_world() - [*middle, 0.0]
+        upright = (points if ground is None or not len(points) else ground.points(points)).astype(np.float32)
+        return upright[inside(upright, area, CROP_HEIGHT)]
+
+    def run(clouds: Sequence[Cloud]) -> Detections:
+        points = together(clouds)
+        return detector(points) if len(points) else Detections.empty()
+
+    given: dict[str, Any] = {"measure": points}
+    models: list[SensorModel] = [SpinningLidar() for _ in sample.clouds]
+    if scenes is not None:
+        imaged = ImagedClouds(sample, scenes, ground, middle, area, height=CROP_HEIGHT, number=number)
+        given = {"measure": imaged.measure, "capture": imaged.capture, "scene": imaged.scene}
+        models = [imaged.model(k) for k in range(len(sample.clouds))]
+    sensors = tuple(
+        Sensor(cloud.name, model, lifted @ shift @ cloud.world_SE3_sensor)
+        for cloud, model in zip(sample.clouds, models, strict=True)
+    )
+    return View(area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory, **given)

@@ -8,9 +8,7 @@ from dataclasses import replace
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from toolkit.viewing.chosen_samples import ChosenSamples
-from toolkit.viewing.drawn_sample import BOX_KINDS, COLOURINGS, Colouring, Drawing, DrawnSample
-from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.drawn import BOX_KINDS, COLOURINGS, ChosenSamples, Colouring, Drawing, DrawnSample, Scales
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
@@ -25,7 +23,7 @@ from toolkit.viewing.recording_scene import (
     sensors_of,
     viewed_area,
 )
-from toolkit.viewing.viser_scene import overview, start_at, viser_server
+from toolkit.viewing.scene import overview, start_at, viser_server
 
 if TYPE_CHECKING:
     from viser import ViserServer

@@ -12,10 +12,7 @@ from pathlib import Path
 
 from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.runtime.files import write_text
-from toolkit.viewing.drawn_sample import BOX_KINDS, Colouring, DrawnSample, colourings_of
-from toolkit.viewing.embedded import POLICY, scene_script, script_data
-from toolkit.viewing.outcomes import MARKED
-from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Scales, colourings_of
 from toolkit.viewing.recording_scene import (
     BOXES,
     GRID_NODE,
@@ -28,7 +25,7 @@ from toolkit.viewing.recording_scene import (
     sensors_of,
     viewed_area,
 )
-from toolkit.viewing.viser_scene import overview, scene_html, start_at, viser_server
+from toolkit.viewing.scene import POLICY, overview, scene_html, scene_script, script_data, start_at, viser_server
 
 PAGE_FRAMES = 20  # of a recording, unless another number is asked for
 PAGE_POINTS = 600_000  # of all clouds of all frames together

@@ -21,11 +21,19 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.mesh import box
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
-from toolkit.viewing.box_lines import box_edges, dashed, headings, roof_crosses, spikes
-from toolkit.viewing.drawn_sample import BOX_KINDS, Colouring, DrawnCloud, DrawnSample, thinned
-from toolkit.viewing.outcomes import MARKED, Marked
-from toolkit.viewing.point_shades import Scales, newest_of, shades
-from toolkit.viewing.viser_scene import add_lines, add_mesh, rgb
+from toolkit.viewing.drawn import (
+    BOX_KINDS,
+    MARKED,
+    Colouring,
+    DrawnCloud,
+    DrawnSample,
+    Marked,
+    Scales,
+    newest_of,
+    shades,
+    thinned,
+)
+from toolkit.viewing.scene import add_lines, add_mesh, box_edges, dashed, headings, rgb, roof_crosses, spikes
 
 if TYPE_CHECKING:
     from viser import SceneApi

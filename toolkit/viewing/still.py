@@ -11,9 +11,7 @@ import numpy as np
 from toolkit.plots.canvas import blank_figure, house_style, shortened, write_figure
 from toolkit.plots.palette import FAINT, INK, OUTCOME, Outcome, sensor_colour
 from toolkit.plots.symbols import draw_outcome
-from toolkit.viewing.drawn_sample import Colouring, DrawnSample, thinned
-from toolkit.viewing.outcomes import MARKED
-from toolkit.viewing.point_shades import Scales, newest_of, shades
+from toolkit.viewing.drawn import MARKED, Colouring, DrawnSample, Scales, newest_of, shades, thinned
 from toolkit.viewing.recording_scene import viewed_area
 
 STILL_POINTS = 200_000  # of a cloud

@@ -56,8 +56,8 @@ def detect(
         overwrite: Replace what is there.
         json: Print the summary as JSON.
     """
-    from toolkit.detection.samples.detected import detect_samples
-    from toolkit.detection.samples.results import described, summary, write_detections
+    from toolkit.detection.detect import detect_samples
+    from toolkit.detection.results import described, summary, write_detections
 
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:

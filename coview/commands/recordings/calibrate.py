@@ -18,7 +18,7 @@ from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
 
 if TYPE_CHECKING:
-    from toolkit.calibration.sensor_poses import FoundPose
+    from toolkit.calibration.poses import FoundPose
 
 
 def calibrate(
@@ -69,9 +69,8 @@ def calibrate(
         json: Print as JSON.
     """
     from toolkit.calibration.corrected_recording import write_corrected
-    from toolkit.calibration.poses_together import find_poses_together
+    from toolkit.calibration.poses import find_poses, find_poses_together
     from toolkit.calibration.reference import read_surface
-    from toolkit.calibration.sensor_poses import find_poses
 
     check_errors(errors)
     if reference is not None and (held or detector is not None):
@@ -114,7 +113,7 @@ def calibrate(
 
 def _said(found: Sequence[FoundPose], poses: Path | None, json: bool) -> int:
     """Write and print what was found."""
-    from toolkit.calibration.sensor_poses import save_poses
+    from toolkit.calibration.poses import save_poses
 
     if poses is not None:
         save_poses(poses, found)

@@ -49,8 +49,7 @@ def convert(
         overwrite: Write into a folder that holds something.
         json: Print the summary as JSON.
     """
-    from toolkit.datasets.layouts.table import layout_named
-    from toolkit.datasets.samples import of_classes, write_samples
+    from toolkit.datasets.recordings import layout_named, of_classes, write_samples
 
     check_least("--frames", frames, 1, "leave it out for all")
     target = layout_named(to)

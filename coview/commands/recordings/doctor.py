@@ -37,9 +37,9 @@ def doctor(
         frames: With --layout, how many samples from its beginning are looked at.
         json: Print as JSON.
     """
-    from toolkit.calibration.drift import check_drift
-    from toolkit.datasets.doctor.diagnosis import diagnose
-    from toolkit.detection.samples.diagnosis import diagnose_samples
+    from toolkit.calibration.poses import check_drift
+    from toolkit.datasets.doctor import diagnose
+    from toolkit.detection.label_doctor import diagnose_samples
     from toolkit.sites.files import load_site
 
     check_least("--frames", frames, 1)

@@ -74,7 +74,7 @@ def fuse(
 
 
 def _check_argoverse(log: Path, as_json: bool) -> int:
-    from toolkit.datasets.argoverse import check_log
+    from toolkit.datasets.layouts.argoverse import check_log
 
     rows = check_log(log)
     lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]

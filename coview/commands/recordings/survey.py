@@ -73,7 +73,7 @@ def survey(
 
 
 def _survey_clouds(path: Path, layout: str, classes: tuple[Label, ...], frames: int | None, json: bool) -> int:
-    from toolkit.detection.samples.counted import survey_samples, survey_text
+    from toolkit.detection.survey import survey_samples, survey_text
 
     check_least("--frames", frames, 1, "leave it out for all")
     samples = open_clouds(path, layout)

@@ -75,12 +75,11 @@ def view(
         json: Print as JSON.
     """
     from toolkit.plots.canvas import check_picture
-    from toolkit.viewing.chosen_samples import ChosenSamples
-    from toolkit.viewing.drawn_sample import Drawing
+    from toolkit.viewing.drawn import ChosenSamples, Drawing
     from toolkit.viewing.live import view_live
     from toolkit.viewing.page import PAGE_FRAMES, write_page
+    from toolkit.viewing.scene import check_viser
     from toolkit.viewing.still import write_still
-    from toolkit.viewing.viser_scene import check_viser
 
     check_least("--frames", frames, 1, "leave it out for all")
     check_least("--every", every, 1)

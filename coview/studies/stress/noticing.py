@@ -17,7 +17,7 @@ import numpy as np
 from coview.studies.stress.conditions import make_conditions
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points
-from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
 from toolkit.detection.link.channel import PERFECT, LinkChannel

@@ -26,7 +26,7 @@ from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.analysis.tally import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
-from toolkit.calibration.recording_scenes import RecordingScenes
+from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
 from toolkit.detection.link.channel import STALE

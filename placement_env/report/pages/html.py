@@ -10,7 +10,7 @@ from pathlib import Path
 
 from placement_env.report.pages.document import Document
 from placement_env.report.pages.scene import Scene
-from toolkit.viewing.embedded import POLICY, scene_script, script_data
+from toolkit.viewing.scene import POLICY, scene_script, script_data
 
 _FOLDER = Path(__file__).parent
 

@@ -1,6 +1,6 @@
 """The junction in 3D: a page of viser that plays in an iframe without server or network.
 
-`toolkit.viewing.viser_scene` has viser write it. viser's own player cannot leave out one sensor and its points in words
+`toolkit.viewing.scene` has viser write it. viser's own player cannot leave out one sensor and its points in words
 that a reader knows, so every sensor, every frame and every kind of box is a node of its own, and the page around it
 switches them by messages (`layers` are their nodes).
 """
@@ -22,8 +22,8 @@ from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK,
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from toolkit.viewing import box_lines as lines
-from toolkit.viewing.viser_scene import add_lines, add_mesh, overview, rgb, scene_html, start_at, viser_server
+from toolkit.viewing import scene as lines
+from toolkit.viewing.scene import add_lines, add_mesh, overview, rgb, scene_html, start_at, viser_server
 
 if TYPE_CHECKING:
     from viser import SceneApi

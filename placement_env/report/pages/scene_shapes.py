@@ -12,7 +12,7 @@ from toolkit.arrays import Bool, Float32
 from toolkit.mesh import Mesh, triangulate
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from toolkit.viewing.box_lines import Segments
+from toolkit.viewing.scene import Segments
 
 GROUND_MARGIN = 25.0  # m of ground that is drawn around the area
 TILE = 4.0  # m, edge of the tiles that ground and streets are cut into, to follow the relief

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.calibration.poses import find_pose
 from toolkit.calibration.reference import site_surface
-from toolkit.calibration.sensor_poses import find_pose
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import evaluate_dataset

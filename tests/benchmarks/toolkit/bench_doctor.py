@@ -24,15 +24,13 @@ import numpy as np
 from written_mistakes import LATE, MISTAKES, Mistake, make, terms_of
 
 from toolkit.calibration.ground import Ground, level
-from toolkit.datasets.doctor.diagnosis import diagnose
+from toolkit.datasets.doctor import diagnose
 from toolkit.datasets.layouts.dair import written_labels
-from toolkit.datasets.layouts.table import LAYOUTS
-from toolkit.datasets.records.clouds import write_cloud
+from toolkit.datasets.recordings import LAYOUTS, open_samples, write_samples
+from toolkit.datasets.records import write_cloud
 from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.datasets.samples import open_samples, write_samples
-from toolkit.detection.samples import label_fits
-from toolkit.detection.samples.diagnosis import diagnose_samples
-from toolkit.detection.samples.label_mistakes import boxes_through
+from toolkit.detection import label_doctor as label_fits
+from toolkit.detection.label_doctor import boxes_through, diagnose_samples
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
 

@@ -105,7 +105,7 @@ def links() -> dict[str, Any]:
 
 def count_bytes(folder: Path, site: str, frames: int) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
-    from toolkit.calibration.recording_scenes import RecordingScenes
+    from toolkit.calibration.scenes import RecordingScenes
     from toolkit.datasets.readings import read_frame
     from toolkit.detection.link.standing_out import standing_out
     from toolkit.detection.view import Captured

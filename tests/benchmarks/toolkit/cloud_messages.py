@@ -13,8 +13,8 @@ from time import perf_counter
 
 import numpy as np
 
-from toolkit.calibration.samples.sample_scenes import SampleScenes
-from toolkit.datasets.samples import open_samples
+from toolkit.calibration.scenes import SampleScenes
+from toolkit.datasets.recordings import open_samples
 from toolkit.detection.codec import RangeImage
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground
 from toolkit.detection.link.range_images import RangeImages

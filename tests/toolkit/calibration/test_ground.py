@@ -4,10 +4,185 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.calibration.ground import Ground, level, level_warning
-from toolkit.calibration.height_map import HeightMap
+from toolkit.calibration.ground import (
+    Ground,
+    HeightMap,
+    fit_map,
+    fit_plane,
+    heights_over,
+    level,
+    level_warning,
+    low_points,
+    lowest_around,
+    supported,
+)
 from toolkit.clouds import from_points
 from toolkit.geometry import invert, pose, transform
+
+
+def scattered(rng, low, high, height, count, noise=0.0):
+    xy = rng.uniform(low, high, (count, 2))
+    return np.column_stack([xy, np.broadcast_to(height, count) + noise * rng.standard_normal(count)])
+
+
+def sloped(points, a, b, c):
+    return points + np.column_stack([np.zeros((len(points), 2)), points[:, :2] @ [a, b] + c])
+
+
+@pytest.mark.parametrize("plane", [(0.0, 0.0, -1.7), (0.06, 0.0, -6.0), (-0.1, 0.18, -1.7), (0.0, -0.05, 12.0)])
+def test_the_plane_is_that_of_the_ground_to_a_centimetre(plane):
+    street = scattered(np.random.default_rng(0), -40, 40, 0.0, 6000, noise=0.02)
+    assert (np.abs(fit_plane(sloped(street, *plane)) - plane) < [2e-3, 2e-3, 0.01]).all()
+
+
+def test_a_roof_larger_than_the_ground_is_not_it():
+    rng = np.random.default_rng(1)
+    street, roof = scattered(rng, [-30, -4], [30, 4], 0.0, 2000), scattered(rng, [-30, 5], [30, 30], 5.0, 20000)
+    np.testing.assert_allclose(fit_plane(np.concatenate([roof, street])), 0.0, atol=0.01)
+
+
+def test_walls_hedges_and_cars_do_not_lift_it():
+    rng = np.random.default_rng(2)
+    street = scattered(rng, [-30, -6], [30, 6], -6.0, 1500, noise=0.02)
+    wall = np.column_stack([rng.uniform(-30, 30, 20000), np.full(20000, 6.5), rng.uniform(-6, 4, 20000)])
+    hedge = scattered(rng, [-30, -8], [30, -6], -4.8, 5000, noise=0.1)
+    cars = scattered(rng, [-10, -2], [10, 2], rng.uniform(-5.8, -4.5, 6000), 6000)
+    np.testing.assert_allclose(fit_plane(np.concatenate([street, wall, hedge, cars])), [0, 0, -6.0], atol=0.02)
+
+
+def test_reflections_below_the_ground_do_not_sink_it():
+    rng = np.random.default_rng(3)
+    street = scattered(rng, -30, 30, -1.7, 3000, noise=0.02)
+    below = scattered(rng, -30, 30, rng.uniform(-9, -3, 30), 30)
+    np.testing.assert_allclose(fit_plane(np.concatenate([street, below])), [0, 0, -1.7], atol=0.01)
+
+
+def test_ground_on_one_side_only_at_a_tilt():
+    rng = np.random.default_rng(4)
+    ahead = sloped(scattered(rng, [3, -10], [40, 10], 0.0, 3000, noise=0.02), 0.15, -0.1, -6.0)
+    assert (np.abs(fit_plane(ahead) - [0.15, -0.1, -6.0]) < [2e-3, 2e-3, 0.03]).all()
+
+
+def test_near_rings_do_not_outweigh_far_ones():
+    rng = np.random.default_rng(5)
+    near = scattered(rng, -3, 3, -1.7, 50000, noise=0.05)
+    far = scattered(rng, -40, 40, -1.7, 2000, noise=0.02)
+    np.testing.assert_allclose(fit_plane(np.concatenate([near, far])), [0, 0, -1.7], atol=0.01)
+
+
+def test_the_same_seed_gives_the_same_plane_and_the_bound_on_tilt_holds():
+    steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), 0.5, 0.0, 0.0)
+    street = scattered(np.random.default_rng(6), -20, 20, 0.0, 2000, noise=0.05)
+    assert fit_plane(street, seed=3).tobytes() == fit_plane(street, seed=3).tobytes()
+    assert np.hypot(*fit_plane(steep, max_tilt=0.1)[:2]) <= np.tan(0.1)
+
+
+def test_points_that_make_no_ground_are_refused():
+    with pytest.raises(ValueError, match="no ground to be found in 2 points"):
+        fit_plane(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="no ground to be found in 0 points"):
+        fit_plane(np.zeros((0, 3), np.float32))
+    patch = np.random.default_rng(0).uniform([-5, -5, 0], [5, 5, 0.1], (200, 3))
+    far = np.concatenate([patch, patch + np.array([[3000.0, 3000.0, 0.0]])])
+    with pytest.raises(ValueError, match=r"reach over 30[01]. by 30[01]. m: crop them"):
+        fit_plane(far)
+
+
+def test_points_of_no_number_do_not_count():
+    street = scattered(np.random.default_rng(7), -20, 20, -1.7, 2000)
+    street[::7, 1] = np.nan
+    np.testing.assert_allclose(fit_plane(street), [0, 0, -1.7], atol=1e-6)
+
+
+def test_the_low_end_of_a_cell_is_a_tenth_of_its_points_up():
+    column = np.column_stack([np.full(31, 0.5), np.full(31, 0.5), np.arange(31.0)])
+    assert low_points(column, 1.0).tolist() == [[0.5, 0.5, 3.0]]
+    assert low_points(column, 1.0, share=0.5).tolist() == [[0.5, 0.5, 15.0]]
+    assert low_points(column[:0], 1.0).shape == (0, 3)
+
+
+def test_heights_over_a_plane():
+    assert heights_over(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
+
+
+def test_cells_above_others_and_alone_are_left_out():
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2) + 0.5
+    cells = np.column_stack([grid, np.zeros(400)])
+    cells[210, 2], cells[37, 2] = 1.5, -3.0
+    ground = supported(cells, 0.25, 0.1, others=2)
+    assert np.flatnonzero(~ground).tolist() == [37, 210]
+    cells[37, 2] = 0.0
+    assert np.flatnonzero(~lowest_around(cells, 0.1, 0.25, window=5.0)).tolist() == [210]
+    assert lowest_around(cells[:0], 0.1, 0.25).shape == (0,)
+
+
+def hilly(rng, count, reach=40.0):
+    """Points of a street that falls away 1.2 m to the west, smoothly, and its height."""
+    xy = rng.uniform(-reach, reach, (count, 2))
+    return np.column_stack([xy, height_at(xy)])
+
+
+def height_at(xy):
+    return -1.2 / (1 + np.exp((xy[:, 0] + 20) / 6))
+
+
+def test_a_map_follows_what_the_plane_does_not():
+    rng = np.random.default_rng(0)
+    street = hilly(rng, 30000) + [0, 0, 1] * (0.02 * rng.standard_normal((30000, 1)))
+    places = rng.uniform(-36, 36, (500, 2))
+    error = fit_map(street).at(places) - height_at(places)
+    assert abs(np.median(error)) < 0.01
+    assert np.abs(error).max() < 0.08
+
+
+def test_cars_and_hedges_do_not_lift_it():
+    rng = np.random.default_rng(1)
+    street = hilly(rng, 20000)
+    standing = []
+    for x, y in rng.uniform(-30, 30, (12, 2)):
+        under = (np.abs(street[:, 0] - x) < 2.2) & (np.abs(street[:, 1] - y) < 0.9)
+        street = street[~under]
+        car = np.column_stack([rng.uniform(x - 2.2, x + 2.2, 400), rng.uniform(y - 0.9, y + 0.9, 400), np.zeros(400)])
+        standing.append(car + np.column_stack([np.zeros((400, 2)), height_at(car) + rng.uniform(0.25, 1.5, 400)]))
+    hedge = np.column_stack([rng.uniform(-30, 30, 4000), rng.uniform(20, 21.5, 4000), rng.uniform(0.3, 1.2, 4000)])
+    hedge[:, 2] += height_at(hedge)
+    points = np.concatenate([street, *standing, hedge])
+    places = rng.uniform(-30, 30, (500, 2))
+    assert np.abs(fit_map(points).at(places) - height_at(places)).max() < 0.1
+
+
+def test_stray_points_below_do_not_sink_it_and_far_from_ground_it_is_the_plane():
+    rng = np.random.default_rng(2)
+    street = np.column_stack([rng.uniform(-20, 20, (8000, 2)), np.zeros(8000)])
+    stray = np.column_stack([rng.uniform(-20, 20, (12, 2)), np.full(12, -1.5)])
+    alone = np.column_stack([rng.uniform(70, 71, (30, 2)), rng.uniform(0.5, 1.9, 30)])
+    surface = fit_map(np.concatenate([street, stray, alone]))
+    assert np.abs(surface.at(rng.uniform(-20, 20, (300, 2)))).max() < 0.02
+    assert np.abs(surface.at(np.array([[70.0, 70.0]]))).max() < 0.02
+
+
+def test_beside_a_kerb_the_lower_level_counts():
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(-20, 20, (20000, 2))
+    street = np.column_stack([xy, np.where(xy[:, 1] > 4, 0.15, 0.0)])
+    surface = fit_map(street)
+    along = np.linspace(-15, 15, 50)
+    assert np.abs(surface.at(np.column_stack([along, np.full(50, 2.0)]))).max() < 0.03
+    np.testing.assert_allclose(surface.at(np.column_stack([along, np.full(50, 12.0)])), 0.15, atol=0.03)
+
+
+def test_places_outside_have_the_height_of_the_edge():
+    heights = HeightMap(np.array([10.0, 20.0]), np.array([[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]]), cell=2.0)
+    places = np.array([[10.0, 20.0], [11.0, 21.0], [12.0, 24.0], [-5.0, 22.0], [99.0, 99.0]])
+    assert heights.at(places).tolist() == [0.0, 2.5, 6.0, 1.0, 6.0]
+    assert HeightMap(np.zeros(2), np.full((1, 1), 0.3)).at(places).tolist() == [0.3] * 5
+
+
+def test_nothing_near_the_plane_makes_a_flat_map_and_no_reach_is_refused():
+    assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
+    with pytest.raises(ValueError, match="reach must be a length above 0 m, got -1"):
+        fit_map(np.zeros((10, 3)), reach=-1.0)
+
 
 SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
 LOG = SHARED / "real" / "av2_two_lidars"
@@ -132,7 +307,7 @@ def test_clouds_that_say_nothing_of_the_ground_make_no_warning():
 def test_labelled_cars_of_a_real_street_stand_on_its_ground():
     pytest.importorskip("pyarrow")
     from toolkit.clouds import positions
-    from toolkit.datasets.argoverse import fuse_sweep, read_labels, sweep_times
+    from toolkit.datasets.layouts.argoverse import fuse_sweep, read_labels, sweep_times
 
     time = sweep_times(LOG)[0]
     labels, points = read_labels(LOG, time), positions(fuse_sweep(LOG, time))

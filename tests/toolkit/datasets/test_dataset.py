@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.datasets.doctor.diagnosis import diagnose
+from toolkit.datasets.doctor import diagnose
 from toolkit.datasets.recording import Header, Scene, encode, join
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame

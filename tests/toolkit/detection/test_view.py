@@ -1,14 +1,26 @@
+"""Clouds as images send what the images they were made of send, and the centre has the same points of them."""
+
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.ground import Ground
+from toolkit.calibration.scenes import SampleScenes
+from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.detection.codec import Message
-from toolkit.detection.view import View, frame_view, suppress, together
+from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.link.range_images import RangeImages
+from toolkit.detection.schemes import SCHEMES
+from toolkit.detection.view import ImagedClouds, View, frame_view, sample_view, suppress, together
 from toolkit.frame import Frame
-from toolkit.geometry import look
+from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Detections, Objects
+from toolkit.points import unproject
 from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.row_lidar import RowLidar
 from toolkit.sensors.sensor import Sensor
 
 AREA = (-10.0, -10.0, 10.0, 10.0)
@@ -192,3 +204,174 @@ def test_what_is_transmitted_by_a_name_is_so_once(watched):
     assert (sent.bits, made, sent.arrived.history) == (77, [1], ("mine",))
     assert calls.run == [[(0, ("mine",))]]
     assert sent.arrived.ms >= view.cloud(0).ms
+
+
+AREA_IMAGED = np.array([-30.0, -30, 30, 30])
+MODEL = RowLidar(tuple(np.deg2rad(np.linspace(-5, -40, 20))), columns=180)
+SENSORS_IMAGED = (Sensor("a", MODEL, pose(-8.0, 0.0, 5.0, yaw=0.3)), Sensor("b", MODEL, pose(8.0, 1.0, 4.0, yaw=2.0)))
+FLOOR = 0.05  # m that the ground lies above zero, so that the crop keeps it
+
+
+def empty(sensor):
+    """Flat ground, to the millimetre as float32 has it."""
+    down = -sensor.model.rays()[..., 2].astype(np.float64)
+    return ((sensor.pose[2, 3] - FLOOR) / down).astype(np.float32)
+
+
+def occupied(sensor):
+    """Somebody in 5 x 8 pixels, a metre before the ground."""
+    image = empty(sensor)
+    image[6:11, 40:48] -= 1.0
+    image[15, 100] = 0  # nothing returned
+    return image
+
+
+FRAME = Frame(SENSORS_IMAGED, tuple(occupied(sensor) for sensor in SENSORS_IMAGED), Objects.empty(), 2.5, 3)
+SCENES = tuple(EmptyScene.of(sensor, empty(sensor)) for sensor in SENSORS_IMAGED)
+
+
+class Seen:
+    """Keeps the points it is shown."""
+
+    def __init__(self):
+        self.points = []
+
+    def __call__(self, points):
+        self.points.append(points)
+        return Detections(np.array([[0.0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.5]))
+
+
+def sample(height=0.0, order=None):
+    """The clouds of the frame, in a world whose origin is `height` below."""
+    clouds = []
+    for sensor, image in zip(FRAME.sensors, FRAME.measurements, strict=True):
+        xyz, valid = unproject(sensor, image)
+        own = transform(invert(sensor.pose), xyz.T[valid].astype(np.float64)).astype(np.float32)
+        rows = np.random.default_rng(0).permutation(len(own)) if order is None else order
+        clouds.append(SensorCloud(sensor.name, own[rows], pose(z=height) @ sensor.pose))
+    return Sample("3", tuple(clouds), Objects.empty(), time=2.5)
+
+
+def given():
+    return SampleScenes(lambda: iter(()), SCENES)
+
+
+def by_place(points):
+    return points[np.lexsort(points.T.round(3))]
+
+
+@pytest.mark.parametrize("name", ["foreground", "adaptive", "early", "late"])
+def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
+    scheme, codec, ours, theirs = SCHEMES[name], RangeImages(), Seen(), Seen()
+    view = sample_view(sample(), ours, None, np.zeros(2), AREA_IMAGED, codec=codec, scenes=given(), number=3)
+    of_frame = frame_view(FRAME, theirs, AREA_IMAGED, height=4.0, codec=codec, scene=lambda k: SCENES[k])
+    mine, theirs_fused = scheme.fuse(view, [0, 1]), scheme.fuse(of_frame, [0, 1])
+    np.testing.assert_allclose(mine.bits, theirs_fused.bits, atol=16 if name in ("early", "foreground") else 400)
+    assert len(ours.points) == len(theirs.points)
+    for own, other in zip(ours.points, theirs.points, strict=True):
+        assert own.dtype == np.float32
+        np.testing.assert_allclose(by_place(own), by_place(other), atol=0.025)
+
+
+def test_foreground_is_a_fraction_of_the_image_and_brings_all_of_it():
+    seen = Seen()
+    view = sample_view(sample(), seen, None, np.zeros(2), AREA_IMAGED, scenes=given())
+    fused = Foreground().fuse(view, [0, 1])
+    whole = SCHEMES["early"].fuse(
+        sample_view(sample(), Seen(), None, np.zeros(2), AREA_IMAGED, codec=RangeImages(), scenes=given()), [0, 1]
+    )
+    assert (fused.bits < whole.bits / 2).all()
+    pixels = sum(int((view.captured(k).measurement > 0).sum()) for k in (0, 1))
+    inside = sum(len(view.cloud(k).points) for k in (0, 1))
+    assert inside <= pixels
+    assert len(seen.points[0]) >= inside
+
+
+def test_level_ground_is_below_what_the_centre_draws():
+    ground, seen = Ground(np.array([0.0, 0.0, 100.0])), Seen()
+    view = sample_view(sample(height=100.0), seen, ground, np.zeros(2), AREA_IMAGED, scenes=given())
+    Foreground().fuse(view, [0, 1])
+    upright = Seen()
+    Foreground().fuse(sample_view(sample(), upright, None, np.zeros(2), AREA_IMAGED, scenes=given()), [0, 1])
+    assert len(seen.points[0]) == pytest.approx(len(upright.points[0]), abs=3)
+    heights = seen.points[0][:, 2]
+    assert np.median(heights) == pytest.approx(FLOOR, abs=0.005)
+    assert heights.max() < 4
+
+
+def test_points_that_share_a_pixel_stay_where_they_were_measured():
+    behind = sample()
+    cloud = behind.clouds[0]
+    doubled = np.concatenate([cloud.points, 1.01 * cloud.points[:7]]).astype(np.float32)
+    behind = Sample("3", (SensorCloud("a", doubled, cloud.world_SE3_sensor),), Objects.empty())
+    imaged = ImagedClouds(behind, given(), None, np.zeros(2), AREA_IMAGED, height=4.0, number=9)
+    points, captured = imaged.measure(0), imaged.capture(0)
+    assert len(points) == len(captured.pixels) == len(np.unique(captured.pixels))
+    assert (captured.frame.time, captured.frame.index) == (0.0, 9)
+    assert imaged.measure(0) is points
+    assert imaged.scene(0) is SCENES[0]
+    assert imaged.model(0) == MODEL
+    np.testing.assert_allclose(captured.points(captured.sending(captured.pixels).measurement),
+                               points[np.argsort(captured.pixels)], atol=1e-4)  # fmt: skip
+
+
+AREA_VIEWS = np.array([-50.0, -50, 50, 50])
+
+
+class Counts:
+    """A detection whose score is the share of 100 points it saw."""
+
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, points):
+        self.seen.append(points)
+        box = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0.0]])
+        return Detections(box, np.array([len(points) / 100]))
+
+
+def sample_views():
+    """Two sensors in a world whose ground lies 10 m up; 30 points beside the first, 20 points 40 m from both."""
+    near, far = np.tile([1.0, 0, -3.0], (30, 1)), np.tile([0.0, 40, -3.0], (20, 1))
+    clouds = (
+        SensorCloud("a", near.astype(np.float32), pose(100.0, 0.0, 14.0)),
+        SensorCloud("b", far.astype(np.float32), pose(110.0, 0.0, 14.0)),
+    )
+    return Sample("0", clouds, Objects.empty())
+
+
+def view(detector):
+    return sample_view(sample_views(), detector, Ground(np.array([0.0, 0, 10.0])), np.array([100.0, 0]), AREA_VIEWS)
+
+
+def test_clouds_are_counted_from_the_middle_on_the_ground():
+    made = view(Counts())
+    assert made.cloud(0).points.tolist() == [[1, 0, 1]] * 30
+    assert made.cloud(1).points.tolist() == [[10, 40, 1]] * 20
+    assert made.cloud(0).points.dtype == np.float32
+    assert made.sensors[1].position.tolist() == [10, 0, 4]
+
+
+@pytest.mark.parametrize(("scheme", "kbit"), [("early", 96 * 25 / 1000), ("late", 0.256)])
+def test_fusion_as_on_simulated_frames(scheme, kbit):
+    detector = Counts()
+    fused = SCHEMES[scheme].fuse(view(detector), [0, 1])
+    assert fused.kbit_per_sensor == pytest.approx(kbit)
+    assert [len(points) for points in detector.seen] == ([50] if scheme == "early" else [30, 20])
+    assert len(fused.detections) == (1 if scheme == "early" else 2)
+
+
+def test_hybrid_sends_the_far_points():
+    detector = Counts()
+    fused = Hybrid(radius=15.0).fuse(view(detector), [0, 1])
+    assert fused.bits.tolist() == [256, 256 + 20 * 96]
+    assert [len(points) for points in detector.seen] == [20, 30, 20]
+
+
+def test_a_sensor_without_points_in_the_area_detects_nothing():
+    detector = Counts()
+    nothing = sample_view(
+        sample_views(), detector, None, np.zeros(2), AREA_VIEWS
+    )  # points are at x = 101 and 110, z = 11
+    assert SCHEMES["late"].fuse(nothing, [0, 1]).kbit_per_sensor == 0
+    assert detector.seen == []

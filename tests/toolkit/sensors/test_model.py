@@ -22,7 +22,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.doctor.diagnosis import diagnose
+from toolkit.datasets.doctor import diagnose
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform

@@ -3,12 +3,11 @@ from dataclasses import replace
 
 import pytest
 
-from toolkit.datasets.records.fields import Listing
+from toolkit.datasets.records import Listing
 from toolkit.viewing import live
-from toolkit.viewing.chosen_samples import ChosenSamples
-from toolkit.viewing.drawn_sample import Drawing
+from toolkit.viewing.drawn import ChosenSamples, Drawing
 from toolkit.viewing.live import LiveView, view_live
-from toolkit.viewing.viser_scene import viser_server
+from toolkit.viewing.scene import viser_server
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from toolkit.viewing.drawn_sample import Drawing
+from toolkit.viewing.drawn import Drawing
 from toolkit.viewing.page import PageContent, Switch, page_content, page_html, write_page
 from toolkit.viewing.recording_scene import nodes_of_kind
 

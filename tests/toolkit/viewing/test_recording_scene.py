@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.plots.palette import OUTCOME
-from toolkit.viewing.drawn_sample import COLOURINGS, Drawing, DrawnSample
-from toolkit.viewing.point_shades import Scales
+from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample, Scales
 from toolkit.viewing.recording_scene import (
     SceneStyle,
     add_grid,
@@ -15,7 +14,7 @@ from toolkit.viewing.recording_scene import (
     sensors_of,
     viewed_area,
 )
-from toolkit.viewing.viser_scene import rgb, viser_server
+from toolkit.viewing.scene import rgb, viser_server
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from matplotlib import image
 
 from toolkit.plots import canvas
 from toolkit.plots.palette import OUTCOME, sensor_colour
-from toolkit.viewing.drawn_sample import COLOURINGS, Drawing, DrawnSample
+from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample
 from toolkit.viewing.still import write_still
 
 

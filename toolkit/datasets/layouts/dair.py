@@ -23,19 +23,23 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records.clouds import one_cloud, read_cloud, write_cloud
-from toolkit.datasets.records.fields import (
+from toolkit.datasets.records import (
+    Labelled,
     Listing,
     as_number,
+    count_full_turns,
     entry,
     heading,
     json_of,
+    labelled,
     named_damage,
+    one_cloud,
+    read_cloud,
     records,
     rigid,
+    write_cloud,
     xyz,
 )
-from toolkit.datasets.records.labels import Labelled, count_full_turns, labelled
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS

@@ -6,7 +6,7 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
 - Sensors' files of one name are one sample; where no two sensors share a name and all have equally many, the k-th of
   each are, in the order of their names.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME where it moves.
-- labels.json is `toolkit.datasets.records.boxes_file`, by the names of the samples.
+- labels.json is `toolkit.datasets.records`, by the names of the samples.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
 """
 
@@ -18,10 +18,17 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets.cloud_files import Pose, read_poses
-from toolkit.datasets.records.boxes_file import boxes_record, objects_in, read_entries, write_boxes
-from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
-from toolkit.datasets.records.fields import Listing
-from toolkit.datasets.records.labels import no_labels
+from toolkit.datasets.records import (
+    ENDINGS,
+    Listing,
+    boxes_record,
+    no_labels,
+    objects_in,
+    read_cloud,
+    read_entries,
+    write_boxes,
+    write_cloud,
+)
 from toolkit.datasets.sample import Sample
 from toolkit.runtime.files import write_text
 

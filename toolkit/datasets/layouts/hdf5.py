@@ -1,27 +1,183 @@
-"""Our own recordings and the paper's published ones: one HDF5 file of depth or range images, or of recorded clouds.
+"""Recorded clouds in one HDF5 file, nothing lost: points, times, intensities, poses, boxes, regions of complete labels.
 
-Of recorded clouds: see `toolkit.datasets.layouts.hdf5_clouds`. Of images, world frame: the site's, `map_SE3_world` its
-place in the map. Clouds are those of all returns, each in its sensor's body frame (x forward, y left, z up); without
-noise, or as sensors with errors say them, who then do not stand where they are believed to. Labels are complete in the
-site's detection area. A published file that shows no built-in site is refused.
+Clouds of real sensors are no depth images, so they are kept as points, each sample in a group of its own:
+
+    coview                      attribute "clouds", version 1
+    names                       JSON: the samples' names, in order
+    samples/K/about             JSON: time, sensors (name, frame), categories, complete, others, problems
+    samples/K/map_SE3_world     float64 [4, 4]
+    samples/K/boxes             float64 [m, 7]    x y z of the centre, length width height, yaw (m, rad), world frame
+    samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] where the set has them
+    samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] where there are some
+    samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
+    samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] and ring
+                                                  int64 [n] if known
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, Literal
 
+import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.layouts.hdf5_clouds import hdf5_clouds, holds_clouds
 from toolkit.datasets.readings import read_frame
-from toolkit.datasets.records.fields import Listing
-from toolkit.datasets.sample import Rectangle, Sample, SensorCloud
+from toolkit.datasets.records import Listing, as_number, entry, named_damage, records, rigid_matrix
+from toolkit.datasets.sample import OtherObjects, Rectangle, Sample, SensorCloud, region_of
 from toolkit.geometry import invert, transform
-from toolkit.objects import LABELS
+from toolkit.objects import LABELS, Objects
 from toolkit.points import unproject
+from toolkit.runtime import hdf5 as reader
+from toolkit.runtime.files import finite, parse_json, writing
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
+
+CLOUDS_KIND = "clouds"  # the attribute `coview` of such a file
+_VERSION = 1
+_FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "world"}
+
+
+def holds_clouds(path: str | Path) -> bool:
+    """Whether an HDF5 file is one of recorded clouds. Raises OSError where it is no HDF5 file."""
+    with _opened(path) as file:
+        return str(reader.attributes_in(file, "the file").get("coview", "")) == CLOUDS_KIND
+
+
+@contextmanager
+def _opened(path: str | Path) -> Iterator[h5py.File]:
+    """A file to read; all that is wrong in it in one line, which names it."""
+    with reader.open_hdf5(path) as file, named_damage(path, "recording of clouds"):
+        try:
+            yield file
+        except OSError as error:
+            raise OSError(f"{path}: {error}") from None
+
+
+def hdf5_clouds(path: Path) -> Listing:
+    """The samples of a file. Raises ValueError, in one line, where it is damaged."""
+    with _opened(path) as file:
+        version = reader.attributes_in(file, "the file").get("version")
+        if version != _VERSION:
+            raise ValueError(f"its version is {version}: this coview reads version {_VERSION}")
+        names = [str(name) for name in records(parse_json(reader.text(file, "names")), "names")]
+        if len(set(names)) < len(names):
+            raise ValueError("samples have the same name")
+    places = {name: k for k, name in enumerate(names)}
+
+    def load(name: str) -> Sample:
+        with _opened(path) as file:
+            return _sample(file, f"samples/{places[name]}", name)
+
+    return Listing(tuple(names), load)
+
+
+def _sample(file: h5py.File, place: str, name: str) -> Sample:
+    about = parse_json(reader.text(file, f"{place}/about"))
+    clouds = tuple(
+        _cloud(file, f"{place}/clouds/{k}", each) for k, each in enumerate(records(entry(about, "sensors"), "sensors"))
+    )
+    labels = Objects(
+        _boxes(file, f"{place}/boxes"),
+        reader.array(file, f"{place}/labels", axes=1, kinds="iu").astype(np.int64),
+        reader.array(file, f"{place}/ids", axes=1, kinds="iu").astype(np.int64),
+    )
+    others = OtherObjects(
+        _boxes(file, f"{place}/others"),
+        tuple(str(each) for each in records(entry(about, "others"), "others")),
+        _counts(file, f"{place}/others_counts"),
+    )
+    if others.categories and len(others.categories) != len(others.boxes):
+        raise ValueError(f"{len(others.boxes)} other boxes but {len(others.categories)} names")
+    time = entry(about, "time")
+    return Sample(
+        name, clouds, labels, tuple(str(each) for each in records(entry(about, "categories"), "categories")),
+        _counts(file, f"{place}/counts"), others, region_of(entry(about, "complete")),
+        float("nan") if time is None else as_number(time, "time"),
+        rigid_matrix(reader.array(file, f"{place}/map_SE3_world", axes=2), "map_SE3_world"),
+        {str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()},
+    )  # fmt: skip
+
+
+def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
+    points = reader.array(file, f"{place}/points", axes=2).astype(np.float32)
+    if points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")
+    columns = {
+        name: reader.array(file, f"{place}/{name}", axes=1).astype(kind)
+        if reader.holds(file, f"{place}/{name}")
+        else None
+        for name, kind in (("time", np.float64), ("intensity", np.float32))
+    }
+    if reader.holds(file, f"{place}/ring"):
+        columns["ring"] = reader.array(file, f"{place}/ring", axes=1, kinds="iu").astype(np.int64)
+    for name, column in columns.items():
+        if column is not None and len(column) != len(points):
+            raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
+    frame = _FRAMES.get(str(entry(about, "frame")))
+    if frame is None:
+        raise ValueError(f"{place} must be in the frame of the sensor or the world, got {about['frame']!r}")
+    placed = reader.array(file, f"{place}/pose", axes=2)
+    return SensorCloud(str(entry(about, "name")), points, _rigid(placed, f"{place}/pose"), frame, **columns)
+
+
+def _rigid(stored: np.ndarray, name: str) -> np.ndarray:
+    """A pose to the bit where it is one."""
+    made = rigid_matrix(stored, name)
+    return stored.astype(np.float64) if np.allclose(made, stored, atol=1e-9) else made
+
+
+def _boxes(file: h5py.File, name: str) -> np.ndarray:
+    boxes = reader.array(file, name, axes=2).astype(np.float64)
+    if boxes.shape[1] != 7 or not np.isfinite(boxes).all() or not (boxes[:, 3:6] > 0).all():
+        raise ValueError(f"{name} must be finite boxes of seven numbers with positive sizes")
+    return boxes
+
+
+def _counts(file: h5py.File, name: str) -> np.ndarray | None:
+    if not reader.holds(file, name):
+        return None
+    return reader.array(file, name, axes=1, kinds="iu").astype(np.int64)
+
+
+def write_hdf5_clouds(samples: Iterable[Sample], path: Path) -> int:
+    """Write samples as one file, whole or not at all; how many. Raises ValueError where two have the same name."""
+    names: list[str] = []
+    with writing(path) as unfinished, h5py.File(unfinished, "w") as file:
+        file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
+        for sample in samples:
+            _write(file.create_group(f"samples/{len(names)}"), sample)
+            names.append(sample.name)
+        if len(set(names)) < len(names):
+            raise ValueError("samples must have different names to stand in one file")
+        file["names"] = json.dumps(names)
+    return len(names)
+
+
+def _write(group: h5py.Group, sample: Sample) -> None:
+    group["about"] = json.dumps(finite({
+        "time": sample.time,
+        "sensors": [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds],
+        "categories": sample.categories,
+        "complete": sample.complete.record(),
+        "others": sample.others.categories,
+        "problems": dict(sample.problems),
+    }))  # fmt: skip
+    columns = {"map_SE3_world": sample.map_SE3_world, "boxes": sample.objects.boxes, "labels": sample.objects.labels,
+               "ids": sample.objects.ids, "counts": sample.counts, "others": sample.others.boxes,
+               "others_counts": sample.others.counts}  # fmt: skip
+    for k, cloud in enumerate(sample.clouds):
+        columns |= {f"clouds/{k}/points": cloud.points, f"clouds/{k}/pose": cloud.world_SE3_sensor,
+                    f"clouds/{k}/time": cloud.time, f"clouds/{k}/intensity": cloud.intensity,
+                    f"clouds/{k}/ring": cloud.ring}  # fmt: skip
+    for name, column in columns.items():
+        if column is not None:
+            packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.size > 100 else {}
+            group.create_dataset(name, data=column, **packed)
 
 
 def hdf5(path: Path, *, errors: ErrorProfile | str = PAPER_ERRORS, noise_seed: int | None = None) -> Listing:

@@ -21,9 +21,20 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records.clouds import intensity_of, read_cloud
-from toolkit.datasets.records.fields import Listing, as_number, named_damage, numbers, rigid, rigid_matrix, text_of
-from toolkit.datasets.records.labels import count_full_turns, labelled, no_labels
+from toolkit.datasets.records import (
+    Listing,
+    as_number,
+    count_full_turns,
+    intensity_of,
+    labelled,
+    named_damage,
+    no_labels,
+    numbers,
+    read_cloud,
+    rigid,
+    rigid_matrix,
+    text_of,
+)
 from toolkit.datasets.sample import ImageWedge, Region, Sample
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections

@@ -23,9 +23,19 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.records.clouds import intensity_of, read_cloud
-from toolkit.datasets.records.fields import Listing, as_number, entry, heading, json_of, named_damage, numbers, records
-from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.records import (
+    Listing,
+    as_number,
+    entry,
+    heading,
+    intensity_of,
+    json_of,
+    labelled,
+    named_damage,
+    numbers,
+    read_cloud,
+    records,
+)
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS

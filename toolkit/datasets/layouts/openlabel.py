@@ -22,9 +22,19 @@ from typing import Any
 import numpy as np
 
 from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
-from toolkit.datasets.records.fields import Listing, as_number, entry, json_of, named_damage, numbers, rigid_matrix
-from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.records import (
+    ENDINGS,
+    Listing,
+    as_number,
+    entry,
+    json_of,
+    labelled,
+    named_damage,
+    numbers,
+    read_cloud,
+    rigid_matrix,
+    write_cloud,
+)
 from toolkit.datasets.sample import Sample
 from toolkit.geometry import pose
 from toolkit.objects import LABELS, Detections, Objects

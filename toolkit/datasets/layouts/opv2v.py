@@ -23,9 +23,20 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records.clouds import ENDINGS, read_cloud, write_cloud
-from toolkit.datasets.records.fields import Listing, entry, heading, named_damage, numbers, rigid, rigid_matrix, text_of
-from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.records import (
+    ENDINGS,
+    Listing,
+    entry,
+    heading,
+    labelled,
+    named_damage,
+    numbers,
+    read_cloud,
+    rigid,
+    rigid_matrix,
+    text_of,
+    write_cloud,
+)
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import LABELS

@@ -19,8 +19,7 @@ import numpy as np
 from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records.clouds import ENDINGS, read_cloud
-from toolkit.datasets.records.fields import Listing
+from toolkit.datasets.records import ENDINGS, Listing, read_cloud
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.objects import Objects
 

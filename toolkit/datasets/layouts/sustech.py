@@ -18,9 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.datasets.records.clouds import ENDINGS, one_cloud, read_cloud, write_cloud
-from toolkit.datasets.records.fields import Listing, entry, json_of, named_damage, records, xyz
-from toolkit.datasets.records.labels import labelled
+from toolkit.datasets.records import (
+    ENDINGS,
+    Listing,
+    entry,
+    json_of,
+    labelled,
+    named_damage,
+    one_cloud,
+    read_cloud,
+    records,
+    write_cloud,
+    xyz,
+)
 from toolkit.datasets.sample import Sample
 from toolkit.objects import LABELS
 from toolkit.runtime.files import write_text

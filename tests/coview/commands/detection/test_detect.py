@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.records.boxes_file import read_entries
-from toolkit.datasets.samples import read, write_samples
+from toolkit.datasets.recordings import read, write_samples
+from toolkit.datasets.records import read_entries
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.samples import read
-from toolkit.detection.samples.label_mistakes import boxes_through
+from toolkit.datasets.recordings import read
+from toolkit.detection.label_doctor import boxes_through
 
 
 def test_our_recording_as_kitti_and_back(recording, tmp_path, run):

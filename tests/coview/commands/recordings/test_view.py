@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from toolkit.datasets.samples import read, write_samples
-from toolkit.viewing import viser_scene
+from toolkit.datasets.recordings import read, write_samples
+from toolkit.viewing import scene as viser_scene
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from placement_env.report.pages.document import Bullets, Cell, Column, Document,
 from placement_env.report.pages.html import html_of
 from placement_env.report.pages.scene import Layer, Scene
 from placement_env.report.pages.sections import report_of
-from toolkit.viewing.embedded import POLICY, script_data
+from toolkit.viewing.scene import POLICY, script_data
 
 HOSTILE = "<script>alert('x')</script>\" onload=\"y"
 SCENE = Scene("<html></script><!--</html>", (Layer(HOSTILE, "/sensors/0", "#112233", HOSTILE),), (("/a 0",), ("/a 1",)))

@@ -1,0 +1,360 @@
+"""Crooked lidars of a recording of clouds are put right, by each other and by what stands there."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from toolkit.calibration import poses as sample_poses
+from toolkit.calibration.empty_scene import SceneLearner
+from toolkit.calibration.poses import (
+    FoundPose,
+    check_drift,
+    corrections,
+    drift_findings,
+    find_pose,
+    find_poses,
+    find_sample_poses,
+    spoken,
+    with_corrections,
+)
+from toolkit.calibration.reference import site_surface
+from toolkit.calibration.registration import Registration, Surface
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.frame import Frame
+from toolkit.geometry import invert, look, pose, transform
+from toolkit.objects import Objects
+from toolkit.points import unproject
+from toolkit.rendering.renderer import Renderer
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.errors.pose_errors import rotation_about
+from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import save_site
+from toolkit.sites.site import Site, Solid
+
+AREA = np.array([-12.0, -12, 12, 12])
+SOLIDS = tuple(
+    Solid(np.array([[x, y], [x + 4.0, y], [x + 4.0, y + 3.0], [x, y + 3.0]]), 0.0, 4.0, "container")
+    for x, y in ((-8, 4), (3, 5), (-2, -9), (6, -5))
+)
+PLACE = Site("place", AREA, solids=SOLIDS)
+MODEL = DepthCamera(width=160, height=120, stride=2)
+TRUE = (
+    Sensor("a", MODEL, look((-9.0, -9.0, 5.0), heading=0.8, tilt=0.35)),
+    Sensor("b", MODEL, look((9.0, 9.0, 5.0), heading=-2.3, tilt=0.35)),
+)
+
+
+@lru_cache(maxsize=1)
+def surface():
+    return site_surface(PLACE)
+
+
+def crooked(sensor, deg=1.0, metres=0.1, seed=0):
+    rng = np.random.default_rng(seed)
+    axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
+    error = np.eye(4)
+    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad(deg) * axis), metres * way
+    return Sensor(sensor.name, sensor.model, sensor.pose @ error)
+
+
+@lru_cache(maxsize=1)
+def images():
+    return Renderer(PLACE, [], TRUE, threads=1).background
+
+
+def recording(sensors, count=6):
+    """Noise-free frames of the empty place by sensors that are believed to be there."""
+    return [Frame(tuple(sensors), images(), Objects.empty(), 0.1 * k, k) for k in range(count)]
+
+
+def test_every_sensor_of_a_recording_is_put_right():
+    believed = [crooked(sensor, seed=k) for k, sensor in enumerate(TRUE)]
+    done = []
+    found = find_poses(recording(believed), surface(), progress=done.append)
+    assert done == [1, 2]
+    for each, true, wrong in zip(found, TRUE, believed, strict=True):
+        assert each.sensor is wrong
+        assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.01
+        assert each.distance == pytest.approx(0.1, abs=0.01)
+        assert np.rad2deg(each.turn) == pytest.approx(1.0, abs=0.03)
+        assert each.drifted
+        assert each.refusal == ""
+
+
+def test_sensors_that_are_where_they_should_be_have_not_drifted():
+    for each in find_poses(recording(TRUE), surface()):
+        assert not each.drifted
+        assert each.distance < 0.01
+
+
+def test_errors_of_a_profile_turn_the_believed_poses_too():
+    found = find_poses(recording(TRUE), surface(), errors="typical", noise_seed=3)
+    for each, true in zip(found, TRUE, strict=True):
+        assert np.linalg.norm(each.sensor.pose[:3, 3] - true.pose[:3, 3]) > 0.005
+        assert np.linalg.norm(each.pose[:3, 3] - true.pose[:3, 3]) < 0.02
+
+
+def test_too_few_frames_and_the_wrong_place_are_refused():
+    with pytest.raises(ValueError, match="4 frames are too few"):
+        find_poses(recording(TRUE), surface(), frames=4)
+    elsewhere = Surface(surface().points + 500.0, surface().normals, surface().roughness)
+    refused = find_poses(recording(TRUE[:1] + TRUE[1:]), elsewhere)[0]
+    assert refused.registration is None
+    assert "points lie within 3 m of the reference" in refused.refusal
+    assert refused.pose is TRUE[0].pose
+    assert (refused.turn, refused.distance, refused.drifted) == (0.0, 0.0, False)
+    assert refused.described()["found"] is False
+
+
+def test_a_reference_that_shows_little_of_what_a_sensor_sees_is_refused():
+    learner = SceneLearner(TRUE[0])
+    for _ in range(5):
+        learner.add(images()[0])
+    near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
+    patch = Surface(surface().points[near], surface().normals[near], surface().roughness[near])
+    assert "% are needed: is it of the same place" in find_pose(learner.scene(), TRUE[0], patch).refusal
+
+
+def found_at(pose, deviation=1e-4, unobserved=()):
+    sensor = Sensor("c", MODEL, np.eye(4))
+    rows = np.array(unobserved, float).reshape(-1, 6)
+    return FoundPose(sensor, Registration(pose, np.eye(6) * deviation**2, rows, 0.8, 0.01))
+
+
+def test_a_drift_is_clear_or_none():
+    little, much = np.eye(4), np.eye(4)
+    little[0, 3], much[0, 3] = 0.015, 0.05
+    assert not found_at(little).drifted
+    assert found_at(much).drifted
+    assert not found_at(much, deviation=0.05).drifted
+    turned = np.eye(4)
+    turned[:3, :3] = rotation_about(np.array([0.0, 0.0, np.deg2rad(0.2)]))
+    assert found_at(turned).drifted
+    assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
+
+
+def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
+    pose = np.eye(4)
+    pose[:3, 3] = [0.0, 0.3, 0.4]
+    said = found_at(pose, 0.01, [[0, 0, 0, -1.0, 0, 0]]).described()
+    assert said["moved_m"] == pytest.approx(0.5)
+    assert said["unobserved"] == ["move along x 1.00"]
+    assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
+    assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
+    assert spoken(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
+
+
+SOLIDS_TOGETHER = tuple(
+    Solid(np.array([[x, y], [x + 4.0, y], [x + 4.0, y + 3.0], [x, y + 3.0]]), 0.0, 4.0, "container")
+    for x, y in ((-8, 4), (3, 5), (-2, -2), (6, -5))
+)
+PLACE_TOGETHER = Site("place", np.array([-12.0, -12, 12, 12]), solids=SOLIDS_TOGETHER)
+MODEL_TOGETHER = DepthCamera(width=160, height=120, stride=2)
+TRUE_TOGETHER = (
+    Sensor("a", MODEL_TOGETHER, look((-9.0, -9.0, 5.0), heading=0.8, tilt=0.35)),
+    Sensor("b", MODEL_TOGETHER, look((9.0, -9.0, 5.0), heading=2.3, tilt=0.35)),
+    Sensor("away", MODEL_TOGETHER, look((-60.0, -60.0, 5.0), heading=-2.3, tilt=0.35)),
+)
+ERROR = np.eye(4)
+ERROR[:3, :3], ERROR[:3, 3] = rotation_about(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
+
+
+@lru_cache(maxsize=1)
+def images_together():
+    return Renderer(PLACE_TOGETHER, [], TRUE_TOGETHER, threads=1).background
+
+
+class Recorded(list):
+    site = PLACE_TOGETHER
+
+
+def recording_together(sensors, count=6):
+    return Recorded(
+        Frame(tuple(sensors), images_together()[: len(sensors)], Objects.empty(), 0.1 * k, k) for k in range(count)
+    )
+
+
+def test_sensors_are_put_right_by_each_other():
+    crooked = Sensor("b", MODEL_TOGETHER, TRUE_TOGETHER[1].pose @ ERROR)
+    found = find_poses_together(recording_together([TRUE_TOGETHER[0], crooked, TRUE_TOGETHER[2]]), held=["a"])
+    assert [each.sensor.name for each in found] == ["a", "b", "away"]
+    assert found[0].pose.tobytes() == TRUE_TOGETHER[0].pose.tobytes()
+    assert np.linalg.norm(found[1].pose[:3, 3] - TRUE_TOGETHER[1].position) < 0.02
+    assert found[1].drifted
+    assert not found[0].drifted
+    assert "it shares 0 points with the other sensors, 50 are needed" in found[2].refusal
+
+
+def test_without_a_held_one_both_move_half_way():
+    crooked = Sensor("b", MODEL_TOGETHER, TRUE_TOGETHER[1].pose @ ERROR)
+    a, b = find_poses_together(recording_together([TRUE_TOGETHER[0], crooked]))
+    assert a.distance == pytest.approx(b.distance, abs=0.03)
+    assert 0.0 < a.distance < 0.06
+
+
+def test_too_few_frames_and_unknown_sensors_are_refused():
+    with pytest.raises(ValueError, match="3 frames are too few"):
+        find_poses_together(recording_together(TRUE_TOGETHER[:2]), frames=3)
+    with pytest.raises(ValueError, match="no sensor 'c'"):
+        find_poses_together(recording_together(TRUE_TOGETHER[:2]), held=["c"])
+    with pytest.raises(ValueError, match="got 1 surfaces"):
+        find_poses_together(recording_together(TRUE_TOGETHER[:1]))
+
+
+SOLIDS_CLOUDS = tuple(
+    Solid(np.array([[x, y], [x + 4.0, y], [x + 4.0, y + 3.0], [x, y + 3.0]]), 0.0, 4.0, "container")
+    for x, y in ((-8, 4), (3, 5), (-2, -2), (6, -5))
+)
+PLACE_CLOUDS = Site("place", np.array([-12.0, -12, 12, 12]), solids=SOLIDS_CLOUDS)
+MODEL_CLOUDS = RowLidar(tuple(np.deg2rad(np.linspace(0, -50, 48))), columns=360)
+TRUE_CLOUDS = (
+    Sensor("a", MODEL_CLOUDS, pose(-9.0, -9.0, 5.0, yaw=0.8)),
+    Sensor("b", MODEL_CLOUDS, pose(-9.0, -2.0, 4.0, yaw=0.2)),
+)
+ERROR_CLOUDS = np.eye(4)
+ERROR_CLOUDS[:3, :3], ERROR_CLOUDS[:3, 3] = rotation_about(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
+
+
+@lru_cache(maxsize=1)
+def clouds():
+    """What both see, each in its own frame."""
+    images = Renderer(PLACE_CLOUDS, [], TRUE_CLOUDS, threads=1).background
+    made = []
+    for sensor, image in zip(TRUE_CLOUDS, images, strict=True):
+        points, valid = unproject(sensor, image)
+        made.append(transform(invert(sensor.pose), points.T[valid].astype(np.float64)).astype(np.float32))
+    return made
+
+
+def recording_sample_poses(count, *, driving=0.0, frame="sensor"):
+    """b is believed to be elsewhere; the rig drives so far between samples."""
+    believed = (TRUE_CLOUDS[0].pose, ERROR_CLOUDS @ TRUE_CLOUDS[1].pose)
+    samples = []
+    for k in range(count):
+        own = [SensorCloud(s.name, p, pose_) for s, p, pose_ in zip(TRUE_CLOUDS, clouds(), believed, strict=True)]
+        if frame == "world":
+            own = [replace(c, points=c.in_world().astype(np.float32), frame="world") for c in own]
+        samples.append(Sample(str(k), tuple(own), Objects.empty(), map_SE3_world=pose(driving * k)))
+    return samples
+
+
+def apart(one, other):
+    turn = one[:3, :3] @ other[:3, :3].T
+    return np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))), np.linalg.norm(one[:3, 3] - other[:3, 3])
+
+
+@pytest.mark.parametrize(("count", "driving"), [(5, 0.0), (2, 0.0), (6, 3.0)])
+def test_by_each_other(count, driving):
+    samples = recording_sample_poses(count, driving=driving)
+    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    assert [each.sensor.name for each in found] == ["a", "b"]
+    np.testing.assert_array_equal(found[0].pose, TRUE_CLOUDS[0].pose)
+    assert apart(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(0.78, abs=0.01)
+    turn, move = apart(found[1].pose, TRUE_CLOUDS[1].pose)
+    assert turn < 0.1
+    assert move < 0.04
+
+
+@pytest.mark.parametrize(("count", "driving", "learns"), [(5, 0.0, 1), (5, 0.1, 1), (4, 0.0, 0), (5, 0.6, 0)])
+def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypatch, count, driving, learns):
+    learnt, fitted = [], []
+
+    def learn(samples):
+        learnt.append(len(list(samples)))
+        return {}
+
+    def together(points, sensors, *, held):
+        fitted.append((points, sensors))
+        return ()
+
+    monkeypatch.setattr(sample_poses, "learn_sample_scenes", learn)
+    monkeypatch.setattr(sample_poses, "clouds_together", together)
+    samples = recording_sample_poses(count, driving=driving)
+    moved = tuple(replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor) for cloud in samples[1].clouds)
+    samples[1] = replace(samples[1], clouds=moved)
+    assert find_sample_poses(lambda: iter(samples)) == ()
+    ((points, sensors),) = fitted
+    assert learnt == [count] * learns
+    assert [sensor.name for sensor in sensors] == ([] if learns else ["a", "b"])
+    if not learns:
+        np.testing.assert_array_equal(points[1], clouds()[1].astype(np.float64))
+        np.testing.assert_array_equal(sensors[1].pose, ERROR_CLOUDS @ TRUE_CLOUDS[1].pose)
+
+
+def test_the_pose_found_is_that_of_the_first_sample():
+    samples = recording_sample_poses(2)
+    own = samples[1].clouds[1]
+    samples[1] = replace(samples[1], clouds=(replace(own, world_SE3_sensor=pose(0.1) @ own.world_SE3_sensor),))
+    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    np.testing.assert_array_equal(found[1].sensor.pose, ERROR_CLOUDS @ TRUE_CLOUDS[1].pose)
+
+
+def test_by_a_reference():
+    samples = recording_sample_poses(5)
+    found = find_sample_poses(lambda: iter(samples), site_surface(PLACE_CLOUDS))
+    for each, true in zip(found, TRUE_CLOUDS, strict=True):
+        turn, move = apart(each.pose, true.pose)
+        assert turn < 0.05
+        assert move < 0.02
+
+
+@pytest.mark.parametrize("frame", ["sensor", "world"])
+def test_samples_are_put_where_their_sensors_are(frame):
+    samples = recording_sample_poses(1, frame=frame)
+    corrected = {"b": invert(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose) @ TRUE_CLOUDS[1].pose}
+    (after,) = with_corrections(samples, corrected)
+    assert after.clouds[0] is samples[0].clouds[0]
+    np.testing.assert_allclose(after.clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)
+    np.testing.assert_allclose(after.clouds[1].in_world(), transform(TRUE_CLOUDS[1].pose, clouds()[1]), atol=1e-4)
+
+
+def test_corrections_are_in_the_sensors_own_frame():
+    samples = recording_sample_poses(5)
+    found = find_sample_poses(lambda: iter(samples), held=["a"])
+    made = corrections(found)
+    np.testing.assert_allclose(made["a"], np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(ERROR_CLOUDS @ TRUE_CLOUDS[1].pose @ made["b"], found[1].pose, atol=1e-9)
+
+
+def test_what_is_refused():
+    nobody = Sample("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="no sample has a point"):
+        find_sample_poses(lambda: iter([nobody]))
+    samples = recording_sample_poses(1)
+    with pytest.raises(ValueError, match="no sensor 'c'"):
+        find_sample_poses(lambda: iter(samples), held=["c"])
+    with pytest.raises(ValueError, match="1 surfaces"):
+        find_sample_poses(lambda: (each.seen_by(["a"]) for each in samples))
+
+
+SENSOR = Sensor("north", DepthCamera(width=40, height=30), np.eye(4))
+
+
+def found(moved, deviation=0.001):
+    return FoundPose(SENSOR, Registration(moved, np.eye(6) * deviation**2, np.zeros((0, 6)), 0.8, 0.01))
+
+
+def test_what_has_drifted_is_said_with_its_numbers():
+    findings = drift_findings([found(pose(0.3, 0.4, 0.0, yaw=np.deg2rad(1.5))), found(pose(0.001))], "tjunction")
+    assert [(each.severity, each.where) for each in findings] == [("warning", "sensor north")]
+    assert "turned by 1.50° and moved by 50.0 cm against tjunction, to within 0.10° and 0.2 cm" in findings[0].evidence
+
+
+def test_a_sensor_the_reference_does_not_know_is_said():
+    findings = drift_findings([FoundPose(SENSOR, None, "only 4% of its points")], "tjunction")
+    assert findings[0].suspected == "its pose cannot be checked against tjunction"
+    assert findings[0].evidence == "only 4% of its points"
+
+
+def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an_error(tmp_path):
+    place = tmp_path / "place.geojson"
+    save_site(Site("place", np.array([-4.0, -4, 4, 4])), place)
+    broken = tmp_path / "broken.hdf5"
+    broken.write_bytes(b"nothing")
+    finding = check_drift(broken, place)[0]
+    assert finding.suspected == "its sensors' poses cannot be checked"
+    with pytest.raises(FileNotFoundError, match="no site"):
+        check_drift(broken, tmp_path / "missing.json")

@@ -1,0 +1,209 @@
+"""Every layout that is written gives back what was written, and none shows a traceback for damage."""
+
+import os
+import random
+import signal
+
+import numpy as np
+import pytest
+
+import toolkit.datasets
+from toolkit.datasets.recordings import LAYOUTS, layout_named, open_samples, read, write_samples
+from toolkit.datasets.records import add_problems
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.geometry import pose, transform
+from toolkit.objects import Objects
+
+WRITTEN = sorted(name for name, layout in LAYOUTS.items() if layout.write)
+LABELLED = [name for name in WRITTEN if name != "rosbag"]
+ONE_CLOUD = {"kitti", "dair", "sustech"}  # where the clouds of a sample become one
+
+
+def scene(count=2, sensors=2):
+    rng = np.random.default_rng(3)
+    samples = []
+    for k in range(count):
+        boxes = np.column_stack(
+            [rng.uniform(4, 40, 5), rng.uniform(-15, 15, 5), rng.uniform(0.5, 1.5, 5), rng.uniform(0.5, 9, (5, 3)),
+             rng.uniform(-3.1, 3.1, 5)]
+        )  # fmt: skip
+        clouds = tuple(
+            SensorCloud(
+                f"S{s}",
+                rng.uniform(-30, 30, (40 + s, 3)).astype(np.float32),
+                pose(3.0 * s, -2.0, 6.0, yaw=0.4 + s, pitch=0.05),
+                intensity=rng.uniform(0, 1, 40 + s).astype(np.float32),
+            )
+            for s in range(sensors)
+        )  # fmt: skip
+        objects = Objects(boxes, np.array([0, 1, 2, 3, 0]), np.array([11, 12, 13, 14, 15]))
+        place = pose(500.0, -200.0, 3.0, yaw=1.2)
+        samples.append(Sample(f"{k}", clouds, objects, time=1e9 + 0.1 * k, map_SE3_world=place))
+    return samples
+
+
+def place_of(folder, layout):
+    """Where a layout is written below a folder, and where it is opened."""
+    written = folder / "recording.hdf5" if LAYOUTS[layout].file else folder
+    return written, folder / "bag" if layout == "rosbag" else written
+
+
+def in_map(sample, boxes):
+    turn = np.arctan2(sample.map_SE3_world[1, 0], sample.map_SE3_world[0, 0])
+    return np.column_stack([transform(sample.map_SE3_world, boxes[:, :3]), boxes[:, 3:6], boxes[:, 6] + turn])
+
+
+def where(sample, layout):
+    """The map where the layout keeps one, else the world frame."""
+    return sample.map_SE3_world if layout in ("nuscenes", "opv2v", "v2xset", "v2xreal") else np.eye(4)
+
+
+@pytest.mark.parametrize("layout", LABELLED)
+def test_boxes_come_back_within_a_millimetre_and_a_hundredth_of_a_degree(tmp_path, layout):
+    written = scene()
+    place, opened = place_of(tmp_path, layout)
+    assert write_samples(written, place, layout) == 2
+    back = list(layout_named(layout).opened(opened))
+    assert len(back) == len(layout_named(layout).opened(opened)) == 2
+    for before, after in zip(written, back, strict=True):
+        a, b = before.objects.boxes, after.objects.boxes
+        if layout in ("nuscenes", "opv2v", "v2xset", "v2xreal"):
+            a, b = in_map(before, a), in_map(after, b)
+        if layout in ("opv2v", "v2xset", "v2xreal"):  # ids sort as numbers do
+            assert after.objects.ids.tolist() == [11, 12, 13, 14, 15]
+        np.testing.assert_allclose(a[:, :6], b[:, :6], atol=1e-3)
+        off = np.angle(np.exp(1j * (a[:, 6] - b[:, 6])))
+        assert np.rad2deg(np.abs(off)).max() < 0.01
+        assert after.objects.labels.tolist() == [0, 1, 2, 3, 0]
+        assert after.problems == {}
+
+
+@pytest.mark.filterwarnings("ignore:.*no place for labels")
+@pytest.mark.parametrize("layout", WRITTEN)
+def test_points_come_back_where_they_were(tmp_path, layout):
+    written = scene()
+    place, opened = place_of(tmp_path, layout)
+    write_samples(written, place, layout)
+    for before, after in zip(written, layout_named(layout).opened(opened), strict=True):
+        assert len(after.clouds) == (1 if layout in ONE_CLOUD else 2)
+        a, b = (transform(where(s, layout), s.points()) for s in (before, after))
+        np.testing.assert_allclose(a, b, atol=2e-4 if layout in ("opv2v", "v2xset", "v2xreal") else 2e-5)
+        intensity = np.concatenate([cloud.intensity for cloud in after.clouds])
+        np.testing.assert_array_equal(intensity, np.concatenate([cloud.intensity for cloud in before.clouds]))
+
+
+@pytest.mark.parametrize("layout", sorted({*WRITTEN} - {"rosbag"}))
+def test_clouds_without_points_and_frames_without_objects_are_read(tmp_path, layout):
+    nothing = SensorCloud("S0", np.zeros((0, 3), np.float32), np.eye(4))
+    place, opened = place_of(tmp_path, layout)
+    write_samples([Sample("0", (nothing,), Objects.empty())], place, layout)
+    (back,) = layout_named(layout).opened(opened)
+    assert len(back.points()) == len(back.objects) == 0
+    assert layout == "hdf5" or back.problems["clouds without points"] >= 1
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_empty_folder_is_refused_in_one_line(tmp_path, layout):
+    with pytest.raises((FileNotFoundError, ValueError, OSError)) as refused:
+        layout_named(layout).opened(tmp_path)
+    assert "\n" not in str(refused.value)
+    assert str(tmp_path) in str(refused.value)
+
+
+def damaged(content, rng):
+    """One change of a file: cut, zeroed, flipped, an exchanged character or a number that none should be."""
+    kind = rng.randrange(5)
+    at = rng.randrange(max(1, len(content)))
+    if kind == 0:
+        return content[:at]
+    if kind == 1:
+        return content[:at] + bytes(min(16, len(content) - at)) + content[at + 16 :]
+    if kind == 2:
+        return content[:at] + bytes([content[at] ^ (1 << rng.randrange(8))] if content else b"") + content[at + 1 :]
+    if kind == 3:
+        return (
+            content[:at]
+            + rng.choice([b"NaN", b"1e308", b"-1", b"{}", b"null", b'"', b"\xff", b"[[", b":"])
+            + content[at:]
+        )
+    end = min(len(content), at + rng.randrange(1, 60))
+    return content[:at] + content[end:]
+
+
+@pytest.mark.filterwarnings("ignore:.*no place for labels")
+@pytest.mark.parametrize("layout", WRITTEN)
+def test_damaged_files_are_one_line_or_read(tmp_path, layout):
+    """A slice of the 600 mutants; COVIEW_MUTANTS says how many of each layout."""
+    pytest.importorskip("rosbags" if layout == "rosbag" else "numpy")
+    place, opened = place_of(tmp_path, layout)
+    write_samples(scene(1, 1), place, layout)
+    files = sorted(file for file in tmp_path.rglob("*") if file.is_file())
+    rng = random.Random(layout)
+    signal.signal(signal.SIGALRM, lambda *_: pytest.fail("a mutant takes more than 20 s"))
+    for _ in range(int(os.environ.get("COVIEW_MUTANTS", "6"))):
+        file = rng.choice(files)
+        sound = file.read_bytes()
+        file.write_bytes(damaged(sound, rng))
+        signal.alarm(20)
+        try:
+            said = read_all(layout, opened)
+        finally:
+            signal.alarm(0)
+        assert said is None or ("\n" not in said and str(tmp_path) in said), said
+        file.write_bytes(sound)
+
+
+def read_all(layout, path):
+    """What reading says where it refuses, None where it does not."""
+    try:
+        for sample in layout_named(layout).opened(path):
+            assert np.isfinite(sample.objects.boxes).all()
+            assert np.isfinite(sample.points()).all()
+    except (ValueError, OSError) as error:
+        return str(error)
+    return None
+
+
+def test_an_unknown_layout_lists_those_there_are():
+    with pytest.raises(ValueError, match="no layout 'kiti': choose among folder, kitti"):
+        layout_named("kiti")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5], [9.0, 2, 3, 2, 1, 1.5, 0.5]])
+    cloud = SensorCloud("s", np.array([[1, 1, 1], [0, 0, 0]], np.float32), np.eye(4))
+    samples = [Sample(str(k), (cloud,), Objects(boxes, np.array([0, 1]))) for k in range(3)]
+    assert write_samples(samples, tmp_path, "folder") == 3
+    return tmp_path
+
+
+def test_a_recording_is_read_one_by_one(folder):
+    samples = read(folder, "folder")
+    assert iter(samples) is samples
+    assert [sample.name for sample in samples] == ["000000", "000001", "000002"]
+    assert len(open_samples(str(folder), "folder")) == 3
+    assert toolkit.datasets.read is read
+
+
+def test_some_classes(folder):
+    assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=["cyclist"])] == [[1]] * 3
+    assert [sample.objects.labels.tolist() for sample in read(folder, "folder", classes=[0, 1])] == [[0, 1]] * 3
+    with pytest.raises(ValueError, match="label must be one of"):
+        read(folder, "folder", classes=["dog"])
+
+
+def test_problems_are_added_up(folder):
+    total: dict[str, int] = {}
+    for sample in read(folder, "folder"):
+        add_problems(total, sample.problems)
+    assert total == {"points of no return": 3}
+
+
+def test_what_is_not_there_or_only_read(folder):
+    with pytest.raises(FileNotFoundError, match="no such recording"):
+        read(folder / "other", "folder")
+    with pytest.raises(ValueError, match="no layout 'x'"):
+        read(folder, "x")
+    with pytest.raises(ValueError, match="layout rcooper is only read"):
+        write_samples([], folder, "rcooper")

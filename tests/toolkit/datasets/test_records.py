@@ -1,0 +1,272 @@
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.datasets.records import (
+    CATEGORIES,
+    Listing,
+    as_number,
+    boxes_record,
+    cloud_of,
+    detections_in,
+    entry,
+    heading,
+    labelled,
+    named_damage,
+    no_labels,
+    numbers,
+    objects_in,
+    one_cloud,
+    read_cloud,
+    read_entries,
+    rigid,
+    rigid_matrix,
+    track_number,
+    write_boxes,
+    write_cloud,
+)
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.geometry import pose
+from toolkit.objects import Detections, Objects
+
+
+def test_a_listing_reads_when_asked():
+    read = []
+
+    def load(name):
+        read.append(name)
+        return Sample(name, (), Objects.empty())
+
+    listing = Listing(("a", "b", "c"), load)
+    assert len(listing) == 3
+    assert listing[1].name == "b"
+    assert read == ["b"]
+    assert [sample.name for sample in listing] == ["a", "b", "c"]
+    assert listing[-1].name == "c"
+
+
+@pytest.mark.parametrize(
+    ("damage", "names"),
+    [
+        (lambda: entry({"a": 1}, "a", "b"), "it has no entry a.b"),
+        (lambda: as_number("x", "size"), "size must be a number, got 'x'"),
+        (lambda: as_number(None, "size"), "size must be a number, got 'None'"),
+        (lambda: numbers([1, [2]], 3, "size"), "size must be 3 numbers"),
+        (lambda: numbers([1, "b", 2], 3, "size"), "size must be 3 numbers"),
+        (lambda: json.loads("{}")["key"], "'key'"),
+        (lambda: b"\xff".decode(), "byte 0 is not UTF-8"),
+    ],
+)
+def test_damage_is_one_line_with_the_file(damage, names):
+    with pytest.raises(ValueError, match=f"f.json .*{names}"), named_damage("f.json", "list"):
+        damage()
+
+
+def test_rotations_are_made_orthonormal_or_refused():
+    off = pose(yaw=0.3)[:3, :3] + 0.004
+    matrix = rigid(off, [1, 2, 3])
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.abs(matrix[:3, :3] - off).max() < 0.01
+    for wrong in (np.diag([1.0, 1, -1]), 1.2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)):
+        with pytest.raises(ValueError, match="must turn by a rotation"):
+            rigid(wrong, [0, 0, 0])
+    with pytest.raises(ValueError, match="NaN"):
+        rigid(np.eye(3), [np.nan, 0, 0])
+
+
+def test_twelve_or_sixteen_numbers_are_a_pose():
+    placed = pose(1.0, 2.0, 3.0, yaw=0.5)
+    np.testing.assert_allclose(rigid_matrix(placed.tolist()), placed)
+    np.testing.assert_allclose(rigid_matrix(placed[:3].ravel().astype(str)), placed)
+
+
+def test_headings_turn_with_the_frame():
+    np.testing.assert_allclose(heading(pose(9.0, yaw=0.25), [0.5, -3.0]), [0.75, -2.75])
+    assert heading(np.diag([1.0, -1, 1, 1]), 0.5) == pytest.approx(-0.5)
+
+
+BOX = [1.0, 2, 3, 4, 2, 1.5, 0.5]
+
+
+def made(*rows, names=None, **more):
+    problems = {}
+    found = labelled(np.array(rows, np.float64), names or ["car"] * len(rows), None, problems, **more)
+    return found, problems
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "problem"),
+    [
+        (0, np.nan, "labels with NaN or infinite numbers"),
+        (6, np.inf, "labels with NaN or infinite numbers"),
+        (4, 0.0, "boxes of no size"),
+        (5, -1.0, "boxes of no size"),
+        (3, 1001.0, "boxes too large or too far away to be"),
+        (1, 1.1e6, "boxes too large or too far away to be"),
+    ],
+)
+def test_what_cannot_be_is_counted(column, value, problem):
+    wrong = list(BOX)
+    wrong[column] = value
+    found, problems = made(BOX, wrong)
+    assert len(found.objects) == 1
+    assert problems == {problem: 1}
+
+
+def test_doubled_labels():
+    twin = [BOX[0] + 0.0009, *BOX[1:]]
+    apart = [BOX[0] + 0.0011, *BOX[1:]]
+    found, problems = made(BOX, twin, apart, BOX, names=["car", "car", "car", "bus"])
+    assert found.objects.labels.tolist() == [0, 0, 3]
+    assert problems == {"doubled labels": 1}
+
+
+def test_other_kinds_stay_with_their_counts():
+    found, problems = made(BOX, BOX, names=["Traffic Cone", "PEDESTRIAN"], counts=[3, 8])
+    assert found.objects.labels.tolist() == [2]
+    assert found.counts.tolist() == [8]
+    assert found.others.categories == ("Traffic Cone",)
+    assert found.others.counts.tolist() == [3]
+    assert problems == {"labels of other kinds than ours": 1}
+
+
+def test_a_count_that_is_missing_leaves_none():
+    assert made(BOX, [0, *BOX[1:]], counts=[3, -1])[0].counts is None
+    assert no_labels().counts is None
+
+
+def test_yaw_is_brought_to_half_a_turn():
+    found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
+    assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
+    assert problems == {"yaws beyond a full turn": 1}
+
+
+def test_track_ids_are_numbers_the_same_everywhere():
+    assert track_number(" 17 ") == 17
+    assert track_number("-3") == -3
+    assert track_number("b1d0-44") == track_number("b1d0-44") != track_number("b1d0-45")
+    assert track_number("9" * 30) >= 0
+    assert track_number("²") > 3
+
+
+@pytest.mark.parametrize(("name", "label"), [("car", 0), ("van", 0), ("bus", 3), ("cyclist", 1), ("person_sitting", 2)])
+def test_kinds(name, label):
+    assert CATEGORIES[name] == label
+
+
+def cloud(points, **columns):
+    problems = {}
+    return cloud_of({"positions": np.array(points, np.float64), **columns}, "s", np.eye(4), problems), problems
+
+
+def test_points_that_are_none_are_counted_apart():
+    made, problems = cloud([[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None])
+    assert made.points.tolist() == [[1, 2, 3]]
+    assert made.intensity.tolist() == [0]
+    assert problems == {"points with NaN or infinite numbers": 2, "points of no return": 1}
+
+
+def test_the_origin_of_a_world_frame_is_a_point():
+    problems = {}
+    made = cloud_of({"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world")
+    assert len(made.points) == 1
+    assert problems == {}
+
+
+def test_times_are_seconds_from_the_first():
+    times = cloud([[1, 0, 0], [2, 0, 0]], t=np.array([500, 300], np.uint32))[0].time
+    np.testing.assert_allclose(times, [2e-7, 0], atol=1e-15)
+    times = cloud([[1, 0, 0], [2, 0, 0]], timestamp=np.array([1.6e9, 1.6e9 + 0.5]))[0].time
+    np.testing.assert_allclose(times, [0, 0.5])
+    assert cloud([[1, 0, 0]])[0].time is None
+    assert cloud([[1, 0, 0]])[0].intensity is None
+
+
+def test_colours_hold_intensity_in_the_red():
+    made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))
+    assert made.intensity.tolist() == [7]
+
+
+def test_a_cloud_there_and_back(tmp_path):
+    placed = pose(1.0, 2.0, 3.0, yaw=1.0)
+    sensor = SensorCloud("s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32))
+    write_cloud(tmp_path / "a.pcd", sensor)
+    problems = {}
+    back = read_cloud(tmp_path / "a.pcd", "s", placed, problems)
+    assert back.points.tolist() == sensor.points.tolist()
+    assert back.intensity.tolist() == [0.5]
+    write_cloud(tmp_path / "b.pcd", sensor, in_world=True)
+    np.testing.assert_allclose(
+        read_cloud(tmp_path / "b.pcd", "s", np.eye(4), problems).points, sensor.in_world(), atol=1e-6
+    )
+
+
+def test_clouds_as_one():
+    placed = pose(10.0)
+    some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
+    other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
+    together = one_cloud(Sample("0", (some, other), Objects.empty()))
+    assert together.points[:, 0].tolist() == [11, 1, 1]
+    assert together.intensity is None
+    assert one_cloud(Sample("0", (some,), Objects.empty())).intensity.tolist() == [1]
+
+
+def test_rings_are_read_and_written(tmp_path):
+    assert cloud([[1, 0, 0]])[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([1e6]))[0].ring is None
+    assert cloud([[1, 0, 0]], ring=np.array([31.0], np.float32))[0].ring.tolist() == [31]
+    made, _ = cloud([[1, 0, 0], [0, 0, 0], [2, 0, 0]], laser_number=np.array([[31], [4], [7]], np.uint8))
+    assert made.ring.tolist() == [31, 7]
+    write_cloud(tmp_path / "a.pcd", made)
+    assert read_cloud(tmp_path / "a.pcd", "s", np.eye(4), {}).ring.tolist() == [31, 7]
+
+
+BOX_BOXES_FILE = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
+
+
+def test_objects_there_and_back(tmp_path):
+    objects = Objects(BOX_BOXES_FILE, np.array([2]), np.array([7]))
+    write_boxes(tmp_path / "a.json", [boxes_record("x", 0.5, objects, counts=[9])])
+    (each,) = read_entries(tmp_path / "a.json").values()
+    assert each["time"] == 0.5
+    assert each["objects"][0]["yaw_deg"] == pytest.approx(28.6478898)
+    found = objects_in(tmp_path / "a.json", each, {})
+    np.testing.assert_allclose(found.objects.boxes, BOX_BOXES_FILE, atol=1e-12)
+    assert found.objects.ids.tolist() == [7]
+    assert found.counts.tolist() == [9]
+
+
+def test_detections_there_and_back(tmp_path):
+    found = Detections(BOX_BOXES_FILE, np.array([0.75]), np.array([3]))
+    write_boxes(tmp_path / "a.json", [boxes_record("x", float("nan"), found)], detector="general")
+    content = json.loads((tmp_path / "a.json").read_text())
+    assert content["detector"] == "general"
+    assert content["samples"][0]["time"] is None
+    back = detections_in(tmp_path / "a.json", read_entries(tmp_path / "a.json")["x"])
+    np.testing.assert_allclose(back.boxes, BOX_BOXES_FILE, atol=1e-12)
+    assert (back.scores.tolist(), back.labels.tolist()) == ([0.75], [3])
+
+
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        ("{}", "no entry coview"),
+        ('{"coview": "boxes", "version": 2, "samples": []}', "version 1"),
+        ('{"coview": "boxes", "version": 1, "samples": {}}', "samples must be a list"),
+        ('{"coview": "boxes", "version": 1, "samples": [{}]}', "no entry name"),
+    ],
+)
+def test_damage_names_the_file(tmp_path, content, names):
+    (tmp_path / "a.json").write_text(content)
+    with pytest.raises(ValueError, match=f"a.json .*{names}"):
+        read_entries(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("change", [{"length": 0}, {"score": "NaN"}, {"label": "dog"}, {"x": None}])
+def test_detections_that_cannot_be(change):
+    row = boxes_record("x", 0.0, Detections(BOX_BOXES_FILE, np.array([0.5])))["objects"][0] | change
+    with pytest.raises(ValueError, match=r"a.json is no file of boxes"):
+        detections_in("a.json", {"objects": [row]})

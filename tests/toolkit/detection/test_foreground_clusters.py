@@ -1,0 +1,130 @@
+"""What stands out from empty scenes is gathered into objects, and has boxes."""
+
+import numpy as np
+import pytest
+
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.scenes import LearntScene, SampleScenes
+from toolkit.datasets.lidar_grid import LidarGrid
+from toolkit.datasets.sample import Sample, SensorCloud
+from toolkit.detection import foreground_clusters as clusters
+from toolkit.detection.detect import detect_samples
+from toolkit.detection.foreground_clusters import cluster_points, foreground_clusters, learn_cluster_detector
+from toolkit.geometry import pose, transform
+from toolkit.objects import LABELS, Objects
+from toolkit.sensors.row_lidar import RowLidar
+
+MODEL = RowLidar(tuple(np.deg2rad(np.linspace(-4, -45, 40))), columns=720)
+PLACES = {"a": pose(400.0, -9.0, 5.0, yaw=0.4), "b": pose(402.0, 10.0, 5.0, yaw=-2.0)}
+CARS = np.array([[407.0, 1.0, 0.8, 4.2, 1.8, 1.5, 0.0], [395.0, 2.0, 0.8, 4.2, 1.8, 1.5, 1.57]])
+
+
+def measured(place, boxes):
+    """Range of each pixel to flat ground or the nearest box."""
+    origin, rays = place[:3, 3], MODEL.rays().reshape(-1, 3).astype(np.float64) @ place[:3, :3].T
+    best = -origin[2] / rays[:, 2]
+    for box in boxes:
+        box_SE3_world = np.linalg.inv(pose(*box[:3], yaw=box[6]))
+        start, along = transform(box_SE3_world, origin[None])[0], rays @ box_SE3_world[:3, :3].T
+        with np.errstate(divide="ignore"):
+            ends = np.stack([(sign * box[3:6] / 2 - start) / along for sign in (-1, 1)])
+        near, far = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        best = np.where((near < far) & (near > 0), np.minimum(best, near), best)
+    return best.reshape(MODEL.shape).astype(np.float32)
+
+
+def samples(count=6):
+    """Two lidars; cars in the last sample only."""
+    rng = np.random.default_rng(0)
+    for k in range(count):
+        boxes = CARS if k == count - 1 else CARS[:0]
+        clouds = []
+        for name, place in PLACES.items():
+            image = measured(place, boxes)
+            image += rng.normal(0, 0.01, image.shape).astype(np.float32)
+            clouds.append(SensorCloud(name, (MODEL.rays() * image[..., None]).reshape(-1, 3), place))
+        yield Sample(str(k), tuple(clouds), Objects(boxes))
+
+
+@pytest.fixture(scope="module")
+def every():
+    return list(samples())
+
+
+def test_objects_are_what_stands_out(every):
+    found = foreground_clusters(every[-1], SampleScenes(lambda: every))
+    assert len(found) == 2
+    middles = np.array([found[k].mean(axis=0)[:2] for k in range(2)])
+    order = np.argsort(-middles[:, 0])
+    np.testing.assert_allclose(middles[order], CARS[:, :2], atol=1.5)
+    assert set(found.sensor.tolist()) == {0, 1}
+    assert len(found.points) == len(found.of) == len(found.sensor)
+    assert (found.of >= 0).mean() > 0.95
+    assert min(len(found[k]) for k in range(2)) > 100
+    assert len(foreground_clusters(every[0], SampleScenes(lambda: every))) == 0
+    with pytest.raises(IndexError, match="there are 2 objects, got number 2"):
+        found[2]
+
+
+def test_points_outside_the_grid_stand_out_of_nothing(every):
+    scenes = SampleScenes(lambda: every)
+    before = foreground_clusters(every[-1], scenes)
+    cloud = every[-1].clouds[0]
+    reach = scenes["a"].grid.model.max_range
+    own = transform(np.linalg.inv(cloud.world_SE3_sensor), before.points[before.sensor == 0])
+    beyond = (own * (1.5 * reach / np.linalg.norm(own, axis=1))[:, None]).astype(np.float32)
+    more = SensorCloud("a", np.concatenate([cloud.points, beyond]), cloud.world_SE3_sensor)
+    after = foreground_clusters(Sample("5", (more, every[-1].clouds[1]), Objects.empty()), scenes)
+    np.testing.assert_array_equal(after.points, before.points)
+
+
+def test_both_measurements_of_a_pixel_are_in_the_background():
+    shape, model = (2, 500), RowLidar((0.0, -0.1), columns=500)
+
+    def full(value):
+        return np.full(shape, value, np.float32)
+
+    scene = EmptyScene("a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8)
+    points = clusters._sweep(LearntScene(LidarGrid(model), scene), np.random.default_rng(0))
+    ranges = np.linalg.norm(points, axis=1)
+    near = ranges < 15
+    assert len(points) == 1000
+    assert 0.2 < near.mean() < 0.3
+    assert ranges[near].std() == pytest.approx(0.01, rel=0.2)
+    assert ranges[~near].std() == pytest.approx(0.1, rel=0.2)
+
+
+def test_a_detector_that_learnt_no_label_has_boxes(every):
+    scenes = SampleScenes(lambda: every)
+    detector = learn_cluster_detector(scenes, every[0], levelling="plane", half=(20.0, 20.0))
+    found = list(detect_samples(every, detector, levelling="plane", still=True))
+    assert [len(each.detections) for each in found] == [0] * 5 + [2]
+    assert detector.area == (-20, -20, 20, 20)
+    assert detector.labels == LABELS
+    assert detector.clusters.digest in detector.digest
+    boxes = found[-1].detections.boxes
+    boxes = boxes[np.argsort(-boxes[:, 0])]
+    np.testing.assert_allclose(boxes[:, :2], CARS[:, :2], atol=0.4)
+    np.testing.assert_allclose(boxes[:, 3:6], CARS[:, 3:6], atol=0.5)
+
+
+def test_clusters_by_hand():
+    rng = np.random.default_rng(1)
+    here, there = (rng.normal(0, 0.1, (count, 3)) + 1e6 for count in (30, 20))
+    there[:, 0] += 3
+    alone = np.array([[1e6, 1e6 + 9, 1e6]])
+    assert cluster_points(np.concatenate([here, there, alone])).tolist() == [0] * 30 + [1] * 20 + [-1]
+    assert cluster_points(here[:4]).tolist() == [-1] * 4
+    assert cluster_points(here[:5]).tolist() == [0] * 5
+    assert cluster_points(np.zeros((0, 3))).tolist() == []
+
+
+def test_what_is_refused(every):
+    scenes = SampleScenes(lambda: every)
+    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
+        foreground_clusters(every[0], scenes, reach=0.0)
+    stranger = Sample("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
+    with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
+        foreground_clusters(stranger, scenes)
+    empty = Sample("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
+    assert len(foreground_clusters(empty, scenes)) == 0

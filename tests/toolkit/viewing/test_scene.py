@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+
+from toolkit.mesh import box, merge
+from toolkit.viewing import scene as viser_scene
+from toolkit.viewing.scene import (
+    EDGES,
+    POLICY,
+    add_lines,
+    add_mesh,
+    box_edges,
+    check_viser,
+    dashed,
+    headings,
+    overview,
+    rgb,
+    roof_crosses,
+    sampled,
+    scene_html,
+    scene_script,
+    script_data,
+    spikes,
+    start_at,
+    viser_server,
+)
+
+
+def test_colours_by_their_hexadecimals():
+    assert rgb("#0a10ff") == (10, 16, 255)
+
+
+def test_the_server_is_for_this_machine_alone_and_ends(capsys):
+    with viser_server() as server:
+        assert server.get_host() == "127.0.0.1"
+        add_mesh(server.scene, "/box", box((1, 1, 1)), "#112233")
+        add_mesh(server.scene, "/nothing", merge([]), "#112233")
+        assert add_lines(server.scene, "/none", np.zeros((0, 2, 3)), "#112233", width=1.0, visible=True) is None
+        lines = add_lines(server.scene, "/line", np.ones((1, 2, 3)), "#112233", width=3.0, visible=False)
+        assert (lines.name, lines.visible, lines.points.shape) == ("/line", False, (1, 2, 3))
+        start_at(server, (0.0, -10.0, 5.0), (1.0, 2.0, 3.0))
+        np.testing.assert_array_equal(server.initial_camera.look_at, [1, 2, 3])
+        html = scene_html(server)
+    assert html.index("scene: {ready: true}") < html.index("</head>")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_camera_stands_south_of_the_middle_and_above_the_ground():
+    position, look_at = overview((0.0, 0.0, 40.0, 20.0), height=2.0)
+    assert look_at == (20.0, 10.0, 2.0)
+    assert position == (14.0, -20.0, 28.0)
+
+
+def test_without_viser_it_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(viser_scene, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"need viser: pip install coview\[report\]"):
+        check_viser()
+    with pytest.raises(ImportError, match=r"coview\[report\]"), viser_server():
+        pytest.fail("never here")
+
+
+BOX = np.array([[1.0, 2.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
+
+
+def test_a_heading_points_ahead():
+    turned = BOX + np.array([0, 0, 0, 0, 0, 0, np.pi / 2])
+    np.testing.assert_allclose(headings(turned), [[[1, 2, 1.5], [1, 4, 1.5]]], atol=1e-12)
+    assert headings(np.zeros((0, 7))).shape == (0, 2, 3)
+
+
+def test_a_box_has_twelve_edges_a_cross_and_a_mast():
+    edges = box_edges(BOX)
+    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    assert sorted(lengths.round(6)) == [1.5] * 4 + [2.0] * 4 + [4.0] * 4
+    assert len(EDGES) == 12
+    cross = roof_crosses(BOX)
+    np.testing.assert_allclose(cross[..., 2], 1.5)
+    np.testing.assert_allclose(np.linalg.norm(cross[:, 1] - cross[:, 0], axis=1), np.sqrt(20))
+    mast = spikes(BOX)
+    np.testing.assert_allclose(mast[0], [[1, 2, 1.5], [1, 2, 4.0]])
+    assert mast.shape == (3, 2, 3)
+
+
+def test_no_boxes_no_marks():
+    none = np.zeros((0, 7))
+    assert [len(make(none)) for make in (box_edges, roof_crosses, spikes)] == [0, 0, 0]
+    assert dashed(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
+
+
+def test_dashes_keep_to_the_line():
+    dashes = dashed(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
+    np.testing.assert_allclose(dashes[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
+
+
+def test_thinning_takes_points_evenly_and_leaves_few_alone():
+    points = np.arange(30, dtype=np.float32).reshape(10, 3)
+    assert sampled(points, 10) is points
+    np.testing.assert_array_equal(sampled(points, 5)[:, 0], [0, 6, 12, 18, 24])
+
+
+def test_the_policy_asks_nobody():
+    assert POLICY.startswith("default-src 'none';")
+    assert "http" not in POLICY
+
+
+def test_data_do_not_leave_their_script():
+    data = script_data({"a": "</script><!--\u2028"})
+    assert data == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
+
+
+def test_the_script_may_stand_in_a_page():
+    script = scene_script()
+    assert script.startswith('"use strict";')
+    assert "</script" not in script

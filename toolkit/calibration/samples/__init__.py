@@ -1,1 +1,0 @@
-"""What recordings of clouds say of their sensors: the empty scene of each, and where it really is."""

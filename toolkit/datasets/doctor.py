@@ -1,0 +1,443 @@
+"""Sensors of a recording that freeze or go blind in the middle of it.
+
+frozen    an image is one of before, pixel for pixel, although nobody is any more where that showed objects
+blind     much less returns than in most frames, while other sensors see as ever
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, Protocol, runtime_checkable
+
+import h5py
+import numpy as np
+
+from toolkit.arrays import Bool
+from toolkit.boxes import count_points, iou_bev
+from toolkit.datasets import published_layout as published
+from toolkit.datasets.dataset import CoopDataset, StoredChannel, UnknownSite, check_kinds, object_rows, open_file
+from toolkit.datasets.mistakes import (
+    ENOUGH,
+    Rows,
+    SensorImages,
+    Suspicion,
+    clouds_of,
+    suspect_frames,
+    suspect_objects,
+    suspect_sensor,
+    witnesses,
+)
+from toolkit.geometry import levelled, transform
+from toolkit.objects import Objects
+from toolkit.points import points_on
+from toolkit.runtime import hdf5
+from toolkit.sites.site import Site
+
+SHOWN = 20  # points on an object that a sensor shows
+USUAL = 0.9  # quantile of what returns in a frame that is usual
+HALF_OF_IT = 0.5  # of what is usual, below which a sensor is blind
+
+
+def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
+    """In which frames a sensor repeats an image that showed objects where nobody is any more; rows: the published ones
+    of each frame."""
+    frozen, first = np.zeros(len(view.depth), bool), 0
+    for k in range(1, len(view.depth)):
+        if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
+            first = k
+            continue
+        before, now = (published.objects_of(rows[i], site.map_SE3_site) for i in (first, k))
+        gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
+        seen = view.depth[k] > 0
+        points = transform(view.sensor.pose, view.rays[seen] * view.depth[k, seen, None])
+        frozen[k] = bool((count_points(points, gone) >= SHOWN).any())
+    return frozen
+
+
+def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
+    """In which frames much less returns to a sensor than in most, and not to all of them."""
+    returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
+    usual = np.quantile(returned, USUAL, axis=1)[:, None]
+    blind = returned < HALF_OF_IT * usual
+    return np.asarray(blind & ~blind.all(axis=0))
+
+
+def failing_sensors(
+    views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
+) -> Iterator[tuple[str, str, str, str]]:
+    """Of each sensor that fails: where, what is suspected, the evidence, a remedy. frames: numbers of the images."""
+    if not views or not frames:
+        return
+    blind = blind_frames(views)
+    for view, dark in zip(views, blind, strict=True):
+        where = f"sensor {view.sensor.name}"
+        frozen = frozen_frames(view, rows, site)
+        if frozen.any():
+            evidence = f"{_some(frozen, frames)} show objects where nobody is any more"
+            yield where, "it is frozen", evidence, "leave these frames out, or the sensor"
+        if dark.any():
+            evidence = f"{_some(dark, frames)} return less than half of what is usual, other sensors see as ever"
+            yield where, "it goes blind", evidence, "leave these frames out, or the sensor"
+
+
+def _some(chosen: Bool[np.ndarray, " frames"], frames: Sequence[int]) -> str:
+    """How many frames, and the first."""
+    return (
+        f"{int(chosen.sum())} of {len(frames)} frames that were looked at, the first is {frames[int(chosen.argmax())]},"
+    )
+
+
+UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known
+MOST_FRAMES = 60  # that are looked at, evenly spread over the file
+DISAGREES = 0.5  # share of a sensor's moving points on boxes below which its pose is in doubt
+LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area below which it sees nothing of it
+UNSEEN = 0.3  # share of the objects in the area without any point above which something is wrong
+FLOATING = 0.25  # m between a box's floor and the ground
+_UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that looks wrong. where: dataset, sensor or frame of the file; evidence: the numbers that say so."""
+
+    severity: Literal["error", "warning"]
+    where: str
+    suspected: str
+    evidence: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
+
+
+@runtime_checkable
+class StoredRecording(Protocol):
+    """What of a `CoopDataset` is looked at: not its frames, whose objects may be damaged."""
+
+    site: Site
+    channels: tuple[StoredChannel, ...]
+
+    def images(self, name: str) -> h5py.Dataset:
+        """The stored measurements of a channel."""
+        ...
+
+    def __len__(self) -> int: ...
+
+
+def check_measurements(
+    dataset: StoredRecording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
+) -> list[Finding]:
+    """Findings in some of the frames. tables: the published rows of all frames; units: what depth may have to be
+    multiplied by to be metres, of which the one is taken under which points and boxes agree best."""
+    frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
+    raw, findings = _views(dataset, frames)
+    shared = [place is not None for _, _, place in dataset.channels]  # in dslices, which alone is in doubt
+    in_metres = [
+        [_in_metres(view, unit if doubt else 1.0) for view, doubt in zip(raw, shared, strict=True)] for unit in units
+    ]
+    examined = [_Examination(dataset.site, views, tables, frames) for views in in_metres]
+    best = max(range(len(units)), key=lambda i: examined[i].explained)
+    if units[best] != 1:
+        largest = max(float(view.depth.max(initial=0)) for view, doubt in zip(raw, shared, strict=True) if doubt)
+        unit = _UNITS.get(units[best], "another unit")
+        evidence = f"the largest number is {largest:g}, the far plane lies at {published.NO_RETURN:g} m"
+        findings.append(
+            _error("dslices", f"depth in {unit} instead of metres", evidence, f"multiply by {units[best]:g}")
+        )
+    exam = examined[best]
+    return [
+        *findings,
+        *_no_points(exam.views, frames),
+        *exam.disagreements(),
+        *_posture(exam),
+        *_ground(exam),
+        *_unseen(exam),
+        *(Finding("warning", *said) for said in failing_sensors(exam.views, exam.rows, dataset.site, frames)),
+    ]
+
+
+class _Examination:
+    """Whether points and boxes agree, and by how much once the suspected mistakes are undone."""
+
+    def __init__(
+        self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
+    ) -> None:
+        self.site, self.views = site, views
+        sensors = [view.sensor for view in views]
+        pixels = witnesses(views)
+        clouds = clouds_of(pixels, sensors, len(frames))
+        other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
+        self.mistakes, self.rows, fits = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
+        self.mistakes = [*([other_frames] if other_frames else []), *self.mistakes]
+        self.explained = fits * sum(len(w.depth) for w in pixels)
+        self.misplaced, self.rows = _misplaced(self.rows, site)
+        self.doubts: dict[str, Suspicion | None] = {}
+        self.fits: dict[str, float] = {}
+        for i, sensor in enumerate(sensors):
+            own = [w for w in pixels if w.sensor == i]
+            if sum(len(w.depth) for w in own) >= ENOUGH and any(len(table) for table in self.rows):
+                suspicion, fits = suspect_sensor(own, sensor, self.rows, site.map_SE3_site)
+                self.fits[sensor.name] = fits
+                if suspicion is not None or fits < DISAGREES:
+                    self.doubts[sensor.name] = suspicion
+
+    def disagreements(self) -> Iterator[Finding]:
+        """The suspected mistakes in the objects, then those of the sensors."""
+        for mistake in self.mistakes:
+            yield _error("objects", mistake.mistake, _share(mistake), mistake.remedy)
+        yield from self.misplaced
+        kinds = {s.mistake if s else "": s for s in self.doubts.values()}
+        for kind, suspicion in kinds.items():
+            names = [name for name, s in self.doubts.items() if (s.mistake if s else "") == kind]
+            where = f"sensor{'s' * (len(names) > 1)} {', '.join(names)}"
+            if suspicion is not None:
+                yield _error(where, suspicion.mistake, _share(suspicion), suspicion.remedy)
+            else:
+                evidence = f"{np.mean([self.fits[name] for name in names]):.0%} of the moving points lie on boxes"
+                remedy = "check the pose, and that images and objects belong to the same frames"
+                yield _error(where, "points and boxes disagree", evidence, remedy)
+
+    def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
+        """Objects and points of some frames in the site's frame, without the sensors in doubt."""
+        trusted = [view for view in self.views if view.sensor.name not in self.doubts]
+        for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
+            points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
+            yield published.objects_of(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
+
+
+def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
+    """The measurements of some frames as they are in the file, whatever their unit, and which cannot be read."""
+    views, findings = [], []
+    for sensor, name, place in dataset.channels:
+        images = dataset.images(name)
+        stride = published.stride_of(sensor.model) if place is not None else 1
+        depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
+        for i, k in enumerate(frames):
+            try:
+                image = hdf5.rows(images, name, k if place is None else (k, place))
+            except OSError as error:
+                findings.append(_error(f"{name}, frame {k}", "damaged image", str(error), "restore the file"))
+                continue
+            with np.errstate(over="ignore"):
+                depth[i] = image[::stride, ::stride]
+        depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+        views.append(SensorImages(sensor, sensor.model.rays().reshape(-1, 3), depth.reshape(len(frames), -1)))
+    return views, findings
+
+
+def _in_metres(view: SensorImages, unit: float) -> SensorImages:
+    metres = view.depth * np.float32(unit)
+    far = min(view.sensor.model.max_range, published.NO_RETURN)
+    return replace(view, depth=np.where(metres < far * 0.999, metres, np.float32(0)))
+
+
+def _points(view: SensorImages, frame: int) -> np.ndarray:
+    seen = view.depth[frame] > 0
+    return transform(view.sensor.pose, view.rays[seen] * view.depth[frame, seen, None])
+
+
+def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
+    """Sensors that never see anything, and frames in which none does."""
+    blind = [view.sensor.name for view in views if not view.depth.any()]
+    for name in blind:
+        remedy = "check its images and their unit, or leave it out"
+        yield _error(f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy)
+    dark = [k for i, k in enumerate(frames) if not any(view.depth[i].any() for view in views)]
+    if dark and len(blind) < len(views):
+        evidence = f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
+        yield _error(f"frame {dark[0]}", "frames without points", evidence, "restore their images or leave them out")
+
+
+def _posture(exam: _Examination) -> Iterator[Finding]:
+    """Sensors under the ground, upside down, or whose points all lie outside the detection area, unless explained."""
+    for view in exam.views:
+        sensor, site = view.sensor, exam.site
+        if exam.doubts.get(sensor.name) is not None:
+            continue
+        where = f"sensor {sensor.name}"
+        body = sensor.world_SE3_body
+        ahead, up = body[:2, 0], body[2, 2]
+        height = float(sensor.position[2] - site.ground(sensor.position[:2]))
+        if height < 0:
+            yield _error(where, "it stands under the ground", f"height {height:.2f} m", "check z and signs of its pose")
+        if up < -0.1:
+            yield _error(where, "it hangs upside down", f"its up has z {up:.2f}", "check the signs in its pose")
+        points = np.concatenate([_points(view, frame) for frame in range(min(len(view.depth), 5))])
+        inside = _in_area(points[:, :2], site)
+        if len(points) and site.name != UNKNOWN and inside.mean() < LOOKS_AWAY:
+            to_centre = (site.area[:2] + site.area[2:]) / 2 - sensor.position[:2]
+            turn = np.rad2deg(np.arctan2(ahead[0] * to_centre[1] - ahead[1] * to_centre[0], ahead @ to_centre))
+            evidence = (
+                f"{inside.mean():.1%} of its points in the area, whose centre lies {turn:.0f} degrees to its left"
+            )
+            yield _error(where, "it looks away from the detection area", evidence, "check its heading and the area")
+
+
+def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
+    """Objects that are not where the site is, perhaps because an axis points the other way; the rows without that."""
+    centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
+    flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
+    nearby = {axis: float(_near_area(centres * flip[:3], site)) for axis, flip in flips.items()}
+    if nearby[""] >= 0.5 or site.name == UNKNOWN:
+        return [], rows
+    evidence = f"{nearby['']:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
+    if nearby["y"] < 0.5:
+        remedy = "pass the site where this was recorded, or check the coordinates"
+        return [_error("objects", "objects elsewhere than the site", evidence, remedy)], rows
+    evidence += f", {nearby['y']:.0%} with y negated"
+    remedy = "negate columns 1 (y) and 5 (yaw) of objects"
+    return [_error("objects", "mirrored y axis", evidence, remedy)], [table * flips["y"] for table in rows]
+
+
+def _ground(exam: _Examination) -> Iterator[Finding]:
+    """Boxes whose floor is not on the ground that was measured beside them."""
+    gaps = []
+    for objects, cloud in exam.clouds():
+        points = levelled(cloud[::4], exam.site.relief.slope)
+        for x, y, z, length, width, height, _ in levelled(objects.boxes, exam.site.relief.slope):
+            away = np.hypot(points[:, 0] - x, points[:, 1] - y)
+            beside = points[(away > np.hypot(length, width) / 2) & (away < np.hypot(length, width) / 2 + 2), 2]
+            if len(beside) >= 20:
+                gaps.append(z - height / 2 - np.percentile(beside, 10))
+    if len(gaps) >= 10 and abs(np.median(gaps)) > FLOATING:
+        gap = float(np.median(gaps))
+        word = "float above" if gap > 0 else "are sunk into"
+        evidence = f"their floor is {abs(gap):.2f} m {'above' if gap > 0 else 'below'} it, median of {len(gaps)} boxes"
+        yield _error(
+            "objects", f"the boxes {word} the ground", evidence, f"add {-gap:.2f} m to column 2 (z) of objects"
+        )
+
+
+def _unseen(exam: _Examination) -> Iterator[Finding]:
+    """Objects in the area that no sensor has a point of, where they are too many to be hidden."""
+    total = unseen = 0
+    if exam.site.name == UNKNOWN:
+        return
+    for objects, points in exam.clouds():
+        if len(points):
+            inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
+            total += len(inside)
+            unseen += int((points_on(points, inside.boxes, exam.site) == 0).sum())
+    if total >= 10 and unseen > UNSEEN * total:
+        evidence = f"{unseen} of {total} objects in the detection area"
+        remedy = "check poses and boxes, and that images and objects belong to the same frames"
+        yield Finding("warning", "objects", "objects without a point from any sensor", evidence, remedy)
+
+
+def _near_area(centres: np.ndarray, site: Site) -> float:
+    """Share of centres, CARLA's coordinates, in the area or 15 m round it; 1 where there are none."""
+    places = published.moved(centres, np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site))
+    return float(_in_area(places[:, :2], site, margin=15.0).mean()) if len(centres) else 1.0
+
+
+def _in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
+    inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)
+    return np.asarray(inside.all(axis=1))
+
+
+def _share(suspicion: Suspicion) -> str:
+    return f"{suspicion.before:.0%} of the moving points lie on boxes as it is, {suspicion.after:.0%} with that undone"
+
+
+def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
+    return Finding("error", where, suspected, evidence, remedy)
+
+
+def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
+    """What looks wrong in a dataset, ours or a published one; an empty list for a healthy one.
+
+    All tables of objects are looked at, and the measurements of some frames. Raises FileNotFoundError where there is no
+    such file; all other damage is a finding.
+    """
+    try:
+        with open_file(path) as file:
+            check_kinds(file)
+            units, (tables, whole, damaged) = _depth_units(file), _tables(file)
+        with CoopDataset(path, site or _place(path)) as dataset:
+            if not len(dataset):
+                return [Finding("error", "dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
+            return damaged + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        return [Finding("error", str(path), "it cannot be read", str(error), "repair it or restore it")]
+
+
+def _depth_units(file: h5py.File) -> tuple[float, ...]:
+    """What the file's depth may have to be multiplied by to be metres, judged by its largest number."""
+    if not hdf5.holds(file, "dslices"):
+        return (1.0,)
+    images = hdf5.dataset(file, "dslices", kinds="fiub")
+    if images.ndim != 4 or not len(images):
+        return (1.0,)
+    image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
+    largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
+    if 0 < largest <= 1.0:
+        return (published.NO_RETURN,)  # CARLA's own encoding, parts of the far plane
+    if largest <= 1.01 * published.NO_RETURN:
+        return (1.0,)
+    return tuple(unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN) or (0.001,)
+
+
+def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
+    """The published rows of all frames without the damaged ones, which are whole, and what is wrong in the first three
+    that are not."""
+    images = [name for name in ("dslices", "coview/time") if hdf5.holds(file, name)]
+    shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
+    frames = shape[0] if shape else 0
+    tables: list[np.ndarray] = []
+    whole: list[bool] = []
+    findings: list[Finding] = []
+    for k in range(frames):
+        table, wrong = _table(file, k)
+        tables.append(table)
+        whole.append(not wrong)
+        if wrong and len(findings) < 3:
+            findings.append(Finding("error", f"objects/{k}", "damaged objects", wrong, "repair or leave out the frame"))
+    return tables, whole, findings
+
+
+def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
+    nothing = np.zeros((0, len(published.OBJECT_COLUMNS)))
+    try:
+        rows = object_rows(file, f"objects/{k}")
+    except (ValueError, OSError) as error:
+        return nothing, str(error)
+    words = published.wrong_rows(rows)
+    sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
+    try:
+        published.objects_of(sound, np.eye(4))
+    except ValueError as error:
+        return nothing, str(error).removeprefix("objects ")
+    wrong = f"row {int((words != '').argmax())} {words[words != ''][0]}" if (words != "").any() else ""
+    return np.asarray(sound, np.float64), wrong
+
+
+def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Finding]:
+    """Frames without objects, and frames that come twice."""
+    findings = []
+    empty = [k for k, table in enumerate(tables) if whole[k] and not len(table)]
+    if empty:
+        evidence = f"{len(empty)} of {len(tables)} frames, the first is {empty[0]}"
+        remedy = "right if nothing was there, else restore their objects"
+        findings.append(Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy))
+    first: dict[bytes, int] = {}
+    twins = [(first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)]
+    twins = [(original, copy) for original, copy in twins if original != copy]
+    if twins:
+        evidence = f"{len(twins)} of {len(tables)} frames, frame {twins[0][1]} has the objects of frame {twins[0][0]}"
+        remedy = "leave the copies out, or they count twice in training and AP"
+        findings.append(Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy))
+    return findings
+
+
+def _place(path: str | Path) -> Site | None:
+    """None where the file or its coordinates say which site it shows; else just any, so that a file from
+    anywhere can be looked at."""
+    try:
+        CoopDataset(path).close()
+    except UnknownSite:
+        return Site(UNKNOWN, np.array([-1.0, -1, 1, 1]))
+    return None

@@ -1,1 +1,0 @@
-"""The doctor: classic mistakes of recordings, found and explained."""

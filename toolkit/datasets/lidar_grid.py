@@ -1,0 +1,257 @@
+"""`LidarGrid`: the rows and columns of a lidar, found in its clouds.
+
+Rows are, in this order,
+
+1. its lasers, where every point says which measured it: each at the median elevation of its points;
+2. the elevations about which points crowd, as those of a spinning lidar or of even pixels do: peaks of the histogram of
+   elevations, if most points lie nearer to one than a third of the way to the next;
+3. else even steps of the angle that neighbouring points of a cloud usually are apart, of twice that where they lie as
+   at random (a pattern that does not repeat), so that most cells are met in most clouds.
+
+Columns are even steps of the azimuth by which neighbouring points of a row usually are apart, with the azimuths in the
+middle of theirs where these are the same in all clouds, all around or, where clouds leave a gap, from one side of it to
+the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.datasets.sample import SensorCloud
+from toolkit.sensors.row_lidar import RowLidar
+
+NEAREST = 1.0  # m from the sensor, from which on points tell angles
+TELLING_POINTS = 100  # of a sensor, in all clouds together
+MOST_PIXELS = 4_000_000
+SEAM_GAP = np.deg2rad(20.0)  # of azimuth without a point, from which on a lidar does not look all around
+FARTHER = 1.25  # than the farthest point, that the sensor measures
+_LEAST_RANGE = 200.0  # m
+_BIN = np.deg2rad(0.01)  # of the histogram of elevations
+_SMOOTH = (3, 8, 20)  # bins, standard deviations of the smoothing that is tried
+_LEAST_PEAK = 0.1  # of the median height of peaks
+_CROWDED, _THIRD = 0.85, 1 / 3  # share of points that lie within this share of the distance between rows
+_SMALLEST_STEP = np.deg2rad(0.02)
+_AT_RANDOM = 2.5  # the 90 % quantile of distances to the nearest neighbour by the 10 % one, beyond which it is
+_LEAST_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 where all have the same
+_SOME = 20_000  # points of a cloud whose neighbours are looked for
+
+
+@dataclass(frozen=True)
+class LidarGrid:
+    """model: rows, columns and range; rings: the number of the laser of each row, none where clouds do not say it."""
+
+    model: RowLidar
+    rings: tuple[int, ...] = ()
+
+
+def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
+    """The grid of one sensor, from some of its clouds. Raises ValueError for fewer than 100 points, and for an image of
+    more than 4 million pixels."""
+    clouds = [cloud for cloud in clouds if len(cloud.points)]
+    angles = [angles_of(cloud.in_sensor()) for cloud in clouds]
+    kept = [each[:, each[2] > NEAREST] for each in angles]
+    total = sum(each.shape[1] for each in kept)
+    name = clouds[0].name if clouds else "the sensor"
+    if total < TELLING_POINTS:
+        raise ValueError(
+            f"{total} points of {name} say nothing of its rows, {TELLING_POINTS} are needed: give more clouds"
+        )
+    rings = [
+        cloud.ring[each[2] > NEAREST] for cloud, each in zip(clouds, angles, strict=True) if cloud.ring is not None
+    ]
+    farthest = max(float(each[2].max()) for each in kept)
+    if len(rings) == len(kept):
+        elevations, numbers = _ring_rows(np.concatenate([each[0] for each in kept]), np.concatenate(rings))
+        step = _step_in_rows([(each[1], ring) for each, ring in zip(kept, rings, strict=True)])
+    else:
+        crowded, numbers = _crowded_rows(np.concatenate([each[0] for each in kept])), ()
+        if crowded is None:
+            elevations, step = _even_rows(kept)
+        else:
+            elevations, step = crowded, _step_in_rows([(each[1], nearest_row(each[0], crowded)) for each in kept])
+    heading, span = _span(np.concatenate([each[1] for each in kept]))
+    columns = max(1, round(2 * np.pi / step) if span is None else int(np.ceil(span / step - 0.5)) + 1)
+    width = 2 * np.pi if span is None else min(columns * step, 2 * np.pi)
+    if span is None:
+        heading = _phase(np.concatenate([each[1] for each in kept]), columns)
+    if len(elevations) * columns > MOST_PIXELS:
+        raise ValueError(
+            f"the image of {name} would have {len(elevations)} x {columns} pixels: are its points in its own frame?"
+        )
+    reach = float(max(_LEAST_RANGE, np.ceil(FARTHER * farthest)))
+    model = RowLidar(tuple(elevations.tolist()), columns, width, heading, max_range=reach)
+    return LidarGrid(model, numbers)
+
+
+def angles_of(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
+    """Elevation and azimuth (rad) and range (m) of points in the sensor's frame."""
+    across = np.hypot(points[:, 0], points[:, 1])
+    return np.stack([np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]),
+                     np.hypot(across, points[:, 2])])  # fmt: skip
+
+
+def nearest_row(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
+    """The row, top first, whose elevation is the nearest to each."""
+    between = -(rows[1:] + rows[:-1]) / 2
+    return np.searchsorted(between, -elevation, side="left").astype(np.int64)
+
+
+def _ring_rows(elevation: np.ndarray, ring: np.ndarray) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
+    numbers = np.unique(ring)
+    middle = np.array([np.median(elevation[ring == number]) for number in numbers])
+    order = np.argsort(-middle, kind="stable")
+    rows = middle[order]
+    for k in range(1, len(rows)):  # lasers side by side at one elevation stay rows of their own
+        rows[k] = min(rows[k], np.nextafter(rows[k - 1], -np.inf) - 1e-9)
+    return rows, tuple(numbers[order].tolist())
+
+
+def _crowded_rows(elevation: np.ndarray) -> Float64[np.ndarray, " m"] | None:
+    """The elevations about which points crowd, None where they do not."""
+    from scipy.ndimage import gaussian_filter1d
+
+    low = elevation.min() - 100 * _BIN
+    counts = np.bincount(((elevation - low) / _BIN).astype(np.int64))
+    counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
+    for smooth in _SMOOTH:
+        smoothed = gaussian_filter1d(counts, smooth)
+        peak = np.flatnonzero((smoothed[1:-1] > smoothed[:-2]) & (smoothed[1:-1] >= smoothed[2:])) + 1
+        if not len(peak):
+            continue
+        peak = peak[smoothed[peak] >= _LEAST_PEAK * np.median(smoothed[peak])]
+        rows = (low + (peak + 0.5) * _BIN)[::-1]
+        row = nearest_row(elevation, rows)
+        rows = np.array([np.median(elevation[row == k]) if (row == k).any() else rows[k] for k in range(len(rows))])
+        if len(rows) > 1 and _crowd(elevation, rows):
+            return rows
+    return None
+
+
+def _crowd(elevation: np.ndarray, rows: np.ndarray) -> bool:
+    apart = -np.diff(rows)
+    to_next = np.minimum(np.append(apart, np.inf), np.insert(apart, 0, np.inf))
+    row = nearest_row(elevation, rows)
+    return bool((np.abs(elevation - rows[row]) <= _THIRD * to_next[row]).mean() >= _CROWDED)
+
+
+def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """By how much neighbours in a row usually are apart; of each cloud its azimuths and the rows of its points."""
+    steps = []
+    for azimuth, row in clouds:
+        order = np.lexsort((azimuth, row))
+        same = row[order][1:] == row[order][:-1]
+        steps.append(np.diff(azimuth[order])[same])
+    every = np.concatenate(steps)
+    every = every[every > _SMALLEST_STEP]
+    return float(np.median(every)) if len(every) else 2 * np.pi
+
+
+def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"], float]:
+    """Even rows, and the same step of the azimuth."""
+    from scipy.spatial import cKDTree
+
+    largest = max(clouds, key=lambda each: each.shape[1])
+    elevation, azimuth = largest[:2]
+    flat = np.column_stack([elevation, azimuth * np.cos(elevation)])
+    some = np.random.default_rng(0).permutation(len(flat))[:_SOME]
+    apart = cKDTree(flat).query(flat[some], k=2)[0][:, 1]
+    low, middle, high = np.quantile(apart, [0.1, 0.5, 0.9])
+    step = float(max(middle * (2 if high > _AT_RANDOM * max(low, 1e-9) else 1), _SMALLEST_STEP))
+    top, bottom = (float(pick([pick(each[0]) for each in clouds])) for pick in (np.max, np.min))
+    rows = max(2, int(np.ceil((top - bottom) / step)) + 1)
+    return (top + bottom) / 2 + ((rows - 1) / 2 - np.arange(rows)) * step, step
+
+
+def _phase(azimuth: np.ndarray, columns: int) -> float:
+    """By how much the columns of a turn are off those about zero, so that azimuths lie in the middle of theirs; 0 where
+    they lie anywhere."""
+    mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
+    return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
+
+
+def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
+    """The middle of the azimuths that are met, and how wide they are; 0 and None for all around."""
+    ordered = np.sort(azimuth)
+    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    widest = int(gaps.argmax())
+    if gaps[widest] < SEAM_GAP:
+        return 0.0, None
+    span = 2 * np.pi - float(gaps[widest])
+    middle = float(ordered[(widest + 1) % len(ordered)]) + span / 2
+    return float(np.arctan2(np.sin(middle), np.cos(middle))), span
+
+
+SHARED_CELL, OUTSIDE_GRID = "points in a cell with a nearer one", "points outside the rows and columns of their sensor"
+
+
+@dataclass(frozen=True, eq=False)
+class CloudImage:
+    """measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud, counted row after row, the
+    nearest one for those outside; inside: which points lie in the grid; shown: which of them the image shows."""
+
+    grid: LidarGrid
+    measurement: Float32[np.ndarray, "rows columns"]
+    cells: Int64[np.ndarray, " n"]
+    inside: Bool[np.ndarray, " n"]
+    shown: Bool[np.ndarray, " n"]
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """Points that the image does not show, by kind."""
+        counts = {SHARED_CELL: int((self.inside & ~self.shown).sum()), OUTSIDE_GRID: int((~self.inside).sum())}
+        return {kind: count for kind, count in counts.items() if count}
+
+    @cached_property
+    def points(self) -> Float32[np.ndarray, "m 3"]:
+        """What the image says of the points it shows, sensor frame, in their order."""
+        cells = self.cells[self.shown]
+        rays = self.grid.model.rays().reshape(-1, 3)
+        return rays[cells] * self.measurement.ravel()[cells, None]
+
+
+def image_of(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
+    """The cloud of a sensor in its grid."""
+    model = grid.model
+    elevation, azimuth, distance = angles_of(cloud.in_sensor())
+    row, in_rows = _rows(cloud, grid, elevation)
+    turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
+    place = np.floor(turned / (model.azimuth_fov / model.columns) + model.columns / 2).astype(np.int64)
+    column = np.clip(place, 0, model.columns - 1)
+    in_columns = (place == column) | (model.azimuth_fov >= 2 * np.pi)
+    ranges = distance.astype(np.float32)
+    inside = in_rows & in_columns & (ranges > 0) & (ranges < model.max_range)
+    cells = row * model.columns + column
+    image = np.full(len(model.elevations) * model.columns, np.inf, np.float32)
+    within = np.flatnonzero(inside)
+    order = within[np.lexsort((ranges[within], cells[within]))]
+    first = np.diff(cells[order], prepend=-1) > 0
+    shown = np.zeros(len(cells), bool)
+    shown[order[first]] = True
+    image[cells[shown]] = ranges[shown]
+    image[np.isinf(image)] = 0
+    return CloudImage(grid, image.reshape(model.shape), cells, inside, shown)
+
+
+def _rows(
+    cloud: SensorCloud, grid: LidarGrid, elevation: Float64[np.ndarray, " n"]
+) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """The row of each point, and which points are of one: by their laser, else by an elevation no farther from a row
+    than the next one is."""
+    rows = np.array(grid.model.elevations)
+    if grid.rings and cloud.ring is not None:
+        numbers = np.array(grid.rings)
+        order = np.argsort(numbers)
+        place = np.minimum(np.searchsorted(numbers[order], cloud.ring), len(numbers) - 1)
+        row = order[place].astype(np.int64)
+        return row, numbers[row] == cloud.ring
+    row = nearest_row(elevation, rows)
+    apart = -np.diff(rows)
+    if not len(apart):
+        return row, np.ones(len(row), bool)
+    widest = np.maximum(np.append(apart, 0), np.insert(apart, 0, 0))
+    return row, np.abs(elevation - rows[row]) <= widest[row]

@@ -1,0 +1,316 @@
+"""What might be wrong with a recording's conventions: try each classic mistake undone, and see which explains more.
+
+The witness is what moves. Sensors stand still, so a pixel that is nearer than in other frames shows an object, and the
+points of such pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core.
+`fit` is the share of moving points that do. A mistake is suspected where undoing it raises the fit clearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.datasets import published_layout as published
+from toolkit.geometry import invert, transform
+from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.sensors.sensor import Sensor
+
+CLEAR = 0.05  # what the fit must gain before a mistake is suspected
+FITS = 0.6  # what the fit must come to
+ENOUGH = 200  # moving points below which nothing is said
+_MOVED = 0.3  # m nearer than the empty scene
+_SLACK = 0.1  # m a point may lie outside its box
+_CORE = 0.6  # of a vehicle's box, in which a sensor sees nothing
+_POINTS_PER_FRAME = 100  # of each sensor
+
+_FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # of x right, y down, z forward
+
+Rows = Float64[np.ndarray, "_ 10"]
+
+
+@dataclass(frozen=True, eq=False)
+class SensorImages:
+    """What one sensor saw. rays: (pixels, 3), its frame; depth: (frames, pixels), 0 for no return."""
+
+    sensor: Sensor
+    rays: Float32[np.ndarray, "pixels 3"]
+    depth: Float32[np.ndarray, "frames pixels"]
+
+    def moving(self) -> Bool[np.ndarray, "frames pixels"]:
+        """Pixels that show something which is not there in another frame."""
+        seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return says nothing about the scene
+        if len(seen) < 3:
+            return np.zeros(self.depth.shape, bool)
+        background = np.where(seen > 0, seen, np.inf).max(axis=0)
+        return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED)
+
+
+class Witness(NamedTuple):
+    """Moving pixels of one sensor in one frame."""
+
+    frame: int
+    sensor: int
+    rays: Float64[np.ndarray, "p 3"]
+    depth: Float64[np.ndarray, " p"]
+
+
+class Suspicion(NamedTuple):
+    """A mistake that, undone, raises the fit."""
+
+    mistake: str
+    remedy: str
+    before: float
+    after: float
+
+
+Undo = Callable[[Rows], Rows]
+
+
+def _columns(change: Callable[..., dict[str, np.ndarray]]) -> Undo:
+    """A change of some columns, by short names, as a change of rows."""
+    names = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
+
+    def undo(rows: np.ndarray) -> np.ndarray:
+        table = dict(zip(names, rows.T, strict=True))
+        return np.column_stack([{**table, **change(table)}[name] for name in names])
+
+    return undo
+
+
+OBJECT_MISTAKES: tuple[tuple[str, str, Undo], ...] = (
+    (
+        "full extents stored where half extents belong: the boxes are twice too large",
+        "halve columns 6 to 8 of objects",
+        _columns(lambda o: {key: o[key] / 2 for key in "lwh"}),
+    ),
+    (
+        "half of the half extents stored: the boxes are half as large as what they stand for",
+        "double columns 6 to 8 of objects",
+        _columns(lambda o: {key: o[key] * 2 for key in "lwh"}),
+    ),
+    (
+        "length and width swapped",
+        "swap columns 6 and 7 of objects",
+        _columns(lambda o: {"l": o["w"], "w": o["l"]}),
+    ),
+    (
+        "yaw in radians where degrees belong",
+        "multiply column 5 of objects by 180 / pi",
+        _columns(lambda o: {"yaw": np.rad2deg(o["yaw"])}),
+    ),
+    (
+        "yaw turned from radians to degrees twice",
+        "multiply column 5 of objects by pi / 180",
+        _columns(lambda o: {"yaw": np.deg2rad(o["yaw"])}),
+    ),
+    (
+        "yaw counted the other way round",
+        "negate column 5 of objects: CARLA's y points the other way, so does its yaw",
+        _columns(lambda o: {"yaw": -o["yaw"]}),
+    ),
+    (
+        "yaw a quarter turn off",
+        "add 90 degrees to column 5 of objects",
+        _columns(lambda o: {"yaw": o["yaw"] + 90}),
+    ),
+    (
+        "mirrored y axis: a right-handed world where CARLA's left-handed one belongs",
+        "negate columns 1 (y) and 5 (yaw) of objects",
+        _columns(lambda o: {"y": -o["y"], "yaw": -o["yaw"]}),
+    ),
+    (
+        "mirrored y axis, of the positions alone",
+        "negate column 1 (y) of objects",
+        _columns(lambda o: {"y": -o["y"]}),
+    ),
+    (
+        "mirrored x axis",
+        "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)",
+        _columns(lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]}),
+    ),
+    (
+        "x and y swapped",
+        "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)",
+        _columns(lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]}),
+    ),
+    (
+        "the centre of the floor stored where the centre of the box belongs: the boxes are sunk by half their height",
+        "add column 8 (half height) to column 2 (z) of objects",
+        _columns(lambda o: {"z": o["z"] + o["h"]}),
+    ),
+    (
+        "the centre of the roof stored where the centre of the box belongs: the boxes float by half their height",
+        "subtract column 8 (half height) from column 2 (z) of objects",
+        _columns(lambda o: {"z": o["z"] - o["h"]}),
+    ),
+)
+
+
+LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
+    (
+        f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about {abs(lift):.1f} m",
+        f"{'subtract' if lift > 0 else 'add'} {abs(lift):.1f} m {'from' if lift > 0 else 'to'} column 2 (z) of objects",
+        _columns(lambda o, lift=lift: {"z": o["z"] - lift}),
+    )
+    for lift in (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, -0.3, -0.4, -0.5, -0.6, -0.8, -1.0)
+)
+
+
+def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
+    """Some moving pixels of each sensor and frame, the same ones every time."""
+    rng = np.random.default_rng(0)
+    chosen = []
+    for i, view in enumerate(views):
+        for frame, moving in enumerate(view.moving()):
+            pixels = np.flatnonzero(moving)
+            if len(pixels) > _POINTS_PER_FRAME:
+                pixels = rng.choice(pixels, _POINTS_PER_FRAME, replace=False)
+            rays, depth = view.rays[pixels].astype(np.float64), view.depth[frame, pixels].astype(np.float64)
+            chosen.append(Witness(frame, i, rays, depth))
+    return chosen
+
+
+def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
+    """Share of the points, (n, 3) in the site's frame for each frame, that lie on the boxes of their frame."""
+    on_boxes = 0
+    for points, table in zip(clouds, rows, strict=True):
+        if len(points) and len(table):
+            on_boxes += int(_on_boxes(points, published.objects_of(table, map_SE3_site)).sum())
+    return on_boxes / max(1, sum(map(len, clouds)))
+
+
+def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
+    """Which points lie in a box, at most `_SLACK` outside, and in no vehicle's core."""
+    x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
+    cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
+    offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
+    half = objects.boxes.T[3:6, None, :] / 2
+    inside = np.all(offsets <= half + _SLACK, axis=0)
+    core = np.all(offsets <= half * _CORE, axis=0) & np.isin(objects.labels, (VEHICLE, HEAVY))
+    return np.any(inside, axis=1) & ~np.any(core, axis=1)
+
+
+def clouds_of(chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
+    """The witnesses' points of each of so many frames, in the site's frame."""
+    parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
+    for w in chosen:
+        parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
+    return [np.concatenate(part) for part in parts]
+
+
+def suspect_objects(
+    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+) -> tuple[list[Suspicion], list[Rows], float]:
+    """The mistake in the objects, or the two made together, the rows without them, and the fit that is left."""
+    clouds = clouds_of(chosen, sensors, len(rows))
+    if sum(map(len, clouds)) < ENOUGH:
+        return [], list(rows), 1.0
+    current = fit(clouds, rows, map_SE3_site)
+    one_by_one = [(mistake,) for mistake in OBJECT_MISTAKES + LIFTED]
+    for attempts in (one_by_one, list(combinations(OBJECT_MISTAKES, 2))):
+        undone = [[_without(mistakes, table) for table in rows] for mistakes in attempts]
+        fits = [fit(clouds, tables, map_SE3_site) for tables in undone]
+        best = int(np.argmax(fits))
+        if fits[best] >= current + CLEAR and fits[best] >= FITS:
+            found = [Suspicion(mistake, remedy, current, fits[best]) for mistake, remedy, _ in attempts[best]]
+            return found, undone[best], fits[best]
+        if current >= FITS:
+            break
+    return [], list(rows), current
+
+
+def _without(mistakes: Sequence[tuple[str, str, Undo]], rows: Rows) -> Rows:
+    for *_, undo in mistakes:
+        rows = undo(rows)
+    return rows
+
+
+def suspect_sensor(
+    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+) -> tuple[Suspicion | None, float]:
+    """The mistake in the pose or the depth of one sensor, whose witnesses these are, and its fit as it is."""
+    stored = published.extrinsic(sensor.pose, map_SE3_site)
+
+    def fit_of(matrix: np.ndarray, along_ray: bool = False) -> float:
+        pose = published.pose_of(matrix, map_SE3_site)
+        clouds = []
+        for witness in chosen:
+            rays = witness.rays / np.linalg.norm(witness.rays, axis=1, keepdims=True) if along_ray else witness.rays
+            clouds.append(transform(pose, rays * witness.depth[:, None]))
+        return fit(clouds, [rows[witness.frame] for witness in chosen], map_SE3_site)
+
+    current = fit_of(stored)
+    if current > 1 - CLEAR:
+        return None, current
+    attempts = (
+        Suspicion(
+            "its extrinsic is camera → world, the inverse of what belongs there",
+            "store the inverse of extrinsic",
+            current,
+            fit_of(invert(stored)),
+        ),
+        Suspicion(
+            "its extrinsic is for a right-handed world and a camera with x right, y down, z forward",
+            "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up",
+            current,
+            fit_of(_FORWARD_FIRST @ stored @ published.MAP_FROM_CARLA),
+        ),
+        Suspicion(
+            "its extrinsic is for a right-handed world and a camera with x forward, y left, z up",
+            "negate y of the world and of the camera in extrinsic",
+            current,
+            fit_of(published.MAP_FROM_CARLA @ stored @ published.MAP_FROM_CARLA),
+        ),
+        Suspicion(
+            "its depth is the distance along the ray, not along the optical axis",
+            "divide each depth by the length of its ray whose X is 1",
+            current,
+            fit_of(stored, along_ray=True),
+        ),
+        Suspicion(
+            "it looks away: in the opposite direction",
+            "turn extrinsic by 180 degrees about the camera's Z",
+            current,
+            fit_of(np.diag([-1.0, -1, 1, 1]) @ stored),
+        ),
+    )
+    best = max(attempts, key=lambda suspicion: suspicion.after)
+    return (best if best.after >= max(FITS, current + CLEAR) else None), current
+
+
+MOST_FRAMES_OFF = 3
+CLEARLY = 0.2  # what the fit must gain
+
+
+def suspect_frames(
+    clouds: Sequence[Float[np.ndarray, "_ 3"]],
+    tables: Sequence[Rows],
+    frames: Sequence[int],
+    map_SE3_site: Float[np.ndarray, "4 4"],
+) -> tuple[Suspicion | None, list[Rows]]:
+    """By how many frames the objects are off, and the rows that belong to `frames`, whose moving points, site frame,
+    the clouds are. tables: the rows of all frames of the file."""
+    best: Suspicion | None = None
+    rows = [tables[k] for k in frames]
+    for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:
+        usable = [
+            i for i, k in enumerate(frames) if 0 <= k + off < len(tables) and len(tables[k]) and len(tables[k + off])
+        ]
+        some = [clouds[i] for i in usable]
+        if sum(map(len, some)) < ENOUGH:
+            continue
+        before = fit(some, [tables[frames[i]] for i in usable], map_SE3_site)
+        after = fit(some, [tables[frames[i] + off] for i in usable], map_SE3_site)
+        if after >= max(FITS, before + CLEARLY) and (best is None or after > best.after):
+            count = f"{abs(off)} frame{'s' * (abs(off) > 1)}"
+            mistake = f"labels lie about {count} {'behind' if off > 0 else 'ahead of'} the images"
+            best = Suspicion(
+                mistake, f"store objects/K as objects/{'K-' if off > 0 else 'K+'}{abs(off)}", before, after
+            )
+            rows = [tables[k + off] if 0 <= k + off < len(tables) else tables[k][:0] for k in frames]
+    return best, rows

@@ -1,0 +1,459 @@
+"""What every layout reads with: entries and numbers of records, rigid motions, damage as one line that names a file.
+
+Numbers may be strings (DAIR-V2X, and YAML's 1e-05), rotations may be a little off; what is worse is a ValueError.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64, Shaped
+from toolkit.datasets.cloud_files import read_recorded
+from toolkit.datasets.published_layout import FARTHEST_OBJECT, LARGEST_EXTENT
+from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
+from toolkit.geometry import check_pose
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
+from toolkit.point_files import pcd_bytes
+from toolkit.runtime.files import finite, parse_json, write_bytes, write_text
+
+NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
+_DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Samples by name, each read when it is asked for. No `Sequence`: checkers of types would read one."""
+
+    names: tuple[str, ...]
+    load: Callable[[str], Sample]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[Sample]:
+        return map(self.load, self.names)
+
+    def __getitem__(self, index: int) -> Sample:
+        return self.load(self.names[index])
+
+
+@runtime_checkable
+class Samples(Protocol):
+    """The samples of a recording, in order: how many there are, and each when its turn comes."""
+
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[Sample]: ...
+
+
+@contextmanager
+def named_damage(path: str | Path, what: str) -> Iterator[None]:
+    """Damage met in the block becomes one ValueError, which names the file; numbers that overflow are no warnings."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no {what}: byte {error.start} is not UTF-8") from None
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
+
+
+def text_of(path: str | Path) -> str:
+    """The text of a file. Raises OSError, and UnicodeDecodeError where it is none."""
+    return Path(path).read_text(encoding="utf-8-sig")
+
+
+def json_of(path: str | Path) -> Any:
+    """The values of a JSON file; to be called in `named_damage`."""
+    return parse_json(text_of(path))
+
+
+def entry(record: Any, *keys: str) -> Any:
+    """record[key][key]..., or ValueError that says which is missing.
+
+    >>> entry({"a": {"b": 3}}, "a", "b")
+    3
+    """
+    value = record
+    for k, key in enumerate(keys):
+        if not isinstance(value, dict) or key not in value:
+            raise ValueError(f"it has no entry {'.'.join(keys[: k + 1])}")
+        value = value[key]
+    return value
+
+
+def as_number(value: Any, name: str = "entry") -> float:
+    """A number, also where it is written as a string.
+
+    >>> as_number("1e-05")
+    1e-05
+    """
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be a number, got {str(value)[:40]!r}") from None
+
+
+def numbers(values: Any, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
+    """So many numbers, nested or flat, also as strings. Raises ValueError for another count."""
+    try:
+        flat = np.array(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError, OverflowError):
+        flat = np.zeros(0)
+    if flat.size != count:
+        raise ValueError(f"{name} must be {count} numbers, got {str(values)[:60]!r}")
+    return flat
+
+
+def xyz(record: Any, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
+    """The numbers of an entry {x: .., y: .., z: ..}."""
+    return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
+
+
+def records(content: Any, name: str = "it") -> list[Any]:
+    """A list, or ValueError."""
+    if not isinstance(content, list):
+        raise ValueError(f"{name} must be a list, got {str(content)[:40]!r}")
+    return content
+
+
+def rigid(rotation: Any, translation: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+    """The pose of a 3×3 rotation and a translation; a rotation that is a little off becomes the nearest one (SVD).
+
+    >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
+    [1.0, 2.0, 3.0, 1.0]
+    """
+    matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
+    pose = np.eye(4)
+    pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 2 or np.linalg.det(matrix) <= 0:
+        raise ValueError(f"{name} must turn by a rotation, got {matrix.tolist()}")
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > NOT_RIGID:
+        raise ValueError(f"{name} must turn by a rotation, got one that stretches: {matrix.tolist()}")
+    u, _, v = np.linalg.svd(matrix)
+    pose[:3, :3] = u @ v
+    return check_pose(pose, name)
+
+
+def rigid_matrix(values: Any, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+    """The pose of 16 or 12 numbers by rows, its rotation made one."""
+    flat = np.asarray(values, dtype=object).ravel()
+    matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
+    return rigid(matrix[:3, :3], matrix[:3, 3], name)
+
+
+def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: Any) -> Float64[np.ndarray, "*n"]:
+    """Yaw (rad) in the target frame of headings in the source frame: of the turned forward direction, seen from above.
+
+    >>> heading(np.eye(4), [0.5])
+    array([0.5])
+    """
+    yaw = np.asarray(yaw, np.float64)
+    forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1) @ target_SE3_source[:3, :3].T
+    return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
+
+
+FULL_TURN = 2 * np.pi + 0.01  # rad, which no file in radians goes beyond
+SAME = 1e-3  # m and rad in which two boxes may differ and yet be one label given twice
+
+NOT_FINITE = "labels with NaN or infinite numbers"
+NO_SIZE = "boxes of no size"
+TOO_LARGE = "boxes too large or too far away to be"
+OTHER_KINDS = "labels of other kinds than ours"
+DOUBLED = "doubled labels"
+FULL_TURNS = "yaws beyond a full turn"
+
+_NAMES = {  # what sets call our classes, in small letters
+    VEHICLE: """car van vehicle passengercar suv pickup taxi police emergency_vehicle regular_vehicle vehicle.car
+        vehicle.emergency.police""",
+    HEAVY: """heavy truck bus tram trailer minibus large_truck construction_truck large_vehicle box_truck truck_cab
+        school_bus articulated_bus vehicular_trailer railed_vehicle vehicle.truck vehicle.bus.rigid vehicle.bus.bendy
+        vehicle.trailer vehicle.construction vehicle.emergency.ambulance""",
+    CYCLIST: """cyclist bicycle bike bicyclist bicyclerider motorcycle motorcyclist motorcyclerider tricycle tricyclist
+        scooter scooterrider wheeled_rider vehicle.bicycle vehicle.motorcycle""",
+    PEDESTRIAN: """pedestrian person person_sitting walker official_signaler human.pedestrian.adult
+        human.pedestrian.child human.pedestrian.construction_worker human.pedestrian.police_officer""",
+}
+CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.split()}
+
+
+class Labelled(NamedTuple):
+    """As the fields of `toolkit.datasets.sample.Sample`: objects, the set's names of them, its own counts of their
+    points where it has some, and what it labels beside our classes."""
+
+    objects: Objects
+    categories: tuple[str, ...]
+    counts: Int64[np.ndarray, " n"] | None
+    others: OtherObjects
+
+
+def labelled(
+    boxes: Shaped[np.ndarray, "n 7"],
+    categories: Sequence[str],
+    ids: Sequence[Any] | None,
+    problems: dict[str, int],
+    counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
+) -> Labelled:
+    """Rows of labels, world frame, as objects; what is left out is added to `problems`.
+
+    ids: of tracks, whatever they are; their places when None. counts: the set's own, below 0 where nobody counted.
+    """
+    boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
+    names = [str(name).strip().lower().replace(" ", "") for name in categories]
+    classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
+    finite = np.isfinite(boxes).all(axis=1)
+    sized = (boxes[:, 3:6] > 0).all(axis=1)
+    there = ((boxes[:, 3:6] <= 2 * LARGEST_EXTENT) & (np.abs(boxes[:, :3]) <= FARTHEST_OBJECT)).all(axis=1)
+    keep = np.ones(len(boxes), bool)
+    for problem, sound in ((NOT_FINITE, finite), (NO_SIZE, sized), (TOO_LARGE, there)):
+        add_problem(problems, problem, int((keep & ~sound).sum()))
+        keep &= sound
+    rows = np.flatnonzero(keep)
+    named = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
+    first = _first_of_equals(np.column_stack([boxes[rows], named[rows]]))
+    add_problem(problems, DOUBLED, len(rows) - len(first))
+    rows = rows[first]
+    yaws = np.where(finite, boxes[:, 6], 0.0)
+    boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
+    own = None if counts is None else np.asarray(counts, np.int64)
+    count_full_turns(yaws[rows], problems)
+    others = rows[classes[rows] < 0]
+    add_problem(problems, OTHER_KINDS, len(others))
+    rows = rows[classes[rows] >= 0]
+    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows], np.int64)
+    return Labelled(
+        Objects(boxes[rows], classes[rows], tracks),
+        tuple(str(categories[k]) for k in rows),
+        _known(own, rows),
+        OtherObjects(boxes[others], tuple(str(categories[k]) for k in others), _known(own, others)),
+    )
+
+
+def no_labels() -> Labelled:
+    """The labels of a sample that has none."""
+    return labelled(np.zeros((0, 7)), [], None, {})
+
+
+def _known(counts: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
+    return None if counts is None or (counts[rows] < 0).any() else counts[rows]
+
+
+def add_problem(problems: dict[str, int], kind: str, number: int) -> None:
+    """Add to the problems of a kind, none where there are none."""
+    if number:
+        problems[kind] = problems.get(kind, 0) + number
+
+
+def add_problems(total: dict[str, int], problems: Mapping[str, int]) -> None:
+    """Add those of one sample to those of all."""
+    for kind, number in problems.items():
+        add_problem(total, kind, number)
+
+
+def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: dict[str, int]) -> None:
+    """Add to the problems what no file in radians has; for layouts whose yaws are turned into another frame.
+
+    >>> problems = {}
+    >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
+    >>> problems
+    {'yaws beyond a full turn': 2}
+    """
+    add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
+
+
+def track_number(name: Any) -> int:
+    """A track id as a number: itself where it is one, else of its text, the same in every frame.
+
+    >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
+    (17, True)
+    """
+    text = str(name).strip()
+    if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
+        return int(text)
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
+
+
+def _first_of_equals(rows: np.ndarray) -> np.ndarray:
+    """The rows, in order, that differ from every earlier one."""
+    kept: list[int] = []
+    for k, row in enumerate(rows):
+        if not kept or (np.abs(rows[kept] - row) > SAME).any(axis=1).all():
+            kept.append(k)
+    return np.array(kept, np.int64)
+
+
+ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
+NOT_FINITE_POINTS = "points with NaN or infinite numbers"
+NO_RETURN_POINTS = "points of no return"
+EMPTY = "clouds without points"
+FARTHEST_POINT = 1e5  # m from the sensor, beyond which float32 keeps no centimetres
+_INTENSITIES = ("intensity", "reflectivity", "i", "colors")
+_RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
+_MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
+_TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
+
+
+def read_cloud(
+    path: str | Path,
+    name: str,
+    world_SE3_sensor: Float64[np.ndarray, "4 4"],
+    problems: dict[str, int],
+    *,
+    frame: Literal["sensor", "world"] = "sensor",
+) -> SensorCloud:
+    """The cloud of a file. Raises FileNotFoundError, and ValueError for a file that holds no points to be read."""
+    return cloud_of(read_recorded(path), name, world_SE3_sensor, problems, frame=frame)
+
+
+def cloud_of(
+    attributes: Mapping[str, np.ndarray],
+    name: str,
+    world_SE3_sensor: Float64[np.ndarray, "4 4"],
+    problems: dict[str, int],
+    *,
+    frame: Literal["sensor", "world"] = "sensor",
+) -> SensorCloud:
+    """A cloud of `positions` and other columns."""
+    recorded = np.asarray(attributes["positions"], np.float64)
+    finite = np.isfinite(recorded).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)
+    returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
+    keep = finite & near & returned
+    add_problem(problems, NOT_FINITE_POINTS, int((~finite | ~near).sum()))
+    add_problem(problems, NO_RETURN_POINTS, int((finite & near & ~returned).sum()))
+    add_problem(problems, EMPTY, int(not keep.any()))
+    columns = {key: np.asarray(column) for key, column in attributes.items()}
+    return SensorCloud(
+        name,
+        recorded[keep].astype(np.float32),
+        world_SE3_sensor,
+        frame,
+        _seconds(columns, keep),
+        _intensity(columns, keep),
+        _ring(columns, keep),
+    )
+
+
+def write_cloud(path: str | Path, cloud: SensorCloud, *, in_world: bool = False) -> None:
+    """A cloud as a binary PCD file: x y z intensity, and ring where it is known, in its frame or in the world's."""
+    points = cloud.in_world() if in_world else cloud.points
+    columns = dict(zip("xyz", points.astype(np.float32).T, strict=True))
+    ring = {} if cloud.ring is None else {"ring": cloud.ring.astype(np.int32)}
+    write_bytes(path, pcd_bytes(columns | {"intensity": intensity_of(cloud)} | ring))
+
+
+def one_cloud(sample: Sample, name: str = "lidar") -> SensorCloud:
+    """All clouds of a sample as one in its world frame, with their intensities if all have some."""
+    intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
+    whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
+    pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
+    intensity = np.concatenate(intensities) if whole else None
+    return SensorCloud(name, sample.points().astype(np.float32), pose, "world", None, intensity)
+
+
+def intensity_of(cloud: SensorCloud) -> np.ndarray:
+    """The intensity of each point, 0 where the sensor gives none."""
+    return np.zeros(len(cloud.points), np.float32) if cloud.intensity is None else cloud.intensity
+
+
+def _intensity(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
+    for name in _INTENSITIES:
+        if name in columns and len(columns[name]) == len(keep):
+            first = columns[name] if columns[name].ndim == 1 else columns[name][:, 0]  # OPV2V keeps it in the red
+            return first[keep].astype(np.float32)
+    return None
+
+
+def _ring(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
+    for name in _RINGS:
+        if name in columns and columns[name].size == len(keep):
+            numbers = columns[name].reshape(-1)[keep]
+            if numbers.dtype.kind in "iu" or bool((np.abs(numbers) < _MOST_RINGS).all() and (numbers % 1 == 0).all()):
+                return numbers.astype(np.int64)
+    return None
+
+
+def _seconds(columns: Mapping[str, np.ndarray], keep: np.ndarray) -> np.ndarray | None:
+    for name in _TIMES:
+        if name in columns and columns[name].size == len(keep):
+            column = columns[name].reshape(-1)[keep]
+            if column.dtype.kind in "iu":
+                ticks = column.astype(np.int64)
+                return (ticks - ticks.min(initial=ticks[0] if len(ticks) else 0)).astype(np.float64) * 1e-9
+            seconds = column.astype(np.float64)
+            seconds = np.where(np.isfinite(seconds), seconds, 0.0)
+            return seconds - (seconds.min() if len(seconds) else 0.0)
+    return None
+
+
+_VERSION = 1
+_SIZES = ("x", "y", "z", "length", "width", "height")
+
+
+def boxes_record(
+    name: str, time: float, boxes: Objects | Detections, *, counts: Sequence[int] | np.ndarray | None = None
+) -> dict[str, Any]:
+    """One sample's entry of the file."""
+    objects = []
+    for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
+        row: dict[str, Any] = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True))}
+        row["yaw_deg"] = float(np.rad2deg(box[6]))
+        if isinstance(boxes, Detections):
+            row["score"] = float(boxes.scores[k])
+        else:
+            row["id"] = int(boxes.ids[k])
+        if counts is not None:
+            row["points"] = int(counts[k])
+        objects.append(row)
+    return {"name": name, "time": time, "objects": objects}
+
+
+def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any) -> None:
+    """Write the file of some samples' entries, whole or not at all; more: what else it shall say."""
+    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
+    write_text(path, json.dumps(finite(content), indent=1, allow_nan=False))
+
+
+def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:
+    """The entries of a file by the names of their samples. Raises ValueError, which names the file."""
+    with named_damage(path, "file of boxes"):
+        content = json_of(path)
+        if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
+            raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
+        return {str(entry(each, "name")): each for each in records(entry(content, "samples"), "samples")}
+
+
+def objects_in(path: str | Path, each: dict[str, Any], problems: dict[str, int]) -> Labelled:
+    """The labels of one entry."""
+    with named_damage(path, "file of boxes"):
+        rows = records(entry(each, "objects"), "objects")
+        boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)
+        names = [str(entry(row, "label")) for row in rows]
+        ids = [row.get("id", k) for k, row in enumerate(rows)]
+        counts = [int(as_number(row.get("points", -1), "points")) for row in rows]
+        return labelled(boxes, names, ids, problems, counts)
+
+
+def detections_in(path: str | Path, each: dict[str, Any]) -> Detections:
+    """The detections of one entry. Raises ValueError where one has no score, or is no box."""
+    with named_damage(path, "file of boxes"):
+        rows = records(entry(each, "objects"), "objects")
+        boxes = np.array([_box(row) for row in rows]).reshape(-1, 7)
+        scores = np.array([as_number(entry(row, "score"), "score") for row in rows])
+        if not (np.isfinite(boxes).all() and np.isfinite(scores).all() and (boxes[:, 3:6] > 0).all()):
+            raise ValueError("boxes and scores of detections must be finite, and sizes positive")
+        return Detections(boxes, scores, np.array([str(entry(row, "label")) for row in rows]))
+
+
+def _box(row: Any) -> list[float]:
+    values = [as_number(entry(row, name), name) for name in (*_SIZES, "yaw_deg")]
+    return [*values[:6], float(np.deg2rad(values[6]))]

@@ -1,0 +1,150 @@
+"""Objects that stand out from the empty scenes of a recording of clouds: found without labels and without training.
+
+`foreground_clusters` gathers the points of a sample that stand out into objects by DBSCAN (M. Ester and others, 1996),
+as Open3D has it; `learn_cluster_detector` makes of the empty scenes a detector with boxes and classes
+(`toolkit.detection.cluster`), to be scored as any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64, Int64
+from toolkit.calibration.empty_scene import SIGMAS
+from toolkit.calibration.ground import level
+from toolkit.calibration.scenes import LearntScene, SampleScenes
+from toolkit.datasets.sample import Sample
+from toolkit.detection.cluster import ClusterDetector
+from toolkit.detection.detect import DETECTION_REACH, Level, middle_of
+from toolkit.detection.view import CROP_HEIGHT
+from toolkit.geometry import transform
+from toolkit.objects import Detections
+from toolkit.points import inside
+
+CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
+SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt from
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """points: that stand out, world frame; sensor: number of the cloud of each; of: number of the object of each, from
+    0 on, -1 for none."""
+
+    points: Float64[np.ndarray, "n 3"]
+    sensor: Int64[np.ndarray, " n"]
+    of: Int64[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        """How many objects there are."""
+        return int(self.of.max(initial=-1)) + 1
+
+    def __getitem__(self, number: int) -> Float64[np.ndarray, "m 3"]:
+        """The points of an object."""
+        if not 0 <= number < len(self):
+            raise IndexError(f"there are {len(self)} objects, got number {number}")
+        return self.points[self.of == number]
+
+
+@dataclass(frozen=True)
+class AreaClusters:
+    """A cluster detector in the area (xmin ymin xmax ymax, m) whose empty scene it knows, below 4 m."""
+
+    clusters: ClusterDetector
+    area: tuple[float, float, float, float]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The classes it knows."""
+        return self.clusters.labels
+
+    @property
+    def digest(self) -> str:
+        """Of all that its detections depend on."""
+        return f"{self.clusters.digest} {self.area}"
+
+    def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
+        """Detect in the points of the area."""
+        return self.clusters(points[inside(points, np.array(self.area), CROP_HEIGHT)])
+
+
+def foreground_clusters(
+    sample: Sample, scenes: SampleScenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
+) -> Clusters:
+    """The points of all clouds of a sample that stand out from the empty scenes of their sensors, in objects.
+
+    reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
+    is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
+    reach that is not above 0, fewer than one point, and a sensor without a scene.
+    """
+    if not 0 < reach < np.inf or fewest < 1:
+        raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
+    parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
+    for number, cloud in enumerate(sample.clouds):
+        if not len(cloud.points):
+            continue
+        image, scene = scenes.image(cloud), scenes[cloud.name].scene
+        out = ~scene.shows(image.measurement, sigmas).ravel()[image.cells] & image.inside
+        parts.append(cloud.in_world()[out])
+        sensors.append(np.full(int(out.sum()), number, np.int64))
+    points = np.concatenate(parts)
+    return Clusters(points, np.concatenate(sensors), cluster_points(points, reach=reach, fewest=fewest))
+
+
+def cluster_points(
+    points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
+) -> Int64[np.ndarray, " n"]:
+    """The object of each point by DBSCAN, numbered from 0, -1 for none.
+
+    >>> cluster_points(np.array([[0.0, 0, 0], [0.1, 0, 0], [5, 0, 0], [9, 0, 0], [9, 0.1, 0]]), reach=0.5, fewest=2)
+    array([ 0,  0, -1,  1,  1])
+    """
+    import open3d as o3d
+
+    if not len(points):
+        return np.zeros(0, np.int64)
+    middle = points.mean(axis=0)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - middle))
+    return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=fewest), np.int64)
+
+
+def learn_cluster_detector(
+    scenes: SampleScenes,
+    sample: Sample,
+    *,
+    levelling: Level = "map",
+    middle: Sequence[float] | None = None,
+    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH),
+    seed: int = 0,
+) -> AreaClusters:
+    """A detector of what stands out, from the empty scenes of lidars that stand where they do in a sample, for
+    `toolkit.detection.sample_evaluation.evaluate_samples` with the same levelling, middle and half. Raises ValueError
+    where the empty scenes have no point in the area."""
+    centre = middle_of(sample) if middle is None else np.array(middle, np.float64)
+    rng = np.random.default_rng(seed)
+    sweeps = [
+        np.concatenate([
+            np.zeros((0, 3)),
+            *(transform(cloud.world_SE3_sensor, _sweep(scenes[cloud.name], rng)) for cloud in sample.clouds),
+        ])
+        - [*centre, 0.0]
+        for _ in range(SWEEPS)
+    ]  # fmt: skip
+    ground = None if levelling == "none" else level(sweeps[0], method=levelling)
+    area = (-half[0], -half[1], half[0], half[1])
+    upright = [(sweep if ground is None else ground.points(sweep)).astype(np.float32) for sweep in sweeps]
+    cropped = [points[inside(points, np.array(area), CROP_HEIGHT)] for points in upright]
+    return AreaClusters(ClusterDetector.learn(cropped), area)
+
+
+def _sweep(learnt: LearntScene, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+    """What a sensor measures when nobody is there, its own frame: of every pixel one of its two measurements, as often
+    as it was met, with its spread."""
+    scene = learnt.scene
+    other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
+    median = np.where(other, scene.second, scene.first).astype(np.float64)
+    measured = median + np.where(other, scene.second_spread, scene.spread) * rng.standard_normal(median.shape)
+    there = (median > 0) & (measured > 0)
+    return learnt.grid.model.rays().astype(np.float64)[there] * measured[there][:, None]

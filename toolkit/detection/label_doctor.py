@@ -1,0 +1,489 @@
+"""How well boxes fit the points of their cloud, and whether other boxes fit better by more than chance explains.
+
+A box that is right has points just within its faces, none in the middle of it and nothing close around it but ground.
+The fit of a box is the share of its points (those no lower than `CLEARANCE` above the ground) that lie there, of all
+within the box and `SHELL` it; a box that has hardly any has a fit of 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.boxes import points_in_boxes
+from toolkit.calibration.ground import Ground, level
+from toolkit.datasets.doctor import Finding
+from toolkit.datasets.records import FULL_TURNS
+from toolkit.datasets.sample import Sample
+from toolkit.geometry import invert, transform
+
+CLEARANCE = 0.3  # m above the ground
+SHELL = 0.5  # m
+SLACK = 0.1  # m that a point may lie outside its box, as sensors err
+HOLLOW = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
+LEAST_ON_BOX = 15  # points in and around a box, below which its fit is 0
+LEAST_BOXES = 5  # with a fit, below which nothing is said
+STANDARD_ERRORS = 3.0  # of the mean change of fits, from which on a mistake is suspected
+GAIN = 0.02  # of the mean fit, that there must be as well
+GROUND_POINTS = 20_000  # of a cloud, evenly taken, among which its ground is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A sample, its points that stand on the ground, and that ground; all its points and None where there is none."""
+
+    sample: Sample
+    points: Float64[np.ndarray, "n 3"]
+    ground: Ground | None = None
+
+    @staticmethod
+    def of(sample: Sample) -> Seen:
+        """A sample with its ground found."""
+        points = sample.points()
+        try:
+            ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
+        except ValueError:
+            return Seen(sample, points)
+        standing = points[points[:, 2] - ground.height(points[:, :2]) > CLEARANCE]
+        return Seen(sample, standing, ground)
+
+    def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
+        """How high (m) the centres of boxes are above the ground; of none where there is no ground."""
+        return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
+
+
+def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
+    """The fit of every box, (m, 7) of each sample, of all samples one after the other."""
+    parts = [fits_in(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def fits_in(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
+    """The fit of every box to points that stand on the ground."""
+    wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
+    inside = points_in_boxes(points, wide)
+    fitting = np.zeros(len(boxes))
+    for k, (x, y, z, length, width, height, yaw) in enumerate(boxes):
+        near = points[inside[:, k]]
+        if len(near) < LEAST_ON_BOX:
+            continue
+        dx, dy, dz = (near - [x, y, z]).T
+        ahead, aside = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw)), np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
+        in_box = (ahead <= length / 2 + SLACK) & (aside <= width / 2 + SLACK) & (dz <= height / 2 + SLACK)
+        inner = (ahead < HOLLOW * length / 2) & (aside < HOLLOW * width / 2) & (dz < height / 2 - 2 * SLACK)
+        fitting[k] = (in_box & ~inner).mean()
+    return fitting
+
+
+def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
+    """Whether boxes fit better, by `gain` at least and by more than chance explains.
+
+    >>> better(np.full(9, 0.2), np.full(9, 0.8)), better(np.full(9, 0.8), np.full(9, 0.2))
+    (True, False)
+    """
+    change = (after - before)[(after > 0) | (before > 0)]
+    if len(change) < LEAST_BOXES or change.mean() < gain:
+        return False
+    return bool(change.mean() >= STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
+
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class LabelMistake:
+    """What may be wrong with boxes, (n, 7), and how it is undone; axes: whether it depends on the frame's axes."""
+
+    name: str
+    remedy: str
+    undo: Change
+    axes: bool = False
+
+
+def _changed(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
+    places = {name: k for k, name in enumerate(("x", "y", "z", "length", "width", "height", "yaw"))}
+
+    def undo(boxes: np.ndarray) -> np.ndarray:
+        made = boxes.copy()
+        for name, column in columns.items():
+            made[:, places[name]] = column(boxes)
+        return made
+
+    return undo
+
+
+def _sized(factor: float) -> Change:
+    sizes = (("length", 3), ("width", 4), ("height", 5))
+    return _changed(**{name: lambda boxes, k=k: boxes[:, k] * factor for name, k in sizes})
+
+
+YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _changed(yaw=lambda b: -b[:, 6]), axes=True)
+
+LOST_DEGREES = LabelMistake(  # of which undo knows nothing: `degrees_of_turns` says what is left of them
+    "yaw in degrees where radians belong, of which only sine and cosine are left",
+    "multiply yaw by pi / 180 before its sine and cosine are taken", lambda boxes: boxes,
+)  # fmt: skip
+
+LABEL_MISTAKES = (
+    LabelMistake(
+        "mirrored: y points the other way", "negate y and yaw",
+        _changed(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]), axes=True,
+    ),
+    LabelMistake(
+        "mirrored: x points the other way", "negate x, and take 180 degrees minus yaw",
+        _changed(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]), axes=True,
+    ),
+    LabelMistake("y of the positions alone negated", "negate y", _changed(y=lambda b: -b[:, 1]), axes=True),
+    LabelMistake(
+        "x and y swapped", "swap x and y, and take 90 degrees minus yaw",
+        _changed(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]), axes=True,
+    ),
+    LabelMistake("half extents where full ones belong: the boxes are half as large", "double the sizes", _sized(2.0)),
+    LabelMistake("doubled extents: the boxes are twice as large", "halve the sizes", _sized(0.5)),
+    LabelMistake(
+        "length and width swapped, or yaw a quarter turn off", "swap length and width, or add 90 degrees to yaw",
+        _changed(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
+    ),
+    YAW_SIGN,
+    LabelMistake(
+        "yaw in radians where degrees belong", "multiply yaw by 180 / pi",
+        _changed(yaw=lambda b: np.rad2deg(b[:, 6])), axes=True,
+    ),
+)  # fmt: skip
+
+
+def undone_in(
+    mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
+) -> Float64[np.ndarray, "n 7"]:
+    """Boxes of the world frame without a mistake that was made in another, whose z is up as well."""
+    if np.array_equal(frame_SE3_world, np.eye(4)):
+        return mistake.undo(boxes)
+    return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
+
+
+def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
+    """Boxes in another frame, whose z is up as well.
+
+    >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
+    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
+    """
+    headings = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))]) @ motion[:3, :3].T
+    yaw = np.arctan2(headings[:, 1], headings[:, 0])
+    return np.column_stack([transform(motion, boxes[:, :3]), boxes[:, 3:6], yaw])
+
+
+def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
+    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point where `yaw` does.
+
+    A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
+
+    >>> yaw = np.deg2rad(np.array([30.0]))
+    >>> bool(np.any(np.abs(degrees_of_turns(np.array([30.0])) - yaw) < 1e-9))
+    True
+    """
+    turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
+    return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
+
+
+SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s that labels may be late or early
+MOST_SAMPLES = 3  # that labels may be late or early, where there are no times
+MOVING = 2.0  # m/s
+STANDING = 0.2  # m between samples, within which an object stands
+FASTEST = 60.0  # m/s, beyond which a track has jumped
+ALONG = 0.7  # cosine between heading and way, from which on the two agree
+LEAST_TRACKS = 2  # that must head where they go once a mistake is undone, and did not before
+
+
+class Shift(NamedTuple):
+    """By how much labels lie behind their clouds, less than 0 for ahead, in words; and the fits before and after."""
+
+    amount: str
+    behind: bool
+    before: Float64[np.ndarray, " n"]
+    after: Float64[np.ndarray, " n"]
+
+
+def shift_of(some: Sequence[Seen]) -> Shift | None:
+    """How late or early labels are, None where they are not or nobody can say."""
+    return _along_tracks(some) or _of_other_clouds(some)
+
+
+def _along_tracks(some: Sequence[Seen]) -> Shift | None:
+    samples = [each.sample for each in some]
+    movers = [movers_in(samples, k) for k in range(len(some))]
+    if sum(len(boxes) for boxes, *_ in movers) < LEAST_BOXES:
+        return None
+
+    def fits_at(shift: float) -> np.ndarray:
+        return fits(some, [boxes + np.column_stack([shift * v, np.zeros((len(v), 5))]) for boxes, v, _ in movers])
+
+    now = fits_at(0.0)
+    shifted = {sign * seconds: fits_at(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
+    best = max(shifted, key=lambda each: shifted[each].mean())
+    if not better(now, shifted[best]):
+        return None
+    return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
+
+
+def _of_other_clouds(some: Sequence[Seen]) -> Shift | None:
+    """Whether the labels of samples fit the clouds of others, some places before or after them, better: those labels
+    that are not in the same place in both."""
+    found: Shift | None = None
+    for places in [sign * k for k in range(1, MOST_SAMPLES + 1) for sign in (1, -1)]:
+        pairs = [(some[k], some[k + places]) for k in range(len(some)) if 0 <= k + places < len(some)]
+        moving = [_not_there(labels.sample, cloud.sample) for labels, cloud in pairs]
+        own = [labels.sample.objects.boxes[rows] for (labels, _), rows in zip(pairs, moving, strict=True)]
+        there = [
+            _boxes_in(labels.sample, cloud.sample)[rows] for (labels, cloud), rows in zip(pairs, moving, strict=True)
+        ]
+        before, after = fits([labels for labels, _ in pairs], own), fits([cloud for _, cloud in pairs], there)
+        if better(before, after) and (found is None or after.mean() - before.mean() > _gain(found)):
+            found = Shift(f"{abs(places)} sample{'s' * (abs(places) > 1)}", places < 0, before, after)
+    return found
+
+
+def _not_there(labels: Sample, other: Sample) -> Bool[np.ndarray, " n"]:
+    """Which objects of a sample have none of another within `STANDING` of their places."""
+    from scipy.spatial import cKDTree
+
+    here, there = _boxes_in(labels, other)[:, :3], other.objects.boxes[:, :3]
+    if not len(there):
+        return np.ones(len(here), bool)
+    return np.asarray(cKDTree(there).query(here)[0] > STANDING) if len(here) else np.zeros(0, bool)
+
+
+def _gain(shift: Shift) -> float:
+    return float(shift.after.mean() - shift.before.mean())
+
+
+def _boxes_in(labels: Sample, cloud: Sample) -> np.ndarray:
+    return boxes_through(labels.objects.boxes, invert(cloud.map_SE3_world) @ labels.map_SE3_world)
+
+
+class Headed(NamedTuple):
+    """Boxes that move: of how many of how many tracks, how many head against their way, and no more once undone."""
+
+    tracks: int
+    against: int
+    of: int
+
+
+def against_their_way(samples: Sequence[Sample], undo: Callable[[Sample, np.ndarray], np.ndarray]) -> Headed | None:
+    """Whether boxes that head against their way head along it once a mistake is undone, and hardly any other way
+    round; None where not."""
+    tracks: set[int] = set()
+    mended = spoilt = total = 0
+    for k, sample in enumerate(samples):
+        boxes, velocities, ids = movers_in(samples, k)
+        before, after = (_cosines(each, velocities) for each in (boxes, undo(sample, boxes)))
+        turned = (before < 0) & (after > ALONG)
+        tracks |= set(ids[turned].tolist())
+        mended, total = mended + int(turned.sum()), total + len(boxes)
+        spoilt += int(((before > ALONG) & (after < 0)).sum())
+    if len(tracks) < LEAST_TRACKS or mended < LEAST_BOXES or spoilt > mended / 10:
+        return None
+    return Headed(len(tracks), mended, total)
+
+
+def _cosines(boxes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6])])
+    return np.asarray((ahead * velocities).sum(axis=1) / np.maximum(np.linalg.norm(velocities, axis=1), 1e-9))
+
+
+class Movers(NamedTuple):
+    """Boxes of a sample that move, their velocities (m/s), and their tracks."""
+
+    boxes: Float64[np.ndarray, "n 7"]
+    velocities: Float64[np.ndarray, "n 2"]
+    ids: Int64[np.ndarray, " n"]
+
+
+def movers_in(samples: Sequence[Sample], k: int) -> Movers:
+    """What moves in sample k, by the nearest sample that has the track too and another time."""
+    here = samples[k]
+    boxes, velocities, ids = [], [], []
+    for row, track in enumerate(here.objects.ids):
+        for other in (k + 1, k - 1):
+            if not 0 <= other < len(samples):
+                continue
+            there = samples[other]
+            match = np.flatnonzero(there.objects.ids == track)
+            seconds = there.time - here.time
+            if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
+                place = transform(there.map_SE3_world, there.objects.boxes[match, :3])
+                path = transform(invert(here.map_SE3_world), place)[0, :2] - here.objects.boxes[row, :2]
+                velocity = path / seconds
+                if MOVING < np.linalg.norm(velocity) < FASTEST:
+                    boxes.append(here.objects.boxes[row])
+                    velocities.append(velocity)
+                    ids.append(track)
+                break
+    return Movers(np.array(boxes).reshape(-1, 7), np.array(velocities).reshape(-1, 2), np.array(ids, np.int64))
+
+
+SUNK = 0.3  # of a box's height, that the middle box may be off its place above the ground
+ALIKE = 0.04  # of the mean fit, within which the mistake that comes first in the list is named
+TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn
+FREER = 0.1  # of the mean fit, that explanations which choose a sensor for each box must be better by
+TURNED_GAIN = 0.15  # of the mean fit, that those which turn each box as it fits best must be better by
+
+
+def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
+    """What looks wrong with the labels of some samples, consecutive ones; an empty list for healthy ones."""
+    some = [Seen.of(sample) for sample in samples]
+    findings = _turned_too_far(some)
+    if findings:
+        return findings
+    boxes = [each.sample.objects.boxes for each in some]
+    current = fits(some, boxes)
+    best = _best(some, current)
+    if best is not None:
+        findings.append(_finding(best.mistake.name, current, best.fits, best.mistake.remedy))
+        boxes = best.boxes
+    findings += _sunk(some, boxes)
+    if findings:
+        return findings
+    return _late(some) or _misfits(some, current) or _headed(some)
+
+
+class _Undone(NamedTuple):
+    """A mistake, the boxes without it, and how they fit."""
+
+    mistake: LabelMistake
+    boxes: list[np.ndarray]
+    fits: np.ndarray
+
+
+def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
+    """The mistake that, undone, raises the fits most: in the frame of the world or the map, or else, where that fits
+    clearly better, in those of the sensors or of angles that were lost."""
+    everywhere = [np.eye(4)] * len(some)
+    attempts = [_undone(some, mistake, everywhere) for mistake in LABEL_MISTAKES]
+    maps = [each.sample.map_SE3_world for each in some]
+    if any(not np.allclose(each, np.eye(4)) for each in maps):
+        attempts += [_undone(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
+    plain = _most(attempts, current)
+    in_sensors = [_undone_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
+    best = _clearer(plain, _most(in_sensors, current, FREER), FREER)
+    return best if best is None else _clearer(best, _each_turned(some), TURNED_GAIN if best is plain else FREER)
+
+
+def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
+    """An explanation, or another that chooses for each box, where that fits better by a margin."""
+    if best is None or freer is None:
+        return best or freer
+    one, other = _means([best, freer])
+    return freer if other > one + margin else best
+
+
+def _means(attempts: Sequence[_Undone]) -> list[float]:
+    """The mean fit under each of some explanations, of the boxes that have one under any: of many nothing is seen."""
+    known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
+    return [float(attempt.fits[known].mean()) for attempt in attempts]
+
+
+def _undone(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
+    """A mistake undone, in a frame for each sample: where that is in the map or the sensor, from the world."""
+    boxes = [undone_in(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
+    return _Undone(mistake, boxes, fits(some, boxes))
+
+
+def _undone_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
+    """A mistake undone in the frame of that sensor, of each box, in which it fits best then."""
+    boxes = []
+    for each in some:
+        frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
+        boxes.append(_fitting_best(each, [undone_in(mistake, each.sample.objects.boxes, frame) for frame in frames]))
+    return _Undone(mistake, boxes, fits(some, boxes))
+
+
+def _each_turned(some: Sequence[Seen]) -> _Undone:
+    """Each box turned by that of the angles which degrees taken for radians leave open, by which it fits best."""
+    boxes = []
+    for each in some:
+        rows = each.sample.objects.boxes
+        boxes.append(_fitting_best(each, [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]))
+    return _Undone(LOST_DEGREES, boxes, fits(some, boxes))
+
+
+def _fitting_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
+    """Of every box the one among its choices that fits best."""
+    if not len(choices[0]):
+        return choices[0]
+    best = np.argmax([fits_in(each.points, boxes) for boxes in choices], axis=0)
+    return np.stack(choices)[best, np.arange(len(best))]
+
+
+def _most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Undone | None:
+    surer = [attempt for attempt in attempts if better(current, attempt.fits, *gain)]
+    if not surer:
+        return None
+    means = _means(surer)
+    return next(attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE)
+
+
+def _turned_too_far(some: Sequence[Seen]) -> list[Finding]:
+    total = sum(len(each.sample.objects) for each in some)
+    beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
+    if not beyond or beyond < TURNED_TOO_FAR * total:
+        return []
+    evidence = f"{beyond} of {total} yaws are beyond a full turn in radians"
+    return [Finding("error", "labels", "yaw in degrees where radians belong", evidence, "multiply yaw by pi / 180")]
+
+
+def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
+    """Whether the centres of boxes stand on the ground, or by a whole height above it."""
+    parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
+    shares = np.concatenate([np.zeros(0), *parts])
+    if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
+        return []
+    share = float(np.median(shares))
+    name, remedy = ("floor", "add half the height to z") if share < 0.5 else ("roof", "take half the height off z")
+    evidence = f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median of {len(shares)}"
+    where = f"the centre of the {name} where the centre of the box belongs"
+    return [Finding("error", "labels", where, evidence, remedy)]
+
+
+def _headed(some: Sequence[Seen]) -> list[Finding]:
+    """Whether things head where they go once yaw is counted the other way round."""
+    samples = [each.sample for each in some]
+    for in_map in (False, True):
+
+        def undo(sample: Sample, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
+            return undone_in(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
+
+        headed = against_their_way(samples, undo)
+        if headed is not None:
+            evidence = (
+                f"{headed.against} of {headed.of} boxes that move, of {headed.tracks} objects, head against their way, "
+                "and along it with that undone"
+            )
+            return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
+    return []
+
+
+def _late(some: Sequence[Seen]) -> list[Finding]:
+    """Whether labels fit better at another time."""
+    shift = shift_of(some)
+    if shift is None:
+        return []
+    name = f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"
+    remedy = f"move labels by {'+' if shift.behind else '-'}{shift.amount} along their way, or pair other clouds"
+    return [_finding(name, shift.before, shift.after, remedy)]
+
+
+def _misfits(some: Sequence[Seen], current: np.ndarray) -> list[Finding]:
+    """Whether boxes fit once each is turned, where nothing else explains why they do not."""
+    turned = _each_turned(some)
+    if not better(current, turned.fits, TURNED_GAIN):
+        return []
+    return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
+
+
+def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:
+    share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
+    return Finding("error", "labels", name, f"mean fit of {len(before)} boxes to the points: {share}", remedy)

@@ -1,0 +1,326 @@
+"""Some samples of a recording by number, also of one that can only be read from its beginning, as a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+from toolkit.arrays import Float, Float32, Float64, UInt8
+from toolkit.datasets.records import Samples
+from toolkit.datasets.sample import OtherObjects, Sample
+from toolkit.detection.breakdown import judged
+from toolkit.detection.detect import DETECTION_REACH, Detected, Level, detect_samples, middle_of
+from toolkit.detection.metrics import TRUE_IOU, match
+from toolkit.objects import LABELS, Detections, Detector, label_index
+from toolkit.plots.palette import Outcome, sensor_colour
+
+
+@runtime_checkable
+class Indexed(Protocol):
+    """Samples that are read by number."""
+
+    def __getitem__(self, index: int) -> Sample: ...
+
+
+class ChosenSamples:
+    """Every so many of a recording's samples, and only the first of these: `frames`, all when None.
+
+    Raises ValueError where that is none.
+    """
+
+    def __init__(self, samples: Samples, *, frames: int | None = None, every: int = 1) -> None:
+        if every < 1:
+            raise ValueError(f"every must be at least 1, got {every}: 1 takes all samples")
+        if frames is not None and frames < 1:
+            raise ValueError(f"frames must be at least 1, got {frames}: leave it out for all")
+        if not len(samples):
+            raise ValueError("there is no sample to view: check the path and the layout")
+        self.samples, self.every = samples, every
+        count = -(-len(samples) // every)
+        self.count = count if frames is None else min(frames, count)
+        self._ahead: Iterator[Sample] = iter(())
+        self._next: int | None = None  # what `_ahead` gives next
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[Sample]:
+        return map(self.at, range(self.count))
+
+    def at(self, number: int) -> Sample:
+        """The sample of this number among the chosen, from 0. Raises ValueError where there is none, and what reading
+        raises."""
+        if not 0 <= number < self.count:
+            raise ValueError(f"there is no sample {number}: {self.count} are chosen, counted from 0")
+        index = number * self.every
+        if isinstance(self.samples, Indexed):
+            return self.samples[index]
+        if self._next is None or index < self._next:
+            self._ahead, self._next = iter(self.samples), 0
+        sample = next(islice(self._ahead, index - self._next, None), None)
+        if sample is None:
+            self._next = None
+            raise ValueError(f"the recording ends before its sample {index}")
+        self._next = index + 1
+        return sample
+
+
+Marked = Literal["hits", "missed", "false alarms"]
+MARKED: dict[Marked, Outcome] = {"hits": "hit", "missed": "missed", "false alarms": "false alarm"}
+
+BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
+
+
+def outcomes_of(each: Detected, half: tuple[float, float]) -> dict[Marked, BoxesByKind]:
+    """Boxes of each outcome and class, world frame; none where nothing is labelled. half: of the area's sides (m)."""
+    made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
+    if not len(each.sample.objects):
+        return {}
+    scored = judged(each, half)
+    for label, name in enumerate(LABELS):
+        what = match(scored.found, scored.truths, TRUE_IOU[label], label=label, counted=scored.counted)
+        rows = {
+            "hits": scored.found.boxes[~what.ignored & (what.truth >= 0)],
+            "missed": scored.truths.boxes[what.scored & ~what.hit],
+            "false alarms": scored.found.boxes[~what.ignored & (what.truth < 0)],
+        }
+        for outcome, so_far in made.items():
+            so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}
+    return made
+
+
+OTHERS = "others"  # what a set labels beside our classes
+BOX_KINDS = (*LABELS, OTHERS)
+GROUND_PERCENTILE = 5.0  # percentile of heights where the ground of a cloud that is not levelled is taken to be
+
+Colouring = Literal["sensor", "height", "intensity", "age"]
+COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCloud:
+    """Points of one sensor, and where it was, from the origin; intensity: as the set gives it; time: of each point,
+    seconds from the sample's. None where the set has none."""
+
+    name: str
+    points: Float32[np.ndarray, "n 3"]
+    place: Float64[np.ndarray, "3"]
+    time: Float64[np.ndarray, " n"] | None = None
+    intensity: Float32[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnSample:
+    """One instant. truth, detections: boxes of each kind of `BOX_KINDS`, none for a kind that is not there; warning: of
+    ground that is not level; outcomes: which are hits, missed and false alarms, nothing where nobody knows."""
+
+    name: str
+    time: float
+    clouds: tuple[DrawnCloud, ...]
+    truth: dict[str, Float64[np.ndarray, "_ 7"]]
+    detections: dict[str, Float64[np.ndarray, "_ 7"]]
+    warning: str | None = None
+    outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
+
+    def described(self) -> str:
+        """How much is in it, in one line."""
+        points = sum(len(cloud.points) for cloud in self.clouds)
+        counts: dict[str, int] = {"points": points, "labelled": _count(self.truth), "detected": _count(self.detections)}
+        for name, boxes in self.outcomes.items():
+            number = _count(boxes)
+            counts[MARKED[name] if number == 1 else name] = number
+        return f"{self.name}: " + ", ".join(f"{number} {what}" for what, number in counts.items())
+
+
+def _count(boxes: dict[str, np.ndarray]) -> int:
+    return sum(map(len, boxes.values()))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How samples are drawn: with what a detector finds, if there is one, and levelled as
+    `toolkit.detection.detect.detect_samples` does; middle: x and y, world frame, of where it detects; half:
+    of the sides (m) of the area in which detections count; least_score: of those that are drawn; classes, sensors: only
+    boxes of these, and only the clouds of these, all when None."""
+
+    detector: Detector | None = None
+    levelling: Level = "none"
+    middle: tuple[float, float] | None = None
+    half: tuple[float, float] = (DETECTION_REACH, DETECTION_REACH)
+    least_score: float = 0.0
+    classes: Sequence[str] | None = None
+    sensors: Sequence[str] | None = None
+
+    def origin(self, sample: Sample) -> Float64[np.ndarray, "3"]:
+        """What a recording that begins with this sample is counted from, in metres, world frame: the middle of its
+        sensors, and its ground where that stays as it is."""
+        points = sample.points()
+        stays = self.levelling == "none" and len(points) > 0
+        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
+        return np.array([*(middle_of(sample) if self.middle is None else self.middle), low], np.float64)
+
+    def drawn(self, sample: Sample, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
+        """A sample as it is drawn. Raises ValueError for a levelling that there is not."""
+        sample = sample if self.sensors is None else sample.seen_by(self.sensors)
+        detector = self.detector or _detects_nothing
+        (each,) = detect_samples([sample], detector, levelling=self.levelling, middle=self.middle)
+        each = self._chosen(each)
+        sample = each.sample
+        ground, to_middle = each.ground, np.array([*each.middle, 0.0])
+        back = to_middle - origin
+
+        def placed(points: np.ndarray) -> np.ndarray:
+            near = points - to_middle
+            return (near if ground is None or not len(near) else ground.points(near)) + back
+
+        def boxes(rows: np.ndarray) -> np.ndarray:
+            near = rows - np.array([*to_middle, 0, 0, 0, 0])
+            return (near if ground is None or not len(near) else ground.boxes(near)) + np.array([*back, 0, 0, 0, 0])
+
+        clouds = tuple(
+            DrawnCloud(
+                cloud.name, placed(cloud.in_world()).astype(np.float32),
+                placed(cloud.world_SE3_sensor[None, :3, 3])[0], cloud.time, cloud.intensity,
+            )
+            for cloud in sample.clouds
+        )  # fmt: skip
+        truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
+        truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
+        found = _by_kind(boxes(each.detections.boxes), each.detections.labels)
+        known = {} if self.detector is None else outcomes_of(each, self.half)
+        outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
+        return DrawnSample(sample.name, sample.time, clouds, truth, found, each.warning, outcomes)
+
+    def _chosen(self, each: Detected) -> Detected:
+        """What is to be drawn of a sample and what was detected in it."""
+        found = each.detections[each.detections.scores >= self.least_score]
+        if self.classes is None:
+            return replace(each, detections=found)
+        wanted = [label_index(label) for label in self.classes]
+        sample = replace(each.sample.of(np.isin(each.sample.objects.labels, wanted)), others=OtherObjects())
+        return replace(each, sample=sample, detections=found[np.isin(found.labels, wanted)])
+
+    def all_of(
+        self, samples: Iterable[Sample], progress: Callable[[int], None] = lambda done: None
+    ) -> list[DrawnSample]:
+        """Samples as they are drawn, counted from the origin of the first; progress: is handed how many are done."""
+        drawn: list[DrawnSample] = []
+        origin: np.ndarray | None = None
+        for sample in samples:
+            origin = self.origin(sample) if origin is None else origin
+            drawn.append(self.drawn(sample, origin))
+            progress(len(drawn))
+        return drawn
+
+
+def _detects_nothing(points: Float32[np.ndarray, "n 3"]) -> Detections:
+    return Detections.empty()
+
+
+def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> dict[str, np.ndarray]:
+    return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
+
+
+def thinned(cloud: DrawnCloud, most: int) -> DrawnCloud:
+    """At most so many of a cloud's points, evenly taken, with their times and intensities."""
+    if len(cloud.points) <= most:
+        return cloud
+    rows = np.linspace(0, len(cloud.points), most, endpoint=False).astype(np.int64)
+    time = None if cloud.time is None else cloud.time[rows]
+    intensity = None if cloud.intensity is None else cloud.intensity[rows]
+    return replace(cloud, points=cloud.points[rows], time=time, intensity=intensity)
+
+
+def colourings_of(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
+    """By what the points of some samples can be coloured."""
+    clouds = [cloud for sample in samples for cloud in sample.clouds]
+    known = {
+        "intensity": any(cloud.intensity is not None for cloud in clouds),
+        "age": any(cloud.time is not None for cloud in clouds),
+    }
+    return tuple(each for each in COLOURINGS if known.get(each, True))
+
+
+UNKNOWN_SHADE = (150, 150, 150)  # of points without what they are to be coloured by
+_SPREAD = (2.0, 98.0)  # percentiles that the scales span
+_STEPS = 256
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """From where to where the colours go: height (m), intensity (as the set gives it), age (s)."""
+
+    height: Span = (0.0, 1.0)
+    intensity: Span = (0.0, 1.0)
+    age: Span = (0.0, 1.0)
+
+    @staticmethod
+    def of(sample: DrawnSample) -> Scales:
+        """Such that nearly all points of a sample lie on them."""
+        clouds = sample.clouds
+        newest = newest_of(sample)
+        return Scales(
+            _span([cloud.points[:, 2] for cloud in clouds]),
+            _span([cloud.intensity for cloud in clouds if cloud.intensity is not None]),
+            _span([newest - cloud.time for cloud in clouds if cloud.time is not None]),
+        )
+
+    def described(self, colouring: Colouring) -> str:
+        """What the colours of a colouring go from and to.
+
+        >>> Scales(height=(-0.1, 3.04)).described("height")
+        'height, -0.1 to 3.04 m'
+        """
+        if colouring == "sensor":
+            return "sensor"
+        low, high = {"height": self.height, "intensity": self.intensity, "age": self.age}[colouring]
+        unit = {"height": " m", "intensity": "", "age": " s"}[colouring]
+        return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
+
+
+def newest_of(sample: DrawnSample) -> float:
+    """When the newest point of a sample was measured, seconds from the sample's time; 0 where no time is known."""
+    times = [float(cloud.time.max()) for cloud in sample.clouds if cloud.time is not None and len(cloud.time)]
+    return max(times, default=0.0)
+
+
+def shades(
+    cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
+) -> UInt8[np.ndarray, "n 3"]:
+    """Red, green and blue of the points of sensor number `index`; dark is low, or new; newest: as `newest_of`."""
+    if colouring == "sensor":
+        return _uniform(tuple(bytes.fromhex(sensor_colour(index)[1:])), len(cloud.points))
+    age = None if cloud.time is None else newest - cloud.time
+    values = {"height": cloud.points[:, 2], "intensity": cloud.intensity, "age": age}[colouring]
+    if values is None:
+        return _uniform(UNKNOWN_SHADE, len(cloud.points))
+    low, high = {"height": scales.height, "intensity": scales.intensity, "age": scales.age}[colouring]
+    share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    return _scale()[(share * (_STEPS - 1)).astype(np.int64)]
+
+
+def _uniform(colour: tuple[int, ...], count: int) -> np.ndarray:
+    return np.tile(np.array(colour, np.uint8), (count, 1))
+
+
+def _scale() -> UInt8[np.ndarray, "_ 3"]:
+    """Viridis without its lightest end, which is lost on white."""
+    from matplotlib import colormaps
+
+    rgba = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
+    return np.round(255 * rgba[:, :3]).astype(np.uint8)
+
+
+def _span(columns: list[Float[np.ndarray, " _"]]) -> Span:
+    values = np.concatenate([np.zeros(0), *columns])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0, 1.0
+    low, high = np.percentile(values, _SPREAD).tolist()
+    return low, high

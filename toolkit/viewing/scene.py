@@ -1,0 +1,226 @@
+"""Scenes of viser: empty ones to be filled, meshes and lines in them, and the page that one is written as.
+
+viser builds the scene and writes it, with its viewer, as one page of HTML. Nothing else is asked of its server, which
+listens on 127.0.0.1 at a port of the system's choice while the scene is written.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.arrays import Float32, Float64
+from toolkit.boxes import corners
+from toolkit.mesh import Mesh
+
+if TYPE_CHECKING:
+    from viser import LineSegmentsHandle, SceneApi, ViserServer
+
+Place = tuple[float, float, float]
+
+_CONTROL = """<style>.mantine-Notification-root{display:none!important}</style><script>
+addEventListener("message", function (event) {
+  if (event.source !== parent || !event.data || !event.data.scene) return;
+  var asked = event.data.scene, viewer = window.__viserMutable;
+  if (asked.reset) { viewer.resetCameraPose(true); return; }
+  Object.keys(asked.visible).forEach(function (name) {
+    viewer.messageQueue.push(
+      {type: "SetSceneNodeVisibilityMessage", name: name, owner: "", visible: asked.visible[name]});
+  });
+  viewer.requestRender();
+});
+var waiting = setInterval(function () {
+  var viewer = window.__viserMutable;
+  if (!viewer || !viewer.nodeRefFromName || !viewer.nodeRefFromName["/end"]) return;
+  clearInterval(waiting);
+  parent.postMessage({scene: {ready: true}}, "*");
+}, 50);
+</script>"""
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of #rrggbb."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
+def check_viser() -> None:
+    """Raise ImportError, which says what to install, where viser is not installed."""
+    if not find_spec("viser"):
+        raise ImportError("scenes in 3D need viser: pip install coview[report]")
+
+
+@contextmanager
+def viser_server(port: int = 0) -> Iterator[ViserServer]:
+    """A server of viser for this machine alone, with an empty scene, its light and up direction; port: 0 for one of the
+    system's choice, else this or, where it is taken, one after it. Says nothing on the screen, and does not let viser
+    build its viewer again, for which it would ask the network. Raises ImportError without viser."""
+    check_viser()
+    import rich
+    from viser import ViserServer
+
+    builder: Any = import_module("viser._client_autobuild")
+    console, build = rich.get_console(), builder.ensure_client_is_built
+    quiet, console.quiet = console.quiet, True
+    builder.ensure_client_is_built = lambda: None
+    try:
+        server = ViserServer(host="127.0.0.1", port=port, verbose=False)
+        try:
+            server.scene.set_up_direction("+z")
+            server.scene.configure_environment_map(None)
+            server.scene.configure_default_lights(False)
+            server.scene.add_light_ambient("/light/sky", intensity=1.6)
+            server.scene.add_light_directional("/light/sun", intensity=1.8, position=(-30.0, -50.0, 80.0))
+            yield server
+        finally:
+            server.stop()
+    finally:
+        console.quiet = quiet
+        builder.ensure_client_is_built = build
+
+
+def start_at(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
+    """Set where the camera is, and looks at, when the scene opens."""
+    server.initial_camera.position = np.array(position)
+    server.initial_camera.look_at = np.array(look_at)
+    server.initial_camera.fov = np.deg2rad(50.0)
+    server.initial_camera.near = 0.5
+
+
+def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Place, Place]:
+    """Where a camera is, and looks at, that has a whole area (xmin, ymin, xmax, ymax) in its picture, at a slant from
+    the south; height: of the ground.
+
+    >>> overview((0.0, -50.0, 100.0, 50.0))
+    ((35.0, -75.0, 65.0), (50.0, 0.0, 0.0))
+    """
+    xmin, ymin, xmax, ymax = area
+    x, y, size = (xmin + xmax) / 2, (ymin + ymax) / 2, max(xmax - xmin, ymax - ymin)
+    return (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size), (x, y, height)
+
+
+def scene_html(server: ViserServer) -> str:
+    """The scene as a page for an iframe: it says when it is ready, and switches nodes as messages ask it to."""
+    server.scene.add_frame("/end", show_axes=False)
+    html = server.get_scene_serializer().as_html()
+    head_end = html.index("</head>")
+    return html[:head_end] + _CONTROL + html[head_end:]
+
+
+def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
+    """A mesh of one colour, if it has triangles."""
+    if len(mesh.triangles):
+        api.add_mesh_simple(
+            name,
+            mesh.vertices.astype(np.float32),
+            mesh.triangles.astype(np.uint32),
+            color=rgb(colour),
+            opacity=opacity,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+
+def add_lines(
+    api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
+) -> LineSegmentsHandle | None:
+    """Lines of one colour, `width` pixels wide, if there are any."""
+    if not len(segments):
+        return None
+    return api.add_line_segments(
+        name, segments.astype(np.float32), rgb(colour), thickness=width, thickness_units="screen", visible=visible
+    )
+
+
+EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+SPIKE = 2.5  # m, height of the mark on a false alarm
+
+Segments = Float64[np.ndarray, "_ 2 3"]
+
+
+def box_edges(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+    """The twelve edges of each box."""
+    return corners(boxes)[:, EDGES].reshape(-1, 2, 3)
+
+
+def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+    """A line on the roof of each box, from its middle to the front.
+
+    >>> headings(np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.0, 0.0]])).tolist()
+    [[[1.0, 2.0, 1.0], [3.0, 2.0, 1.0]]]
+    """
+    middle = boxes[:, :3] + np.array([0.0, 0, 0.5]) * boxes[:, 5:6]
+    ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
+    return np.stack([middle, middle + ahead * boxes[:, 3:4] / 2], axis=1).astype(np.float64)
+
+
+def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+    """Both diagonals of each box's roof: the mark of a vehicle that was missed."""
+    return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
+
+
+def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+    """An upright line with a cross bar above each box: the mark of a false alarm."""
+    top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
+    tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
+    upright = np.stack([top, tip], 1)
+    bars = [np.stack([bar - side, bar + side], 1) for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))]
+    return np.concatenate([upright, *bars]).astype(np.float64)
+
+
+def dashed(segments: Segments, *, dash: float, gap: float) -> Segments:
+    """The segments as dashes of `dash` metres with gaps of `gap` metres.
+
+    >>> dashed(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
+    array([[0., 2.],
+           [3., 5.]])
+    """
+    parts = [np.zeros((0, 2, 3))]
+    for start, end in segments:
+        length = float(np.linalg.norm(end - start))
+        begins = np.arange(0.0, max(length, 1e-9), dash + gap)
+        along = np.stack([begins, np.minimum(begins + dash, length)], 1) / max(length, 1e-9)
+        parts.append(start + along[:, :, None] * (end - start))
+    return np.concatenate(parts)
+
+
+def sampled(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
+    """At most so many of the points, evenly taken.
+
+    >>> len(sampled(np.zeros((10, 3), np.float32), 4))
+    4
+    """
+    if len(points) <= most:
+        return points
+    return points[np.linspace(0, len(points), most, endpoint=False).astype(np.int64)]
+
+
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; "
+    "frame-src 'self' blob: data:; media-src data:; form-action 'none'; base-uri 'none'"
+)
+
+
+def scene_script() -> str:
+    """The script that loads a scene into its frame and switches its nodes: of every `input` with data-node, which names
+    one node or several, and of every frame of the recording, of which one is shown."""
+    return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
+
+
+def script_data(value: object) -> str:
+    """JSON that may stand inside a script element, whatever its texts hold.
+
+    >>> script_data("</script>")
+    '"\\\\u003c/script>"'
+    """
+    return json.dumps(value).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
