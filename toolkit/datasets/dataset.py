@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.layouts.hdf5 import CLOUDS_KIND
 from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -26,6 +25,8 @@ from toolkit.sensors.catalogue import make_model, model_class
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
+
+CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
 
 
 class UnknownSite(ValueError):

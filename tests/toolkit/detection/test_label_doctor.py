@@ -401,7 +401,7 @@ def test_too_little_to_say_anything():
 
 
 HERE = Path(__file__).parent
-BENCHES = HERE.parents[2] / "benchmarks" / "toolkit"
+BENCHES = HERE.parents[1] / "benchmarks" / "toolkit"
 
 
 def load(path):
@@ -423,7 +423,7 @@ SOME = [(layout, ALL[k % len(ALL)]) for k, layout in enumerate(LABELLED)]  # one
 def samples():
     """Cars that drive on flat ground, seen from a pole of two lidars in some place of a map."""
     pole = pose(1.0, -2.0, 0.5, yaw=0.3)
-    put, made = [], load(HERE / "test_diagnosis.py").recording(count=4, ground_points=1500)
+    put, made = [], recording(count=4, ground_points=1500)
     for sample in made:
         (cloud,) = sample.clouds
         points = transform(invert(pole), cloud.points).astype(np.float32)

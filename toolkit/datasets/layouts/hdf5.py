@@ -25,7 +25,7 @@ from typing import Any, Literal
 import h5py
 import numpy as np
 
-from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
 from toolkit.datasets.readings import read_frame
 from toolkit.datasets.records import Listing, as_number, entry, named_damage, records, rigid_matrix
 from toolkit.datasets.sample import OtherObjects, Rectangle, Sample, SensorCloud, region_of
@@ -37,7 +37,6 @@ from toolkit.runtime.files import finite, parse_json, writing
 from toolkit.sensors.errors.profile import ErrorProfile
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 
-CLOUDS_KIND = "clouds"  # the attribute `coview` of such a file
 _VERSION = 1
 _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "world"}
 

@@ -19,7 +19,7 @@ from toolkit.datasets.layouts.argoverse import (
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.objects import Objects
 
-SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
+SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared"))
 LOG = SHARED / "real" / "av2_two_lidars"
 recorded = pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 
@@ -56,15 +56,12 @@ def test_a_folder_that_is_no_log_is_named(tmp_path):
 
 
 pytest.importorskip("pyarrow")
-SHARED_ARGOVERSE_LOG = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared"))
-LOG_ARGOVERSE_LOG = SHARED_ARGOVERSE_LOG / "real" / "av2_two_lidars"
-recorded_argoverse_log = pytest.mark.skipif(not LOG_ARGOVERSE_LOG.is_dir(), reason="the recording is not here")
 
 
-@recorded_argoverse_log
-def test_every_cuboid_holds_the_points_that_the_recording_says_argoverse_log():
+@recorded
+def test_every_cuboid_holds_the_points_that_the_recording_says_as_a_sample():
     agreed = []
-    for sample in argoverse(LOG_ARGOVERSE_LOG):
+    for sample in argoverse(LOG):
         points = sample.points()
         agreed += (count_points(points, sample.objects.boxes) == sample.counts).tolist()
         agreed += (count_points(points, sample.others.boxes) == sample.others.counts).tolist()
@@ -72,9 +69,9 @@ def test_every_cuboid_holds_the_points_that_the_recording_says_argoverse_log():
     assert all(agreed)
 
 
-@recorded_argoverse_log
+@recorded
 def test_the_lidars_are_two_and_say_when_each_point_was_measured():
-    sample = argoverse(LOG_ARGOVERSE_LOG)[0]
+    sample = argoverse(LOG)[0]
     assert [cloud.name for cloud in sample.clouds] == ["up_lidar", "down_lidar"]
     for cloud in sample.clouds:
         assert cloud.time.min() == 0
