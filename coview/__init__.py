@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
     from toolkit.detection.evaluation import evaluate_dataset as evaluate_dataset
     from toolkit.detection.evaluation import format_table as format_table
-    from toolkit.detection.fusion import early as early
-    from toolkit.detection.fusion import hybrid as hybrid
-    from toolkit.detection.fusion import late as late
     from toolkit.detection.metrics import evaluate as evaluate
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame
@@ -66,7 +63,6 @@ else:
         "toolkit.datasets.simulation": ("simulate_dataset",),
         "toolkit.detection.cluster": ("ClusterDetector",),
         "toolkit.detection.evaluation": ("evaluate_dataset", "format_table"),
-        "toolkit.detection.fusion": ("early", "hybrid", "late"),
         "toolkit.detection.metrics": ("evaluate",),
         "toolkit.detection.survey": ("survey",),
         "toolkit.frame": ("Frame",),

@@ -114,7 +114,7 @@ def score_clouds(
     """A detector scored on a recording of clouds, with a bar. Raises ValueError for several sets of sensors."""
     from toolkit.calibration.poses import corrections, with_corrections
     from toolkit.calibration.scenes import SampleScenes
-    from toolkit.detection.background.known_background import KnownBackground
+    from toolkit.detection.background import KnownBackground
     from toolkit.detection.detect import middle_of
     from toolkit.detection.foreground_clusters import learn_cluster_detector
     from toolkit.detection.sample_evaluation import evaluate_samples

@@ -27,8 +27,8 @@ def recording_detector(name: str, recording: CoopDataset) -> Detector:
     detector = site_detector(bare, recording.site)
     if not known:
         return detector
-    from toolkit.detection.background.known_background import KnownBackground
-    from toolkit.detection.background.site_background import recording_background
+    from toolkit.detection.background import KnownBackground
+    from toolkit.detection.site_background import recording_background
 
     return KnownBackground(detector, recording_background(recording))
 
@@ -38,7 +38,7 @@ def site_detector(name: str, site: Site) -> Detector:
     +background: of the site's scenery."""
     bare, known = of_background(name)
     if known:
-        from toolkit.detection.background.site_background import knowing
+        from toolkit.detection.site_background import knowing
 
         return knowing(site_detector(bare, site), site)
     if name == "cluster":

@@ -36,11 +36,7 @@ if TYPE_CHECKING:
     from toolkit.datasets.readings import read_frame as read_frame, with_errors as with_errors
     from toolkit.datasets.doctor import diagnose as diagnose
     from toolkit.datasets.simulation import simulate_dataset as simulate_dataset
-    from toolkit.detection.background.known_background import KnownBackground as KnownBackground
-    from toolkit.detection.background.site_background import (
-        recording_background as recording_background,
-        site_background as site_background,
-    )
+    from toolkit.detection.background import KnownBackground as KnownBackground
     from toolkit.detection.cluster import ClusterDetector as ClusterDetector
     from toolkit.detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
     from toolkit.detection.evaluation import (
@@ -48,13 +44,11 @@ if TYPE_CHECKING:
         format_table as format_table,
         save_evaluation as save_evaluation,
     )
-    from toolkit.detection.fusion import early as early, hybrid as hybrid, late as late
-    from toolkit.detection.hybrid import Hybrid as Hybrid
-    from toolkit.detection.link.channel import LinkChannel as LinkChannel
-    from toolkit.detection.link.codecs import codec_named as codec_named
+    from toolkit.detection.link.channel import LinkChannel as LinkChannel, lagged_frames as lagged_frames
     from toolkit.detection.link.differences import (
         DifferenceReader as DifferenceReader,
         DifferenceSender as DifferenceSender,
+        ForegroundDifferences as ForegroundDifferences,
         MissedReference as MissedReference,
     )
     from toolkit.detection.link.foreground import (
@@ -62,16 +56,15 @@ if TYPE_CHECKING:
         decode_foreground as decode_foreground,
         encode_foreground as encode_foreground,
     )
-    from toolkit.detection.link.inbox import Inbox as Inbox
-    from toolkit.detection.link.lagged import lagged_frames as lagged_frames
     from toolkit.detection.link.load import link_load as link_load
+    from toolkit.detection.link.message import Inbox as Inbox
     from toolkit.detection.sensor_monitor import (
         Fault as Fault,
         SensorMonitor as SensorMonitor,
         Shown as Shown,
         standing_before as standing_before,
     )
-    from toolkit.detection.link.range_images import RangeImages as RangeImages
+    from toolkit.detection.link.range_images import RangeImages as RangeImages, codec_named as codec_named
     from toolkit.detection.link.tracks import Tracks as Tracks
     from toolkit.detection.metrics import (
         average_precision as average_precision,
@@ -83,9 +76,11 @@ if TYPE_CHECKING:
         learn_cluster_detector as learn_cluster_detector,
     )
     from toolkit.detection.scheme import Scheme as Scheme
-    from toolkit.detection.schemes import scheme_of as scheme_of
-    from toolkit.detection.sharing.adaptive import Adaptive as Adaptive
-    from toolkit.detection.sharing.foreground_differences import ForegroundDifferences as ForegroundDifferences
+    from toolkit.detection.schemes import Hybrid as Hybrid, fuse_frame as fuse_frame, scheme_of as scheme_of
+    from toolkit.detection.site_background import (
+        recording_background as recording_background,
+        site_background as site_background,
+    )
     from toolkit.detection.survey import survey as survey
     from toolkit.frame import Frame as Frame, empty_scene as empty_scene
     from toolkit.geometry import look as look, pose as pose
@@ -142,29 +137,28 @@ else:
             "datasets.readings": ("read_frame", "with_errors"),
             "datasets.doctor": ("diagnose",),
             "datasets.simulation": ("simulate_dataset",),
-            "detection.background.known_background": ("KnownBackground",),
-            "detection.background.site_background": ("recording_background", "site_background"),
+            "detection.background": ("KnownBackground",),
             "detection.cluster": ("ClusterDetector",),
             "detection.codec": ("Codec", "PaperCodec", "RangeImage"),
             "detection.evaluation": ("evaluate_dataset", "format_table", "save_evaluation"),
-            "detection.fusion": ("early", "hybrid", "late"),
-            "detection.hybrid": ("Hybrid",),
-            "detection.link.channel": ("LinkChannel",),
-            "detection.link.codecs": ("codec_named",),
-            "detection.sharing.adaptive": ("Adaptive",),
-            "detection.sharing.foreground_differences": ("ForegroundDifferences",),
-            "detection.link.differences": ("DifferenceReader", "DifferenceSender", "MissedReference"),
+            "detection.link.channel": ("LinkChannel", "lagged_frames"),
+            "detection.link.differences": (
+                "DifferenceReader",
+                "DifferenceSender",
+                "ForegroundDifferences",
+                "MissedReference",
+            ),
             "detection.link.foreground": ("Foreground", "decode_foreground", "encode_foreground"),
-            "detection.link.inbox": ("Inbox",),
-            "detection.link.lagged": ("lagged_frames",),
             "detection.link.load": ("link_load",),
+            "detection.link.message": ("Inbox",),
             "detection.sensor_monitor": ("Fault", "SensorMonitor", "Shown", "standing_before"),
-            "detection.link.range_images": ("RangeImages",),
+            "detection.link.range_images": ("RangeImages", "codec_named"),
             "detection.link.tracks": ("Tracks",),
             "detection.metrics": ("average_precision", "evaluate", "precision_recall"),
             "detection.foreground_clusters": ("foreground_clusters", "learn_cluster_detector"),
             "detection.scheme": ("Scheme",),
-            "detection.schemes": ("scheme_of",),
+            "detection.schemes": ("Hybrid", "fuse_frame", "scheme_of"),
+            "detection.site_background": ("recording_background", "site_background"),
             "detection.survey": ("survey",),
             "frame": ("Frame", "empty_scene"),
             "geometry": ("look", "pose"),

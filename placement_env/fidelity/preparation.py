@@ -299,7 +299,7 @@ class _Place:
 @lru_cache(maxsize=KEPT_DETECTORS)
 def _detector_at(network: str, place: _Place) -> Detector:
     from models.detector import load_detector
-    from toolkit.detection.background.site_background import knowing
+    from toolkit.detection.site_background import knowing
 
     detector = load_detector(network, area=place.site.area)
     return knowing(detector, place.site) if network == GENERAL else detector

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from coview.detectors import of_background, recording_detector, sample_detector, site_detector
-from toolkit.detection.background.background import Background
-from toolkit.detection.background.known_background import KnownBackground
-from toolkit.detection.background.site_background import site_background
+from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.cluster import ClusterDetector
+from toolkit.detection.site_background import site_background
 from toolkit.objects import Detections, known_labels
 from toolkit.sites.files import load_site
 

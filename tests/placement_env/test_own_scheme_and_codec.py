@@ -25,9 +25,8 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
 from toolkit.detection.evaluation import evaluate_dataset
-from toolkit.detection.fusion import fuse_frame
-from toolkit.detection.hybrid import Hybrid
 from toolkit.detection.scheme import Scheme, fused
+from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
 from toolkit.objects import Detections

@@ -25,8 +25,8 @@ import open3d as o3d
 from toolkit.arrays import Float, Float64, Int64
 from toolkit.boxes import count_points, nms
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background.background import Background
-from toolkit.detection.background.site_background import empty_sweeps
+from toolkit.detection.background import Background
+from toolkit.detection.site_background import empty_sweeps
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed

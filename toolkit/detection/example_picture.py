@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.detection.fusion import early
 from toolkit.detection.metrics import match
 from toolkit.detection.provenance import detector_origin
+from toolkit.detection.schemes import fuse_frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.plots.plan_view import FrameOutcome, draw_frame
 from toolkit.points import centred_in, frame_points
@@ -21,7 +21,7 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
     the sensors' noise."""
     site = recording.site
     frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
-    found = early(frame, detector, site=site).detections
+    found = fuse_frame("early", frame, detector, site=site).detections
     sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
     draw_frame(
         site, out, clouds=frame_points(frame, area=site), truth=frame.objects, detections=found,

@@ -1,53 +1,147 @@
-"""The fusion schemes that go by a name: the one place where they are looked up."""
+"""Early fusion: every sensor sends its points, and the points together go through the detector (paper section II-C).
+
+It is ready when the slowest sensor has cropped and the detector has run.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import ClassVar
 
-from toolkit.detection.early import Early
-from toolkit.detection.hybrid import Hybrid
-from toolkit.detection.late import Late
-from toolkit.detection.link.differences import KEY_EVERY, RefersTo
+import numpy as np
+
+from toolkit.arrays import Bool, Float32
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.scheme import Scheme
-from toolkit.detection.sharing.adaptive import Adaptive
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
-from toolkit.detection.sharing.requests import MOST_GRANT
+from toolkit.detection.scheme import Counts, Fused, Scheme, fused
+from toolkit.detection.view import NMS_IOU, View, frame_view
+from toolkit.frame import Frame
+from toolkit.objects import Detector
+from toolkit.points import Area, Distance, beyond, select_sensors
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import HYBRID_RADIUS, Site
+
+
+@dataclass(frozen=True)
+class Early:
+    """Early fusion."""
+
+    name: str = "early"
+    sends_points: ClassVar[bool] = True
+    sends_boxes: ClassVar[bool] = False
+
+    @property
+    def digest(self) -> str:
+        """Name and parameters."""
+        return repr(self)
+
+    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
+        """Detect once in the points of all sensors together."""
+        sent = [view.send_points(view.cloud(sensor)) for sensor in sensors]
+        centre = view.detect([each.arrived for each in sent])
+        return fused(view.suppressed([centre]), [each.bits for each in sent])
+
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+        """All points in the crop."""
+        return counts.sent
+
+    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+        """No boxes are sent."""
+
+
+@dataclass(frozen=True)
+class Late:
+    """Late fusion."""
+
+    name: str = "late"
+    sends_points: ClassVar[bool] = False
+    sends_boxes: ClassVar[bool] = True
+
+    @property
+    def digest(self) -> str:
+        """Name and parameters."""
+        return repr(self)
+
+    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
+        """Detect in the points of each sensor and fuse the boxes."""
+        sent = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
+        return fused(view.suppressed([each.arrived for each in sent]), [each.bits for each in sent])
+
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+        """None."""
+        return np.zeros_like(counts.sent)
+
+    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+        """No points are sent."""
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """Hybrid fusion. radius: within which no points are sent (m), None for the site's own; metric: how it is measured,
+    see `toolkit.points.beyond`."""
+
+    radius: float | None = None
+    metric: Distance = "horizontal"
+    name: str = "hybrid"
+    sends_points: ClassVar[bool] = True
+    sends_boxes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.radius is not None and not self.radius >= 0:
+            raise ValueError(f"radius must be at least 0 m, got {self.radius}: None is the site's own")
+
+    @property
+    def digest(self) -> str:
+        """Name and parameters."""
+        return repr(self)
+
+    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
+        """Late fusion, joined by what is detected in the far points."""
+        radius = self.radius_at(view.site)
+
+        def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
+            return beyond(points, sensor, radius, self.metric)
+
+        name = f"beyond {radius} m, {self.metric}"
+        points = [view.send_points(view.part(view.cloud(sensor), name, far)) for sensor in sensors]
+        centre = view.suppressed([view.detect([each.arrived for each in points])])
+        boxes = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
+        everything = view.suppressed([*(each.arrived for each in boxes), centre])
+        return fused(everything, [box.bits + point.bits for box, point in zip(boxes, points, strict=True)])
+
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+        """The far points. Raises ValueError for a radius or metric of its own: these are counted by the site's."""
+        if self.radius is not None or self.metric != "horizontal":
+            raise ValueError(
+                f"far points are counted by the site's hybrid radius, not by {self}: take Hybrid() at "
+                "dataclasses.replace(site, hybrid_radius=...)"
+            )
+        return counts.far
+
+    def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
+        """Objects beyond the radius."""
+        return distance > (radius if self.radius is None else self.radius)
+
+    def radius_at(self, site: Area) -> float:
+        """The radius at a site or, for a bare area, the paper's usual one."""
+        if self.radius is not None:
+            return self.radius
+        return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
+
 
 PAPER_SCHEMES = ("early", "late", "hybrid")  # what tables of sensor sets and observations hold, in this order
 SCHEMES: dict[str, Scheme] = {
-    "early": Early(), "late": Late(), "hybrid": Hybrid(), "foreground": Foreground(), "adaptive": Adaptive(),
-    "differences": ForegroundDifferences(),
-}  # fmt: skip
-CURVE_KBIT = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # per sensor and frame
+    scheme.name: scheme for scheme in (Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences())
+}
 
 
-def schemes_in_steps(
-    step: float, *, adaptive: Adaptive | None = None, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
-) -> dict[str, Scheme]:
-    """The same, those that send numbers in steps doing so in these (m); adaptive: in place of the usual budget;
-    refers_to, key_every: of differences."""
+def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
+    """Return the schemes by name, with messages in steps of `step` (m). || refers_to, key_every: of differences."""
     differences = ForegroundDifferences(step, refers_to, key_every)
     stepped: dict[str, Scheme] = {"foreground": Foreground(step), "differences": differences}
-    return SCHEMES | stepped | ({} if adaptive is None else {"adaptive": adaptive})
-
-
-def sharing_curve(
-    kbit: Sequence[float] = CURVE_KBIT, *, sensors: int | None = None, step: float = 0.02
-) -> tuple[Scheme, ...]:
-    """Schemes from boxes only to everything: late, adaptive with each budget (kbit per sensor and frame), foreground,
-    early. sensors: that share a link, each budget being that of all together; None where each has its own."""
-    budgets = [adaptive_of(each * (sensors or 1), whole_link=sensors is not None) for each in sorted(kbit)]
-    named = [replace(each, name=f"adaptive {kbit:g}") for each, kbit in zip(budgets, sorted(kbit), strict=True)]
-    return Late(), *named, Foreground(step), Early()
-
-
-def adaptive_of(kbit: float, *, whole_link: bool = False) -> Adaptive:
-    """Adaptive sharing by a budget in kbit per frame. Raises ValueError for one that is none."""
-    if not 0 <= kbit < MOST_GRANT / 1000:
-        raise ValueError(f"a budget must be 0 to {MOST_GRANT // 1000} kbit, got {kbit}: such as 3")
-    return Adaptive(int(kbit * 1000), whole_link)
+    return SCHEMES | stepped
 
 
 def scheme_of(scheme: Scheme | str) -> Scheme:
@@ -60,3 +154,27 @@ def scheme_of(scheme: Scheme | str) -> Scheme:
             f"toolkit.detection.scheme.Scheme, got {scheme!r}"
         )
     return scheme
+
+
+def fuse_frame(
+    scheme: Scheme | str,
+    frame: Frame,
+    detector: Detector,
+    sensors: Sequence[int | str] | None = None,
+    *,
+    site: Area,
+    height: float | None = None,
+    codec: Codec = PAPER,
+    iou_threshold: float = NMS_IOU,
+) -> Fused:
+    """Fuse what the sensors of a frame measured, by a scheme or its name.
+
+    sensors: indices or names, None for all; their order does not matter. site: a site, or its area xmin, ymin, xmax,
+    ymax (m); height: of the crop (m), else the site's own, else 4; codec: of what is sent. The frame is taken as it is:
+    draw noise first with `toolkit.datasets.dataset.noisy`.
+    Raises ValueError for a sensor the frame does not have, or one that is named twice.
+    """
+    chosen = select_sensors(frame.sensors, sensors)
+    view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)
+    fused = scheme_of(scheme).fuse(view, sorted(chosen))
+    return Fused(fused.detections, fused.bits[np.argsort(np.argsort(chosen))], fused.ms)

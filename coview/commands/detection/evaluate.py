@@ -49,9 +49,6 @@ def evaluate(
     key_every: int = 10,
     rate: float | None = None,
     calibrate: str | None = None,
-    budget: float | None = None,
-    whole_link: bool = False,
-    curve: bool = False,
     frames: int | None = None,
     errors: str = "paper",
     seed: int = 0,
@@ -81,7 +78,7 @@ def evaluate(
         level: With --layout, as in coview detect.
         still: With --layout, as in coview detect.
         area: With --layout, as in coview detect.
-        schemes: Which of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion, the first
+        schemes: Which of early, late, hybrid, foreground and differences (of foregrounds), the first
             three when left out; with --layout, all clouds at once.
         sensors: Sensor sets, each a comma-separated list of numbers or names, or all.
         classes: Classes to score; all that the detector says it knows when left out, vehicle where it does not say.
@@ -98,9 +95,6 @@ def evaluate(
         rate: Frames per second (Hz): print what each scheme puts on a link.
         calibrate: With --layout, first find where the sensors are: by a reference as in coview calibrate, or together,
             by each other.
-        budget: Of adaptive fusion, 3 when left out: most that a sensor sends and is sent in a frame (kbit).
-        whole_link: The budget is that of all sensors together.
-        curve: Adaptive fusion by budgets from 1 to 6 kbit a sensor, between late and early fusion, in place of schemes.
         frames: Only the first so many frames.
         errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
         seed: Of the sensors' noise and errors.
@@ -117,9 +111,9 @@ def evaluate(
         format_table,
         save_evaluation,
     )
-    from toolkit.detection.link.codecs import codec_named
     from toolkit.detection.link.load import format_loads
-    from toolkit.detection.schemes import adaptive_of, schemes_in_steps, sharing_curve
+    from toolkit.detection.link.range_images import codec_named
+    from toolkit.detection.schemes import schemes_in_steps
     from toolkit.objects import check_known, known_labels
     from toolkit.points import select_sensors
 
@@ -128,15 +122,10 @@ def evaluate(
     check_errors(errors)
     check_least("--radius", radius, 0.0)
     check_positive("--rate", rate)
-    check_least("--budget", budget, 0.0)
     check_least("--key-every", key_every, 1)
-    refuse_given({"--schemes": schemes is not None, "--budget": budget is not None, "--layout": layout is not None,
-                  "--whole-link with several --sensors": whole_link and len(sensors) > 1} if curve else {},
-                 "does not go with --curve")  # fmt: skip
-    shares = adaptive_of(3.0 if budget is None else budget, whole_link=whole_link)
     sent_by, named = (
         codec_named(codec, step=step),
-        schemes_in_steps(step, adaptive=shares, refers_to=refers_to, key_every=key_every),
+        schemes_in_steps(step, refers_to=refers_to, key_every=key_every),
     )
     if layout is not None:
         others = {"--metric": metric != "3d", "--protocol": protocol != "exact", "--radius": radius is not None,
@@ -157,10 +146,9 @@ def evaluate(
     sets = [sensor_set(chosen) for chosen in sensors]
     with open_recording(dataset, site, drop_invalid=drop_invalid) as recording:
         total = frame_count(recording, frames)
-        counts = [len(select_sensors(recording.sensors, chosen)) for chosen in sets]
+        for chosen in sets:
+            select_sensors(recording.sensors, chosen)
         compared = [named[name] for name in schemes]
-        if curve:
-            compared = [*sharing_curve(sensors=counts[0] if whole_link else None, step=step)]
         for name in ("table.json", *curve_files(classes or ("vehicle",), iou)):
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
         detect = recording_detector(detector, recording)

@@ -43,8 +43,7 @@ def stress(
     Args:
         dataset: Recording; for delay, loss, rate and clock one made with coview simulate --every 0.1.
         detector: As in coview evaluate.
-        schemes: Any of early, late, hybrid, foreground, differences (of foregrounds) and adaptive fusion. Adaptive
-            fusion keeps within 3 kbit a sensor, and under bytes within 0.5 to 6.
+        schemes: Any of early, late, hybrid, foreground and differences (of foregrounds).
         kinds: Any of bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate and clock; all that the
             recording can show by default.
         label: Class of the road users to find.

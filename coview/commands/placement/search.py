@@ -89,7 +89,7 @@ def search(
             needs 16 candidates or fewer, raced needs fidelity detector, cmaes and gradient turn and lift what greedy
             found, ppo learns a policy first. Left out: portfolio; exhaustive for fidelity table, greedy with --verify.
         budget: Most sensors.
-        scheme: How their measurements are fused: early, late, hybrid or foreground; adaptive with the detector alone.
+        scheme: How their measurements are fused: early, late, hybrid or foreground.
         codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm.
         fidelity: How a set is scored while searching; table knows the built-in sites' own sensors only.
         verify: Score what one method found, and its best neighbours, with the detector.
@@ -138,7 +138,7 @@ def search(
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
     from placement_env.setting import Weights
-    from toolkit.detection.link.codecs import codec_named
+    from toolkit.detection.link.range_images import codec_named
     from toolkit.sites.files import load_site
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):

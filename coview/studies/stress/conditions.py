@@ -28,12 +28,10 @@ import numpy as np
 
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.link.channel import PERFECT, LinkChannel
+from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import CURVE_KBIT
-from toolkit.detection.sharing.adaptive import Adaptive
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
 from toolkit.sensors.errors.clock import ClockOffset
 from toolkit.sensors.errors.pose_errors import Calibration
 from toolkit.sensors.errors.profile import ErrorProfile
@@ -45,7 +43,6 @@ DELAYS = (0.1, 0.2, 0.3)  # s
 LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))  # share, messages in a burst
 RATES = (2, 5)  # every n-th frame
 CLOCKS = (0.02, 0.05, 0.1)  # s
-BUDGETS_KBIT = (0.5, *CURVE_KBIT)  # per sensor and frame, of adaptive sharing
 
 
 @dataclass(frozen=True)
@@ -173,18 +170,13 @@ class System:
 def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
     """Return the systems that are put under conditions of a kind.
 
-    Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, schemes that send points do so in all
-    steps, and adaptive sharing within each of `BUDGETS_KBIT`, or its own budget where that is for the whole link.
+    Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, and schemes that send points do so in
+    all steps.
     """
     if kind != "bytes":
         return [System(scheme, RangeImages(), _step_name(STEPS[0])) for scheme in schemes]
     systems = []
     for scheme in schemes:
-        if isinstance(scheme, Adaptive):  # chooses its steps itself
-            budgets = [replace(scheme, budget_bits=int(1000 * kbit)) for kbit in BUDGETS_KBIT]
-            kept = [scheme] if scheme.whole_link else budgets
-            systems += [System(each, each.codec, f"{each.budget_bits / 1000:g} kbit") for each in kept]
-            continue
         if getattr(scheme, "codec", None) is None:
             systems.append(System(scheme, PAPER, "paper"))
         if not scheme.sends_points:

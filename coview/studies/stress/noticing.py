@@ -20,11 +20,9 @@ from toolkit.boxes import count_points
 from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
-from toolkit.detection.link.channel import PERFECT, LinkChannel
-from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.link.lagged import lagged_frames
+from toolkit.detection.link.channel import PERFECT, LinkChannel, lagged_frames
+from toolkit.detection.link.foreground import Foreground, drawn_scene, standing_out
 from toolkit.detection.link.range_images import STEPS
-from toolkit.detection.link.standing_out import drawn_scene, standing_out
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame

@@ -29,8 +29,7 @@ from toolkit.arrays import Float32
 from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
-from toolkit.detection.link.channel import STALE
-from toolkit.detection.link.lagged import Lagged, lagged_frames
+from toolkit.detection.link.channel import STALE, Lagged, lagged_frames
 from toolkit.detection.link.tracks import Tracks
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Chained, Scheme

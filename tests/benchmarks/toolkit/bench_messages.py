@@ -73,8 +73,8 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
 
 def schemes() -> dict[str, Any]:
     """Whatever is compared, by its name in rows."""
-    from toolkit.detection.early import Early
     from toolkit.detection.link.foreground import Foreground
+    from toolkit.detection.schemes import Early
 
     return {"early": Early()} | {f"foreground {cm}": Foreground(cm / 100) for cm in (2, 4, 8)}
 
@@ -107,7 +107,7 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
     from toolkit.calibration.scenes import RecordingScenes
     from toolkit.datasets.readings import read_frame
-    from toolkit.detection.link.standing_out import standing_out
+    from toolkit.detection.link.foreground import standing_out
     from toolkit.detection.view import Captured
 
     path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"

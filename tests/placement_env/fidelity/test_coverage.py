@@ -7,8 +7,8 @@ from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Fidelity
 from toolkit.detection.codec import PAPER
-from toolkit.detection.early import Early
 from toolkit.detection.scheme import bits_sent
+from toolkit.detection.schemes import Early
 
 
 def visibility(points, sent=2.0, far=1.0, frames=2, distance=30.0):

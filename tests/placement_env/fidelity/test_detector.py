@@ -12,8 +12,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import noisy
-from toolkit.detection.background.background import Background
-from toolkit.detection.background.known_background import KnownBackground
+from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import average_precision, precision_recall

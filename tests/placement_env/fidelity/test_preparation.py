@@ -9,9 +9,9 @@ from models.detector import VoxelNetDetector, load_detector
 from placement_env.fidelity import preparation, visibility
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.preparation import GENERAL, Preparation, check_errors_for, network_for, shipped_detector
-from toolkit.detection.background.known_background import KnownBackground
-from toolkit.detection.background.site_background import knowing
+from toolkit.detection.background import KnownBackground
 from toolkit.detection.schemes import scheme_of
+from toolkit.detection.site_background import knowing
 from toolkit.objects import Detections
 from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sites.files import load_site

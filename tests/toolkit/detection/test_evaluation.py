@@ -17,10 +17,10 @@ from toolkit.detection.evaluation import (
     format_table,
     save_evaluation,
 )
-from toolkit.detection.fusion import late
+from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.schemes import fuse_frame
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
@@ -105,7 +105,7 @@ def test_rows_are_what_fusion_and_metrics_give():
     fused, truths, counted = [], [], []
     for k in range(5):
         oracle.current, scene = k, Recording()[k]
-        fused.append(late(scene, oracle, [0, 2], site=AREA))
+        fused.append(fuse_frame("late", scene, oracle, [0, 2], site=AREA))
         truths.append(scene.objects)
         counted.append(centred_in(scene.objects.boxes, AREA))
     expected = evaluate([f.detections for f in fused], truths, iou_thresholds=[0.7], counted=counted)[0.7]

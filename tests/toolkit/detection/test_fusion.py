@@ -1,12 +1,13 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from toolkit.boxes import iou_bev
 from toolkit.detection.codec import PaperCodec
-from toolkit.detection.fusion import early, hybrid, late
 from toolkit.detection.scheme import Fused
+from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.view import suppress
 from toolkit.frame import Frame
 from toolkit.geometry import look
@@ -43,6 +44,13 @@ def frame(sensors=SENSORS, seed=0):
 def same(a: Fused, b: Fused):
     np.testing.assert_allclose(a.detections.boxes, b.detections.boxes, atol=1e-6)
     np.testing.assert_array_equal(a.detections.scores, b.detections.scores)
+
+
+early, late = partial(fuse_frame, "early"), partial(fuse_frame, "late")
+
+
+def hybrid(*given, radius=None, **settings):
+    return fuse_frame(Hybrid(radius), *given, **settings)
 
 
 SCHEMES = [early, late, hybrid]

@@ -1,21 +1,126 @@
-"""The schemes that go by a name."""
+"""The built-in schemes on a view, and by name."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from toolkit.detection.early import Early
-from toolkit.detection.hybrid import Hybrid
+from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import (
     PAPER_SCHEMES,
     SCHEMES,
-    adaptive_of,
+    Early,
+    Hybrid,
+    Late,
     scheme_of,
     schemes_in_steps,
-    sharing_curve,
 )
-from toolkit.detection.sharing.adaptive import Adaptive
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.view import View, together
+from toolkit.geometry import look
+from toolkit.objects import Detections
+from toolkit.points import beyond
+from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+AREA = (-40.0, -20.0, 40.0, 20.0)
+TEN, FOUR = (np.full((2, 3), number, np.float32) for number in (10, 4))
+COUNTS = SimpleNamespace(sent=TEN, on_objects=FOUR, far=FOUR)
+SENSORS = tuple(Sensor(name, DepthCamera(), look((x, 0.0, 5.0), 0.0)) for name, x in (("a", -10.0), ("b", 10.0)))
+POINTS = [np.array([[x, y, 1.0] for y in (0.0, 3.0, 15.0)], np.float32) for x in (-9.0, 9.0)]
+
+
+def one_box(clouds):
+    """A box at the mean of all points, the surer the more there are; none without points."""
+    points = together(clouds)
+    boxes = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0]], np.float64) if len(points) else np.zeros((0, 7))
+    return Detections(boxes, np.full(len(boxes), len(points) / 10))
+
+
+def view():
+    return View(AREA, SENSORS, measure=lambda sensor: POINTS[sensor], run=one_box)
+
+
+def test_boxes_and_far_points_are_sent():
+    """The points at y = 15 alone are farther than 10 m from their sensor."""
+    fused = Hybrid(10.0).fuse(view(), [0, 1])
+    assert fused.bits.tolist() == [256 + 96, 256 + 96]
+    found = fused.detections.boxes[np.argsort(fused.detections.boxes[:, 0]), :2]
+    np.testing.assert_allclose(found, [[-9.0, 6.0], [0.0, 15.0], [9.0, 6.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
+def test_what_is_sent_is_what_lies_beyond(radius):
+    bits = Hybrid(radius).fuse(view(), [0, 1]).bits
+    far = [int(beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
+    assert bits.tolist() == [256 + 96 * count for count in far]
+
+
+def test_far_points_are_counted_by_the_radius_of_the_site():
+    np.testing.assert_array_equal(Hybrid().sent_points(COUNTS), COUNTS.far)
+    for own in (Hybrid(5.0), Hybrid(metric="published")):
+        with pytest.raises(ValueError, match="hybrid_radius"):
+            own.sent_points(COUNTS)
+    distance = np.array([[5.0, 20.0, 20.5]], np.float32)
+    assert Hybrid().pooled_beside(distance, 20.0).tolist() == [[False, False, True]]
+    assert Hybrid(4.0).pooled_beside(distance, 20.0).all()
+
+
+@pytest.mark.parametrize("radius", [-1.0, np.nan])
+def test_nonsense_radii_are_refused(radius):
+    with pytest.raises(ValueError, match="radius must be at least 0"):
+        Hybrid(radius)
+
+
+@pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
+def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
+    site = load_site(name)
+    assert Hybrid().radius_at(site) == Hybrid().radius_at(replace(site, name="renamed")) == radius
+    assert Hybrid(5.0).radius_at(site) == 5.0
+    assert Hybrid().radius_at(AREA) == Hybrid().radius_at(Site("any", np.array(AREA, float))) == 20.0
+
+
+def test_one_detection_in_the_points_of_all():
+    fused = Early().fuse(view(), [0, 1])
+    np.testing.assert_allclose(fused.detections.boxes[:, :3], [[0.0, 6.0, 1.0]])
+    assert fused.detections.scores.tolist() == [0.6]
+    assert fused.bits.tolist() == [3 * 96, 3 * 96]
+
+
+def test_nobody_sends_nothing():
+    fused = Early().fuse(view(), [])
+    assert len(fused.detections) == len(fused.bits) == 0
+
+
+def test_points_in_the_crop_are_sent_and_no_boxes():
+    assert Early().sent_points(COUNTS) is COUNTS.sent
+    assert (Early().sends_points, Early().sends_boxes) == (True, False)
+    scheme: Scheme = Early()
+    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
+
+
+def test_every_sensor_detects_and_sends_its_boxes():
+    fused = Late().fuse(view(), [0, 1])
+    np.testing.assert_allclose(np.sort(fused.detections.boxes[:, 0]), [-9.0, 9.0])
+    assert fused.bits.tolist() == [256, 256]
+
+
+def test_of_boxes_that_overlap_one_stays_but_both_were_sent():
+    same = View(AREA, SENSORS, measure=lambda sensor: POINTS[0], run=one_box)
+    fused = Late().fuse(same, [0, 1])
+    assert len(fused.detections) == 1
+    assert fused.bits.tolist() == [256, 256]
+
+
+def test_boxes_are_sent_and_no_points():
+    assert not Late().sent_points(COUNTS).any()
+    assert (Late().sends_points, Late().sends_boxes) == (False, True)
+    scheme: Scheme = Late()
+    assert scheme.pooled_beside(np.zeros((2, 3), np.float32), 20.0) is None
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -25,23 +130,6 @@ def test_each_goes_by_its_name(name):
     assert scheme.name == name
     assert scheme_of(scheme) is scheme
     assert scheme.sends_points or scheme.sends_boxes
-
-
-def test_the_curve_goes_from_boxes_only_to_everything():
-    names = [scheme.name for scheme in sharing_curve((2.0, 0.5))]
-    assert names == ["late", "adaptive 0.5", "adaptive 2", "foreground", "early"]
-    assert sharing_curve((0.5,))[1] == Adaptive(500, name="adaptive 0.5")
-    assert sharing_curve((0.5,), sensors=6)[1] == Adaptive(3000, whole_link=True, name="adaptive 0.5")
-    assert sharing_curve((1.0,), step=0.08)[2] == Foreground(0.08)
-
-
-def test_a_budget_in_kbit():
-    assert adaptive_of(2.5) == Adaptive(2500)
-    assert schemes_in_steps(0.04, adaptive=adaptive_of(1.0, whole_link=True))["adaptive"] == Adaptive(1000, True)
-    assert schemes_in_steps(0.04)["adaptive"] == Adaptive()
-    for wrong in (-1.0, float("nan"), 5e6):
-        with pytest.raises(ValueError, match="a budget must be 0 to 4294967 kbit"):
-            adaptive_of(wrong)
 
 
 def test_differences_in_steps():

@@ -10,10 +10,9 @@ from toolkit.calibration.ground import Ground
 from toolkit.calibration.scenes import SampleScenes
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.detection.codec import Message
-from toolkit.detection.hybrid import Hybrid
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.schemes import SCHEMES
+from toolkit.detection.schemes import SCHEMES, Hybrid
 from toolkit.detection.view import ImagedClouds, View, frame_view, sample_view, suppress, together
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, pose, transform
@@ -260,7 +259,7 @@ def by_place(points):
     return points[np.lexsort(points.T.round(3))]
 
 
-@pytest.mark.parametrize("name", ["foreground", "adaptive", "early", "late"])
+@pytest.mark.parametrize("name", ["foreground", "early", "late"])
 def test_schemes_send_and_detect_as_on_a_frame_of_images(name):
     scheme, codec, ours, theirs = SCHEMES[name], RangeImages(), Seen(), Seen()
     view = sample_view(sample(), ours, None, np.zeros(2), AREA_IMAGED, codec=codec, scenes=given(), number=3)

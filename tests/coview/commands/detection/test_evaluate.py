@@ -105,12 +105,7 @@ def test_a_detector_that_is_none(name, message, ours, recording, refused):
         (("--codec", "zip"), "choose among paper, range-images"),
         (("--step", "0.0005"), "step must be a whole number of millimetres"),
         (("--rate", "0"), "--rate must be above 0, got 0"),
-        (("--curve", "--schemes", "late"), "--schemes does not go with --curve"),
-        (("--curve", "--budget", 3), "--budget does not go with --curve"),
-        (("--curve", "--whole-link", "--sensors", "0", "1"), "does not go with --curve"),
-        (("--schemes", "adaptive", "--budget", -1), "--budget must be at least 0"),
-        (("--schemes", "adaptive", "--budget", 1e9), "a budget must be 0 to 4294967 kbit"),
-        (("--schemes", "middle"), "choose among early, late, hybrid, foreground, adaptive"),
+        (("--schemes", "middle"), "choose among early, late, hybrid, foreground, differences"),
     ],
 )
 def test_wrong_arguments(arguments, message, recording, refused, tmp_path):
@@ -162,19 +157,6 @@ def test_differences_are_taken_as_asked(recording, tmp_path, run, refused):
     assert digest.startswith("ForegroundDifferences(step=0.04, refers_to='key', key_every=5,")
     assert "--key-every" in refused(*arguments, "--key-every", 0, "--overwrite")
     assert "1 to 255" in refused(*arguments, "--key-every", 300, "--overwrite")
-
-
-def test_the_curve_from_boxes_only_to_everything(recording, tmp_path, run):
-    arguments = ("evaluate", recording, "--frames", 1, "--iou", 0.5, "--out", tmp_path / "c", "--json")
-    code, out, _ = run(*arguments, "--curve", "--codec", "range-images", "--sensors", "0,1")
-    rows = {row["scheme"]: row["kbit_per_sensor"] for row in json.loads(out)["rows"]}
-    assert code == 0
-    assert [*rows] == ["late", *(f"adaptive {k}" for k in ("1", "1.5", "2", "3", "4", "5", "6")), "foreground", "early"]
-    assert all(rows[name] <= float(name.split()[1]) for name in rows if name.startswith("adaptive"))
-    asked = ("--schemes", "adaptive", "--budget", 4.5, "--whole-link", "--overwrite", "--sensors", "0,1")
-    linked = json.loads(run(*arguments, *asked)[1])["rows"]
-    assert {row["scheme"] for row in linked} == {"adaptive"}
-    assert all(0 < row["kbit_per_sensor"] <= 4.5 / 2 for row in linked)
 
 
 def test_classes_restrict_the_rows(recording, tmp_path, run):

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from coview.studies.stress.conditions import IN_SEQUENCE, KINDS, make_conditions, make_systems
-from toolkit.detection.early import Early
-from toolkit.detection.hybrid import Hybrid
-from toolkit.detection.late import Late
 from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS, RangeImages
-from toolkit.detection.sharing.adaptive import Adaptive
+from toolkit.detection.schemes import Early, Hybrid, Late
 from toolkit.sensors.errors.pose_errors import Calibration
 from toolkit.sensors.errors.profiles import PAPER_ERRORS
 
@@ -93,14 +90,5 @@ def test_under_bytes_every_scheme_is_sent_in_every_encoding():
     assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [RangeImages(x) for x in STEPS]
 
 
-def test_adaptive_sharing_keeps_its_budget_only_for_the_whole_link():
-    made = make_systems([Adaptive(sigmas=5.0)], "bytes")
-    assert [each.name for each in made] == [f"{kbit} kbit" for kbit in ("0.5", "1", "1.5", "2", "3", "4", "5", "6")]
-    budgets = [500, 1000, 1500, 2000, 3000, 4000, 5000, 6000]
-    assert [each.scheme for each in made] == [Adaptive(bits, sigmas=5.0) for bits in budgets]
-    whole = Adaptive(18_000, whole_link=True)
-    assert [each.scheme for each in make_systems([whole], "bytes")] == [whole]
-
-
 def test_under_other_kinds_every_scheme_sends_the_finest_step():
-    assert names([Late(), Early(), Adaptive()], "delay") == [(n, "2 cm") for n in ("late", "early", "adaptive")]
+    assert names([Late(), Early()], "delay") == [(n, "2 cm") for n in ("late", "early")]

@@ -7,10 +7,10 @@ import pytest
 
 from coview.studies.stress.conditions import Condition, make_systems
 from coview.studies.stress.stressing import KeptDetections, StressQuestion, Trial, choose_kinds, run_stress
-from toolkit.detection.early import Early
 from toolkit.detection.evaluation import evaluate_dataset
+from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.sharing.foreground_differences import ForegroundDifferences
+from toolkit.detection.schemes import Early
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.cache import Cache

@@ -31,7 +31,6 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"classes": ("vehicle", "tram")}, "there is no class 'tram': choose among vehicle, cyclist"),
         ({"classes": ()}, "classes must be one or several different ones"),
         ({"scheme": "middle"}, "middle"),
-        ({"scheme": "adaptive"}, "got adaptive sharing: try foreground"),
         ({"iou": 0.0}, "iou must lie in"),
         ({"iou": (0.7, 0.7)}, "several different ones"),
         ({"failing": 3}, "0, 1 or 2 sensors may fail, got 3"),

@@ -8,7 +8,7 @@ import pytest
 from placement_env.fidelity.preparation import Preparation
 from placement_env.search.portfolio.evaluators import Evaluated
 from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
-from toolkit.detection.early import Early
+from toolkit.detection.schemes import Early
 
 SETS = np.eye(3, dtype=bool)
 

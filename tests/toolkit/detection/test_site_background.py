@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background import site_background as module
-from toolkit.detection.background.background import MOST_VOXELS, VOXEL, Background
-from toolkit.detection.background.site_background import empty_sweeps, recording_background, site_background, voxel_for
+from toolkit.detection import site_background as module
+from toolkit.detection.background import MOST_VOXELS, VOXEL, Background
+from toolkit.detection.site_background import empty_sweeps, recording_background, site_background, voxel_for
 from toolkit.frame import Frame
 from toolkit.geometry import LEVEL, levelled
 from toolkit.objects import Objects

@@ -8,8 +8,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background.background import VOXEL, Background
-from toolkit.detection.background.known_background import KnownBackground
+from toolkit.detection.background import VOXEL, Background, KnownBackground
 from toolkit.frame import empty_scene
 from toolkit.geometry import levelled
 from toolkit.mesh import Mesh

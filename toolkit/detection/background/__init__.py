@@ -1,1 +1,0 @@
-"""What stands still at a site, and detectors that know it."""

@@ -1,1 +1,0 @@
-"""Sharing within a budget: what each sensor sends when not everything fits its link."""
