@@ -67,10 +67,8 @@ if TYPE_CHECKING:
         train_policy as train_policy,
     )
     from placement_env.search import (
-        annealing as annealing,
         cmaes as cmaes,
         greedy as greedy,
-        nsga2 as nsga2,
         swap as swap,
     )
     from placement_env.search.exact import cheapest as cheapest, cpsat as cpsat, exhaustive as exhaustive, hits as hits
@@ -120,7 +118,7 @@ else:
             "rl.training": ("Learning", "load_policy", "rollout", "train_policy"),
             "setting": ("Setting", "Weights"),
             "cases": ("Cases",),
-            "search": ("annealing", "cmaes", "greedy", "nsga2", "swap"),
+            "search": ("cmaes", "greedy", "swap"),
             "search.exact": ("cheapest", "cpsat", "exhaustive", "hits"),
             "search.portfolio": ("portfolio",),
             "search.portfolio.curve": ("CurvePoint", "budget_curve"),

@@ -6,17 +6,14 @@ Each search is a module with `search(objective, budget, *, seed=0, seconds=None,
 
     portfolio    several of these; their answers race by the detector on fresh traffic, the winner is judged on other
     exhaustive   every set of up to 16 candidates: the optimum, the best of each size, the exact AP-kbit-price front
-    greedy       one sensor after another; also `lazy`, `stochastic` and `raced`, with the same arguments
+    greedy       one sensor after another; also `raced`, with the same arguments
     swap         change one sensor at a time until nothing improves, from several starts
-    annealing    simulated annealing, many chains at once
     cpsat        coverage and k-coverage with a proven bound (OR-Tools)
     cmaes        height, heading and tilt of each sensor, continuous (CMA-ES)
-    gradient     the same by gradient ascent on a smooth coverage
-    nsga2        the AP-kbit-price front over sets (pymoo)
 
 `placement_env.rl.training` has a `search` of the same form: MaskablePPO on the environments. The other modules are what
-searches share: `result`, `progress` (limits, history, incumbent), `neighbourhood` (sets that differ in one sensor),
-`exact.submodular` (greedy's certificate) and `verification` (a result scored again by a more accurate fidelity).
+searches share: `result`, `progress` (limits, history, incumbent), `exact.submodular` (greedy's certificate) and
+`verification` (a result scored again by a more accurate fidelity).
 
 **AP is not submodular**, so greedy's (1 - 1/e) does not hold for it: it holds for coverage only. A set function is
 submodular if what a sensor adds never grows as others join. In the paper's table of sensor sets (early fusion, IoU

@@ -36,7 +36,6 @@ from toolkit.sites.site import Mount
 if TYPE_CHECKING:
     from placement_env.fidelity.panorama.live import LiveView
     from placement_env.fidelity.preparation import Preparation
-    from placement_env.fidelity.visibility import Visibility
 
 TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # scored where no limit is given
@@ -190,21 +189,6 @@ def improve(
     return Result(
         "CMA-ES", score, limits.history(score.reward), certificate, limits.count, limits.elapsed, sensors=sensors
     )
-
-
-def look_of(preparation: Preparation) -> Callable[[Sequence[Sensor]], Visibility]:
-    """What sensors on a preparation's mounts see of its traffic, in its panoramas where it has them."""
-    from placement_env.fidelity.visibility import see
-
-    mounts, live = preparation.candidates.mounts, preparation.live
-
-    def look(sensors: Sequence[Sensor]) -> Visibility:
-        there = as_candidates(sensors, mounts)
-        if live is not None:
-            return live.see(there)
-        return see(preparation.traffic, there, labels=preparation.classes.labels, workers=preparation.workers)
-
-    return look
 
 
 def pose_scorer(

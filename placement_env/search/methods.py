@@ -32,23 +32,17 @@ METHODS: dict[str, Method] = {
     "portfolio": Method(f"{_SEARCH}.portfolio.portfolio", resumes=True),
     "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),
     "greedy": Method(f"{_SEARCH}.greedy"),
-    "lazy": Method(f"{_SEARCH}.greedy", "lazy"),
-    "stochastic": Method(f"{_SEARCH}.greedy", "stochastic"),
     "raced": Method(f"{_SEARCH}.greedy", "raced"),
     "swap": Method(f"{_SEARCH}.swap", resumes=True),
-    "annealing": Method(f"{_SEARCH}.annealing", resumes=True),
     "cpsat": Method(f"{_SEARCH}.exact.cpsat", needs="ortools"),
     "hits": Method(f"{_SEARCH}.exact.hits", needs="ortools"),
     "cheapest": Method(f"{_SEARCH}.exact.cheapest", needs="ortools"),
-    "nsga2": Method(f"{_SEARCH}.nsga2", needs="pymoo", resumes=True),
     "cmaes": Method(f"{_SEARCH}.cmaes", needs="cma", resumes=True),
-    "gradient": Method(f"{_SEARCH}.gradient", resumes=True),
     "ppo": Method("placement_env.rl.training", needs="sb3_contrib", extra="rl", resumes=True),
 }
 RENDERED = (
     "cpsat",
     "cmaes",
-    "gradient",
     "portfolio",
     "hits",
     "cheapest",
@@ -56,7 +50,6 @@ RENDERED = (
 
 ONE_COUNTED = (
     "cmaes",
-    "gradient",
     "hits",
     "cheapest",
 )  # they know one IoU threshold, and what is left after a failure by themselves

@@ -13,7 +13,6 @@ from placement_env.objective import Objective, Score
 from placement_env.search.result import Certificate, History, Result
 from toolkit.arrays import Bool, Float64, Int
 
-DEFAULT_EVALUATIONS = 20_000  # sets that searches without an end of their own score where no limit is given
 MOST_AT_ONCE = 4096  # sets scored between two looks at the clock, at most
 PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
 
@@ -175,10 +174,10 @@ def rows_of(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]
     return rows
 
 
-def with_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
+def add_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
     """The set `chosen` with each of the options added.
 
-    >>> with_each([0], np.array([1, 2]), 3)
+    >>> add_each([0], np.array([1, 2]), 3)
     array([[ True,  True, False],
            [ True, False,  True]])
     """

@@ -17,11 +17,11 @@ from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.greedy import grow
-from placement_env.search.neighbourhood import Neighbourhood
-from placement_env.search.progress import Progress, rows_of, with_each
+from placement_env.search.progress import Progress, add_each, rows_of
 from placement_env.search.result import Certificate, Result
 
 STARTS = 5
+SECOND = 0.5  # chance of each further sensor, where mounts carry several and the drawn set has room
 EMPTY = -1  # a place without a sensor
 
 
@@ -60,7 +60,7 @@ def search(
     if starts is not None:
         check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)
-    neighbourhood, rng = Neighbourhood(objective, budget), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     if starts is None:
         starts = STARTS if seconds is None and evaluations is None else sys.maxsize
     first, proven, climb = 0, False, None
@@ -78,7 +78,7 @@ def search(
             if progress.spent and number:
                 break
             before = progress.reward if number else -np.inf
-            begins = neighbourhood.sample(rng) if number else _first(progress, start)
+            begins = draw_set(objective, budget, rng) if number else _first(progress, start)
             climb = _begun(progress, number, before, begins)
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
@@ -127,7 +127,7 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
         place = climb.waiting.pop(0)
         others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
-        subsets = np.vstack([rows_of([others], progress.size), with_each(others, options, progress.size)])
+        subsets = np.vstack([rows_of([others], progress.size), add_each(others, options, progress.size)])
         rewards = progress.rewards(subsets)
         best = int(rewards.argmax())
         if rewards[best] > climb.reward:
@@ -139,3 +139,21 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
     if climb.reward == progress.reward:  # of equal sets the one whose surroundings are known
         progress.best = rows_of([[c for c in places if c != EMPTY]], progress.size)[0]
     return True
+
+
+def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
+    """Feasible set at random: mounts in random order, an affordable candidate of each, up to `budget`."""
+    candidates, free = objective.candidates, np.flatnonzero(objective.allowed([]))
+    mount = candidates.mount[free]
+    chosen: list[int] = []
+    for place in rng.permutation(np.unique(mount)).tolist():
+        options = free[mount == place]
+        options = options[objective.affordable(candidates.prices[chosen].sum() + candidates.prices[options])]
+        if len(chosen) < budget and options.size:
+            chosen.append(int(rng.choice(options)))
+    while candidates.several and len(chosen) < budget and rng.random() < SECOND:
+        options = np.flatnonzero(objective.allowed(chosen))
+        if not options.size:
+            break
+        chosen.append(int(rng.choice(options)))
+    return chosen

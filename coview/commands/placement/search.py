@@ -27,9 +27,7 @@ from coview.pools import asked_pool
 from coview.printing import print_result
 from coview.progress_bar import progress_bar
 
-Method = Literal[
-    "portfolio", "exhaustive", "greedy", "lazy", "stochastic", "raced", "swap", "annealing", "cpsat", "hits",
-    "cheapest", "nsga2", "cmaes", "gradient", "ppo"]  # fmt: skip
+Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
 
 
 def search(
@@ -86,8 +84,8 @@ def search(
         site: tjunction, roundabout, or a site file.
         method: How to search. portfolio runs several searches, lets their answers race on fresh traffic and judges
             the winner on other; cpsat proves how much more could be covered, hits how much more be hit, exhaustive
-            needs 16 candidates or fewer, raced needs fidelity detector, cmaes and gradient turn and lift what greedy
-            found, ppo learns a policy first. Left out: portfolio; exhaustive for fidelity table, greedy with --verify.
+            needs 16 candidates or fewer, raced needs fidelity detector, cmaes turns and lifts what greedy found,
+            ppo learns a policy first. Left out: portfolio; exhaustive for fidelity table, greedy with --verify.
         budget: Most sensors.
         scheme: How their measurements are fused: early, late, hybrid or foreground.
         codec: Of what is sent: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm.

@@ -1,10 +1,10 @@
-"""CMA-ES and gradient ascent from greedy's set, or a policy that learns, in equal time, beside searches of the pool.
+"""CMA-ES from greedy's set, or a policy that learns, in equal time, beside searches of the pool.
 
 python tests/benchmarks/placement_env/bench_poses.py tjunction --frames 12 --seconds 25 --budget 3 --iou 0.9
 python tests/benchmarks/placement_env/bench_poses.py tjunction --learner ppo --frames 25 --seconds 1800
 python tests/benchmarks/placement_env/bench_poses.py tjunction --learner none --frames 25 --seconds 1800  # beside it
 
-Without `--learner` CMA-ES and gradient ascent score in panoramas and by rays. PPO and SAC learn on
+Without `--learner` CMA-ES scores in panoramas and by rays. PPO and SAC learn on
 `coview/SensorPose-v0`, and `--learner none` is the searches that they are set beside: each episode starts from
 sensors drawn at random, and they see rewards alone, while the others may score whatever they like; all score in
 panoramas of the same traffic, and every answer is scored again by rays, there and on traffic that nobody saw. "seen"
@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from placement_env.envs.registration import register
 from placement_env.objective import Objective
-from placement_env.search import cmaes, gradient, greedy
+from placement_env.search import cmaes, greedy
 from placement_env.search.exact import cpsat
 from placement_env.search.result import Result
 from toolkit.sensors.sensor import Sensor
@@ -125,9 +125,8 @@ def beside_learning(asked: argparse.Namespace, objective: Objective) -> None:
     """The searches that a policy which learns is set beside."""
     first = greedy.search(objective, asked.budget)
     answered("greedy", objective, objective.candidates.select(first.best.subset).sensors, "of the pool")
-    for name, search in (("CMA-ES", cmaes.search), ("gradient", gradient.search)):
-        found = search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
-        answered(name, objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
+    found = cmaes.search(objective, asked.budget, seed=asked.seed, seconds=asked.seconds)
+    answered("CMA-ES", objective, found.sensors or (), f"{found.evaluations} evaluations in {found.seconds:.0f} s")
 
 
 def by_learning(asked: argparse.Namespace, objective: Objective) -> None:
@@ -160,7 +159,6 @@ def by_search(asked: argparse.Namespace, objective: Objective) -> None:
             vars(made)["live"] = None
         for seed in (0, 1):
             show(f"CMA-ES, {way}", cmaes.search(objective, asked.budget, seed=seed, seconds=asked.seconds))
-            show(f"gradient, {way}", gradient.search(objective, asked.budget, seed=seed, seconds=asked.seconds))
 
 
 def main() -> None:

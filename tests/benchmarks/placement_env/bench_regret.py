@@ -105,7 +105,7 @@ class Judging:
 
     def searches(self, k: int) -> dict[str, Callable[[], Any]]:
         """Each search, with as much as the portfolio lets it do, or as it does by itself."""
-        from placement_env.search import annealing, greedy, swap
+        from placement_env.search import greedy, swap
         from placement_env.search.exact import cpsat, hits
         from placement_env.search.portfolio.entrants import SOLVING, SWAP_EVALUATIONS, entropy_objective
 
@@ -117,7 +117,6 @@ class Judging:
             "swap by entropy": partial(swap.search, entropy_objective(objective), k, **swapping),
             "cpsat": partial(cpsat.search, objective, k, seconds=60.0, effort=SOLVING),
             "hits": partial(hits.search, objective, k, seconds=10.0),
-            "annealing": partial(annealing.search, objective, k),
         }
         return made if self.scheme == "early" else {name: made[name] for name in ("greedy", "swap", "cpsat")}
 

@@ -23,12 +23,8 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 METHODS = (
     "exhaustive",
     "greedy",
-    "greedy.lazy",
-    "greedy.stochastic",
     "swap",
-    "annealing",
     "cpsat",
-    "nsga2",
     "cmaes",
     "ppo",
 )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from placement_env.search.progress import Limits, Progress, rows_of, with_each
+from placement_env.search.progress import Limits, Progress, add_each, rows_of
 
 
 def test_the_incumbent_is_the_best_feasible_set_within_the_budget(make):
@@ -48,5 +48,5 @@ def test_history_ends_where_the_search_ends():
 
 
 def test_with_each_option_none_and_all():
-    assert with_each([0], np.zeros(0, np.int64), 3).shape == (0, 3)
-    assert with_each([], np.arange(3), 3).tolist() == np.eye(3, dtype=bool).tolist()
+    assert add_each([0], np.zeros(0, np.int64), 3).shape == (0, 3)
+    assert add_each([], np.arange(3), 3).tolist() == np.eye(3, dtype=bool).tolist()

@@ -113,7 +113,7 @@ def test_a_budget_that_is_no_whole_number(run):
     assert run("search", "tjunction", "--budget", 1.5)[0] == 2
 
 
-@pytest.mark.parametrize("method", ["cpsat", "nsga2", "cmaes", "ppo"])
+@pytest.mark.parametrize("method", ["cpsat", "cmaes", "ppo"])
 def test_a_missing_package_is_named_before_anything_is_rendered(method, monkeypatch, run):
     monkeypatch.setattr(methods, "find_spec", lambda name: None)
     code, _, err = run("search", "tjunction", "--candidates", "paper", "--method", method)
@@ -342,8 +342,8 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
 
 
 def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
-    annealed = ("search", "tjunction", *FEW, "--method", "annealing", "--evaluations", 320, "--fidelity", "coverage")
-    asked = (*annealed, "--cache", tmp_path / "c")
+    swapped = ("search", "tjunction", *FEW, "--method", "swap", "--evaluations", 320, "--fidelity", "coverage")
+    asked = (*swapped, "--cache", tmp_path / "c")
     states = []
 
     def killed(checkpoint, state):
@@ -361,7 +361,6 @@ def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monke
     monkeypatch.setattr(Checkpoint, "offer", lambda _, state: states.append(state))
     assert run(*asked, "--out", tmp_path / "o")[0] == 0
     assert not (tmp_path / "o.parts").exists()
-    assert len(states) == 9  # steps of 32 chains after the first sets
     assert run(*asked, "--out", tmp_path / "whole")[0] == 0
     here, there = (json.loads((tmp_path / name / "search.json").read_text()) for name in ("o", "whole"))
     assert here.pop("seconds") != there.pop("seconds")
