@@ -101,20 +101,20 @@ def test_no_points_are_no_damage(tmp_path):
     assert "positions" in attributes(from_attributes(read_pcd(tmp_path / "a.pcd")))
 
 
-XYZ = {axis: np.arange(4.0) for axis in "xyz"}
+AXES = {axis: np.arange(4.0) for axis in "xyz"}
 
 
 def test_packed_colours_are_taken_apart():
     word = np.array([0xFF8001, 0, 0x0000FF, 0x010203], np.uint32)
     for column in (word, word.view(np.float32), word[:, None]):
-        colours = attributes_of({**XYZ, "rgb": column})["colors"]
+        colours = attributes_of({**AXES, "rgb": column})["colors"]
         assert colours.tolist() == [[255, 128, 1], [0, 0, 0], [0, 0, 255], [1, 2, 3]]
 
 
 @pytest.mark.parametrize("names", [("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz")])
 def test_normals_have_the_type_of_positions(names):
     made = attributes_of(
-        {axis: column.astype(np.float32) for axis, column in XYZ.items()} | dict.fromkeys(names, XYZ["x"])
+        {axis: column.astype(np.float32) for axis, column in AXES.items()} | dict.fromkeys(names, AXES["x"])
     )
     assert made["normals"].shape == (4, 3)
     assert made["normals"].dtype == made["positions"].dtype == np.float32
