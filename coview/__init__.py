@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from toolkit.objects import Detections as Detections
     from toolkit.objects import Detector as Detector
     from toolkit.objects import Objects as Objects
-    from toolkit.sensors.depth_camera import DepthCamera as DepthCamera
+    from toolkit.sensors.models import DepthCamera as DepthCamera
+    from toolkit.sensors.models import SpinningLidar as SpinningLidar
     from toolkit.sensors.sensor import Sensor as Sensor
-    from toolkit.sensors.spinning_lidar import SpinningLidar as SpinningLidar
     from toolkit.sites.files import load_site as load_site
     from toolkit.sites.files import save_site as save_site
     from toolkit.sites.site import Site as Site
@@ -67,9 +67,8 @@ else:
         "toolkit.detection.survey": ("survey",),
         "toolkit.frame": ("Frame",),
         "toolkit.objects": ("Detections", "Detector", "Objects"),
-        "toolkit.sensors.depth_camera": ("DepthCamera",),
+        "toolkit.sensors.models": ("DepthCamera", "SpinningLidar"),
         "toolkit.sensors.sensor": ("Sensor",),
-        "toolkit.sensors.spinning_lidar": ("SpinningLidar",),
         "toolkit.sites.files": ("load_site", "save_site"),
         "toolkit.sites.site": ("Site",),
     }

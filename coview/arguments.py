@@ -58,7 +58,7 @@ def check_schemes(names: Iterable[str]) -> None:
 
 def check_errors(name: str) -> None:
     """Raise ValueError, which lists what there is, where an error profile is none."""
-    from toolkit.sensors.errors.profiles import profile_named
+    from toolkit.sensors.error_profiles import profile_named
 
     profile_named(name)
 

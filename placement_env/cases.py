@@ -26,10 +26,10 @@ import numpy as np
 from placement_env.checks import check_iou, whole
 from placement_env.classes import COMBINE, Classes, Combine
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.errors.profiles import PROFILES, only_own_noise, profile_of
+from toolkit.sensors.error_profiles import PROFILES, only_own_noise, profile_of
 
 if TYPE_CHECKING:
-    from toolkit.sensors.errors.profile import ErrorProfile
+    from toolkit.sensors.error_profiles import ErrorProfile
 
     Profiles = str | ErrorProfile | tuple[str | ErrorProfile, ...]
 else:

@@ -32,7 +32,7 @@ from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import Scheme, codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 

@@ -18,7 +18,7 @@ class Frame:
     depth (camera) or range (lidar) in metres, 0 where nothing returned. objects: ground truth, world frame.
     time: seconds since the recording began. index: its number in its dataset. shifts: for each sensor how far (m, world
     frame) each pixel's point lies off its ray, None for nowhere; empty where no sensor has any (see
-    `toolkit.sensors.errors.clock`).
+    `toolkit.sensors.error_terms`).
     """
 
     sensors: tuple[Sensor, ...]

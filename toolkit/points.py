@@ -18,8 +18,7 @@ from toolkit.boxes import count_points
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, levelled, on_slope
 from toolkit.objects import Detections, Detector, UnionDetector
-from toolkit.sensors.model import returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, returned
 from toolkit.sites.site import Site, check_area
 
 Distance = Literal["horizontal", "published"]

@@ -33,7 +33,7 @@ from toolkit.geometry import LEVEL, Slope, check_slope, levelled
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
-from toolkit.sensors.catalogue import make_model
+from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
 STEPS_PER_METRE = 512  # quantisation of what changes: 2 mm steps are far below the sensors' noise

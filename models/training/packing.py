@@ -21,8 +21,8 @@ from toolkit.geometry import LEVEL, Slope
 from toolkit.objects import Objects
 from toolkit.runtime.files import writing
 from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m

@@ -23,14 +23,20 @@ from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import levelled
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import centred_in
-from toolkit.sensors.errors.drop_out import DeadRows, DropOut
-from toolkit.sensors.errors.mixed_pixels import MixedPixels
-from toolkit.sensors.errors.pose_errors import Calibration
-from toolkit.sensors.errors.profile import ErrorProfile, ErrorTerm
-from toolkit.sensors.errors.range_noise import OwnNoise, lidar_noise, stereo_noise
-from toolkit.sensors.errors.reading import TrueImage
-from toolkit.sensors.errors.vehicle_surfaces import Glass, Paint
-from toolkit.sensors.errors.weather import rain
+from toolkit.sensors.error_profiles import ErrorProfile
+from toolkit.sensors.error_terms import (
+    Calibration,
+    DeadRows,
+    DropOut,
+    Glass,
+    MixedPixels,
+    OwnNoise,
+    Paint,
+    lidar_noise,
+    rain,
+    stereo_noise,
+)
+from toolkit.sensors.readings import ErrorTerm, TrueImage
 from toolkit.sensors.sensor import Sensor
 
 FEWEST_KEPT = 0.1  # share of the points

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount
 
 

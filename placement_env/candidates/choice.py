@@ -10,8 +10,8 @@ import shapely
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.poles import load_keep_out, load_poles
 from placement_env.candidates.pool import paper_candidates, pool
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Site
 
 PAPER = (DepthCamera(),)

@@ -12,9 +12,8 @@ from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Axes, Candidates, repeated
 from toolkit.arrays import Bool, Float64
 from toolkit.geometry import pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount, Site
 
 HEIGHTS = (4.0, 6.0, 8.0)  # m above the foot of the mount

@@ -10,7 +10,7 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import paper_candidates, pool
 from toolkit.arrays import Bool
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Site
 
 MOST_POSES = 8  # of the pool in one set

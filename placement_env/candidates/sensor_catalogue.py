@@ -20,8 +20,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from toolkit.sensors.catalogue import make_model, model_class
-from toolkit.sensors.model import SensorModel, is_angle
+from toolkit.sensors.models import make_model, model_class
+from toolkit.sensors.sensor import SensorModel, is_angle
 
 KNOWN = ("currency", "pole_price", "sensor")
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model

@@ -16,7 +16,7 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, predicted_as
 from toolkit.detection.schemes import SCHEMES, scheme_of
 from toolkit.objects import Detector, check_known
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, only_own_noise
+from toolkit.sensors.error_profiles import PAPER_ERRORS, only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

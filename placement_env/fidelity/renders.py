@@ -31,9 +31,8 @@ from toolkit.objects import Objects
 from toolkit.points import frame_points
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.sensors.errors.clock import velocities
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, only_own_noise
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
+from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
 from toolkit.objects import LABELS, VEHICLE, Detector
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
 from toolkit.sites.files import load_site

@@ -17,8 +17,7 @@ from placement_env.report.content import Ground, GroundShares
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.geometry import invert, transform
 from toolkit.points import unproject
-from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.sight_lines import SightLines
+from toolkit.rendering.renderer import Renderer, SightLines
 from toolkit.rendering.static_scene import ground as ground_mesh
 from toolkit.rendering.static_scene import scenery
 from toolkit.sensors.sensor import Sensor

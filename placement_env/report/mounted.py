@@ -11,7 +11,7 @@ from placement_env.candidates.aim import aims
 from placement_env.candidates.candidates import Candidates
 from placement_env.report.content import PlannedSensor
 from toolkit.arrays import Float64, Int64
-from toolkit.sensors.catalogue import name_in_words
+from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site

@@ -44,7 +44,7 @@ from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
 from toolkit.runtime.files import finite
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 PORTFOLIO = "portfolio"

@@ -24,25 +24,6 @@ too. Late fusion: sensor 3 alone has 0.2512, on {2, 5} it gains 0.5834 - 0.3309 
 T-junction it starts from {4}, the best one, and {3, 4}, the best two; the best three, {0, 2, 5}, hold neither.
 """
 
-from typing import TYPE_CHECKING
+from lazy_loader import attach_stub
 
-from toolkit.runtime.lazy import lazily
-
-# isort: off
-if TYPE_CHECKING:
-    from placement_env.search.result import (
-        Assessment as Assessment,
-        Certificate as Certificate,
-        Contender as Contender,
-        History as History,
-        Result as Result,
-    )
-    from placement_env.search.verification import rescored as rescored, verified as verified
-else:
-    __getattr__, __dir__, __all__ = lazily(
-        __name__,
-        {
-            "result": ("Assessment", "Certificate", "Contender", "History", "Result"),
-            "verification": ("rescored", "verified"),
-        },
-    )
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -14,7 +14,7 @@ import numpy as np
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
 from toolkit.runtime.files import finite, read_json, write_text
-from toolkit.sensors.catalogue import make_model
+from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
 VERSION = 1  # of result files

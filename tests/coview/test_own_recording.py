@@ -16,7 +16,7 @@ from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
 

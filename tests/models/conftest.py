@@ -9,9 +9,8 @@ from models.training.packing import pack, recording
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 GROUND = 0.02  # m, so that rounding does not decide on which side of z = 0 a point lies

@@ -87,9 +87,8 @@ def _frames(shared: bool) -> tuple[Any, list[Any]]:
     from toolkit.frame import Frame
     from toolkit.geometry import look, pose
     from toolkit.objects import Objects
-    from toolkit.sensors.depth_camera import DepthCamera
+    from toolkit.sensors.models import DepthCamera, SpinningLidar
     from toolkit.sensors.sensor import Sensor
-    from toolkit.sensors.spinning_lidar import SpinningLidar
     from toolkit.sites.site import Site, Solid
 
     camera = DepthCamera(width=40, height=30, stride=2)

@@ -22,9 +22,8 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 

@@ -3,8 +3,7 @@ import pytest
 
 from placement_env.cases import Cases, describe_iou
 from placement_env.classes import Classes
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import POOR, TYPICAL
+from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from placement_env.subsets import all_subsets
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

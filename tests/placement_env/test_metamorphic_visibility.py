@@ -22,9 +22,8 @@ from toolkit.boxes import count_points
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Mount, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 

@@ -13,7 +13,7 @@ from placement_env.search.exact import cpsat, exhaustive
 from placement_env.search.exact.submodular import online_bound
 from placement_env.search.progress import Progress
 from placement_env.subsets import all_subsets
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 
 SEARCHES: dict[str, Any] = {
     "exhaustive": exhaustive.search,

@@ -15,7 +15,7 @@ from placement_env.candidates.pool import pool
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.setting import AP_ONLY, Weights
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sites.site import Mount, Site
 
 

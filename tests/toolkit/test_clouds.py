@@ -26,9 +26,8 @@ from toolkit.clouds import (
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose, transform
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 AREA = (-40, -20, 40, 20)

@@ -6,7 +6,7 @@ import pytest
 from toolkit.frame import Frame, empty_scene
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 SMALL = DepthCamera(width=4, height=2, stride=1)

@@ -18,9 +18,8 @@ from toolkit.points import (
     select_sensors,
     slope_of,
 )
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Relief, Site
 
 AREA = (-40, -20, 40, 20)

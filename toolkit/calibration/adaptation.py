@@ -20,7 +20,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
-from toolkit.sensors.model import returned
+from toolkit.sensors.sensor import returned
 
 SECONDS = 600.0  # time constant of what shows the scene
 SETTLE = 86_400.0  # s until what stands nearer is the scene: longer than anybody parks for a visit

@@ -30,11 +30,9 @@ import numpy as np
 from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.readings import Readable, read_frame
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
-from toolkit.sensors.catalogue import make_model
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
-from toolkit.sensors.model import SensorModel, returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sensors.models import make_model
+from toolkit.sensors.sensor import Sensor, SensorModel, returned
 
 SAMPLE = 128  # images that are kept of a sensor
 SIGMAS = 4.0  # spreads from a median within which a measurement shows the empty scene

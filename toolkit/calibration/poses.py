@@ -35,9 +35,8 @@ from toolkit.geometry import invert
 from toolkit.objects import Detector
 from toolkit.points import select_sensors
 from toolkit.runtime.files import finite, write_text
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

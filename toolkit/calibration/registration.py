@@ -141,7 +141,7 @@ def _aligned(
 
 def after_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
     """A pose after a motion whose turns are times `LEVER`."""
-    from toolkit.sensors.errors.pose_errors import rotation_about
+    from toolkit.sensors.error_terms import rotation_about
 
     after = pose.copy()
     after[:3, :3] = rotation_about(motion[:3] / LEVER) @ pose[:3, :3]

@@ -15,8 +15,7 @@ from toolkit.calibration.empty_scene import SAMPLE, EmptyScene, SceneLearner, le
 from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, image_of
 from toolkit.datasets.readings import Readable
 from toolkit.datasets.sample import Sample, SensorCloud
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.sensor import Sensor
 
 
@@ -149,7 +148,7 @@ def _by_sensor(samples: Sequence[Sample]) -> dict[str, list[SensorCloud]]:
 
 
 def _grid_of(scene: EmptyScene) -> LidarGrid:
-    from toolkit.sensors.row_lidar import RowLidar
+    from toolkit.sensors.models import RowLidar
 
     if type(scene.model) is not RowLidar:
         raise ValueError(f"the empty scene of {scene.name!r} was learnt from images of {scene.model}, not from clouds")

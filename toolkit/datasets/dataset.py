@@ -21,7 +21,7 @@ from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
-from toolkit.sensors.catalogue import make_model, model_class
+from toolkit.sensors.models import make_model, model_class
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site

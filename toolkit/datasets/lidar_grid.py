@@ -23,7 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.datasets.sample import SensorCloud
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import RowLidar
 
 NEAREST = 1.0  # m from the sensor, from which on points tell angles
 TELLING_POINTS = 100  # of a sensor, in all clouds together

@@ -17,8 +17,8 @@ import numpy as np
 from toolkit.arrays import Float, Float32, Float64, Shaped
 from toolkit.geometry import check_pose, invert
 from toolkit.objects import LABELS, Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import SensorModel
 
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures

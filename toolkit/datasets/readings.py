@@ -15,10 +15,9 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.frame import Frame
-from toolkit.sensors.errors.clock import velocities
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, profile_of
-from toolkit.sensors.errors.reading import TrueImage
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, profile_of
+from toolkit.sensors.error_terms import velocities
+from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
 
 

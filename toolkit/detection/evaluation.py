@@ -43,8 +43,7 @@ from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects, chec
 from toolkit.points import centred_in, select_sensors
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.runtime.text_tables import aligned
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, check_drawn, profile_of
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, profile_of
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

@@ -22,8 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
-from toolkit.sensors.model import returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, returned
 
 SILENT_AFTER = 0.5  # s
 LEAST_REPEATED = 50  # that a message must have for its repetition to count, and below which others are asked

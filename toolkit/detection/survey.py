@@ -21,8 +21,7 @@ from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.objects import LABELS, VEHICLE, label_index
 from toolkit.points import centred_in, frame_points, points_on, select_sensors
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, profile_of
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, profile_of
 
 if TYPE_CHECKING:
     from toolkit.detection.evaluation import Recording

@@ -24,9 +24,8 @@ from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points, inside, unproject
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import SpinningLidar
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # what links keep from frame to frame, by sensor (index) and name

@@ -15,8 +15,7 @@ import numpy as np
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.strips import counting
-from toolkit.sensors.model import NEAR, nearest
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import NEAR, Sensor, nearest
 
 BOXES_TOGETHER = 512  # boxes whose windows are found together
 

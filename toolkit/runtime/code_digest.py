@@ -2,7 +2,7 @@
 
 The source of a job is its import closure: its module, what that imports, inside functions too, and so on, as far as it
 is ours. What stands under `if TYPE_CHECKING:` is not run and does not count. A package whose face loads lazily brings
-only the names that are asked of it. Of libraries the version counts.
+only the names that are asked of it, as its stub says. Of libraries the version counts.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ def import_closure(modules: tuple[str, ...], top: Path = TOP) -> tuple[dict[str,
             continue
         if name and path.name == "__init__.py":
             below = f"{module}.{name}"
-            pending.extend([(below, "")] if _file(below, top) else _offers(path.read_bytes(), module, name))
+            stub = path.with_suffix(".pyi")
+            offered = _offers((stub if stub.is_file() else path).read_bytes(), module, name)
+            pending.extend([(below, "")] if _file(below, top) else offered)
         if module not in files:
             files[module] = path
             pending.extend(_imports(path.read_bytes(), module, path.name == "__init__.py"))
@@ -120,19 +122,12 @@ def _imported(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Where a face that loads lazily has a name from: it says so to type checkers, or in a table of names and modules.
-
-    Empty where it defines the name itself; all that it offers for a star.
-    """
+    """Modules that a package's face, or the stub beside it, imports `name` from; all of them for a star."""
     offered: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             for alias, place in zip(node.names, _imported(node, package), strict=True):
                 offered[alias.asname or alias.name] = place
-        elif isinstance(node, ast.Dict):
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and isinstance(value, ast.Constant) and isinstance(value.value, str):
-                    offered[str(key.value)] = (f"{package}.{value.value}", "")
     if name == "*":
         return tuple(offered.values())
     return (offered[name],) if name in offered else ()

@@ -1,17 +1,173 @@
-"""`Sensor`: a sensor model at a place."""
+"""`SensorModel`, the protocol of sensor models, and what all of them share: returns, noise, checks, fields in files.
+
+All models share one rule. `rays()` gives a vector per pixel in the sensor's own frame, scaled so that
+
+    point = measurement · ray                                    (paper equation 2 for the camera)
+    point in the world = measurement · (R ray) + t               (paper equation 1; R ray is `Sensor.world_rays`)
+
+A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range" rays of length 1.
+A measurement that is NaN, infinite, zero or negative is no return and makes no point.
+
+A model is a frozen dataclass whose fields all have defaults: they are what files hold of it, under the name of its
+class. `toolkit.sensors.models.register_sensor_model` makes a new one known to the readers of files and to
+the command line.
+
+`Sensor`: a sensor model at a place.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import Field, asdict, dataclass, field, fields
 from functools import cached_property
 from hashlib import sha256
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.geometry import check_pose, invert
-from toolkit.sensors.model import SensorModel, frozen
+
+NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
+
+Measure = Literal["depth", "range"]
+Deviation = np.ndarray | np.float32
+
+
+@runtime_checkable
+class SensorModel(Protocol):
+    """What a sensor is, wherever it hangs: its rays, its field of view, and the noise of what it measures."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def __hash__(self) -> int:
+        """Models compare by value, so that the rays of equal ones are made once."""
+
+    @property
+    def kind(self) -> str:
+        """A short word for it in the names of candidates, such as "camera"."""
+
+    @property
+    def measures(self) -> Measure:
+        """What it measures: "depth" along its optical axis, or "range" along each ray."""
+
+    @property
+    def body_SE3_sensor(self) -> np.ndarray:
+        """The pose of its frame in its body's, (4, 4); a body has x forward (the optical axis), y left, z up."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of what it measures."""
+
+    @property
+    def horizontal_fov(self) -> float:
+        """Width of its field of view (rad), centred on its optical axis."""
+
+    @property
+    def vertical_fov(self) -> float:
+        """Height of its field of view (rad)."""
+
+    @property
+    def max_range(self) -> float:
+        """The measurement (m) from which on nothing returns."""
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Ray per pixel, sensor frame."""
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
+        """Standard deviation (m) of the noise of each measurement, float32; one number where all have the same."""
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """The measurement with noise; what returned nothing still returns nothing. See `with_noise`."""
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of its frame lie in its field of view and range."""
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """(row, top, bottom, left, right) of a rectangle of pixels for every box, given by its corners in the sensor
+        frame, that some ray may meet: no ray outside the rectangles of a box meets it. A box may come more than once,
+        as across the seam of a spinning lidar, or not at all. See `clipped` and `whole_image`."""
+
+
+def returned(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
+    """Mask of measurements that make a point: finite, positive and nearer than `max_range`.
+
+    >>> returned(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
+    array([False, False, False,  True, False, False])
+    """
+    return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
+
+
+def with_noise(measurement: np.ndarray, model: SensorModel, rng: np.random.Generator) -> np.ndarray:
+    """A model's measurement with normal noise of its deviation; what returned nothing still returns nothing."""
+    clean = np.asarray(measurement, np.float32)
+    valid = returned(clean, model.max_range)
+    noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(np.where(valid, clean, np.float32(0)))
+    return np.where(valid, clean + noise, np.float32(0))
+
+
+def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
+    """A measurement (m) that no point of each box, given by its corners in the sensor frame, falls short of."""
+    if model.measures == "depth":
+        return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
+    middle = sensor_corners.mean(axis=1, keepdims=True)
+    radius = np.linalg.norm(sensor_corners - middle, axis=2).max(axis=1)
+    return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
+
+
+def clipped(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
+    """Rectangles of pixels (row, top, bottom, left, right) cut to an image; those beside it are left out."""
+    low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
+    some = (low < high).all(axis=1)
+    return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
+
+
+def whole_image(count: int, shape: tuple[int, int]) -> Int64[np.ndarray, "m 5"]:
+    """The whole image for each of so many boxes: always right for `windows`, and slow.
+
+    >>> whole_image(1, (3, 4))
+    array([[0, 0, 3, 0, 4]])
+    """
+    rows, columns = shape
+    return np.column_stack([np.arange(count), *np.tile([[0], [rows], [0], [columns]], (1, count))])
+
+
+def frozen(rays: np.ndarray) -> np.ndarray:
+    """Rays as float32 that nobody may write to."""
+    rays = rays.astype(np.float32)
+    rays.setflags(write=False)
+    return rays
+
+
+def angle(default: float | tuple[float, ...]) -> Any:
+    """A field of a model that is an angle, or several: radians here, degrees in a site's GeoJSON."""
+    return field(default=default, metadata={"unit": "rad"})
+
+
+def is_angle(entry: Field[Any]) -> bool:
+    """Whether a model's field was declared by `angle`."""
+    return entry.metadata.get("unit") == "rad"
+
+
+def check_numbers(model: Any) -> None:
+    """ValueError where a field of a model is no number: whole if its default is, else real and not NaN."""
+    for entry in fields(model):
+        value, default = getattr(model, entry.name), entry.default
+        if isinstance(default, bool) or not isinstance(default, int | float):
+            continue
+        whole = isinstance(default, int)
+        fits = isinstance(value, int | np.integer) or (not whole and isinstance(value, float | np.floating))
+        if isinstance(value, bool) or not fits or value != value:
+            word = "whole number" if whole else "number"
+            raise ValueError(f"{entry.name} must be a {word}, got {value!r} for a {type(model).__name__}")
+
+
+def check_noise(sigma: float, max_range: float) -> None:
+    """ValueError where noise or range make no sense."""
+    if not 0 <= sigma < np.inf or not max_range > 0:
+        raise ValueError(f"need finite sigma >= 0 and max_range > 0, got sigma {sigma} and max_range {max_range}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from toolkit.geometry import LEVEL, pose
-from toolkit.sensors.catalogue import class_names, make_model, model_class
-from toolkit.sensors.model import SensorModel, is_angle
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.models import class_names, make_model, model_class
+from toolkit.sensors.sensor import Sensor, SensorModel, is_angle
 from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
 
 VERSION = 1

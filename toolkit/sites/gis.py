@@ -16,7 +16,7 @@ import shapely
 from shapely.geometry import mapping
 from shapely.geometry.polygon import orient
 
-from toolkit.sensors.catalogue import name_in_words
+from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site

@@ -13,10 +13,8 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.furniture import settle
 from toolkit.sites.imported import on_ground
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street

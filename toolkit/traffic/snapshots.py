@@ -1,4 +1,8 @@
-"""Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
+"""Collisions: boxes that overlap another or an obstacle are found, and moved aside or dropped.
+
+Vehicles parked in a site's bays: some of the bays, other vehicles now and then.
+
+Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
 
 As in the paper's dataset, what is spawned is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its
@@ -9,8 +13,8 @@ drawn for the bays; they count among the 30, a fifth of them at most unless said
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING
@@ -22,15 +26,150 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
-from toolkit.traffic.collisions import Obstacles, separate
-from toolkit.traffic.parking import Parked
-from toolkit.traffic.spawner import Spawner
+from toolkit.traffic.spawner import Spawner, Supply, VehicleTypes
 from toolkit.traffic.sumo import FINE_STEP, STEP, running
-from toolkit.traffic.supply import Supply
-from toolkit.traffic.vehicle_types import VehicleTypes
 
 if TYPE_CHECKING:
     from toolkit.bodies.body import Body
+
+GAP = 0.1  # m left between bodies
+STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
+_WALKABLE = 0.3  # m above the ground; what is lower can be stepped on
+
+
+class Obstacles:
+    """What stands still and is high enough to be in the way, indexed by place; heights count from the plane of the
+    ground, as those of boxes do until a snapshot puts them on the ground."""
+
+    def __init__(self, site: Site) -> None:
+        middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
+        above = np.array([solid.top for solid in site.solids]) - site.ground(middles)
+        blocking = [solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE]
+        places = np.array([solid.footprint.mean(axis=0) for solid in blocking]).reshape(-1, 2)
+        self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
+        self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
+
+    def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+        """Which boxes touch an obstacle; one passes under what begins above it (a tree's crown)."""
+        rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
+        hit = np.zeros(len(boxes), bool)
+        hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
+        return hit
+
+
+def separate(
+    boxes: Float64[np.ndarray, "n 7"], obstacles: Obstacles
+) -> tuple[Float64[np.ndarray, "n 7"], Bool[np.ndarray, " n"], int]:
+    """Boxes that keep apart, which rows of them are kept, and how many were moved or dropped.
+
+    Earlier rows have precedence. A row that is in the way steps aside by up to 1 m across its heading, to where it is
+    in nobody's way; where there is no such place, it is dropped.
+    """
+    kept = np.ones(len(boxes), bool)
+    in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
+    if not len(in_the_way):
+        return boxes, kept, 0
+    settled, shapes = boxes.copy(), _shapes(boxes)
+    for row in in_the_way:
+        kept[row] = False  # so that `kept` are the others
+        places = _beside(boxes[row])
+        place_shapes = _shapes(places)
+        free = ~obstacles.hit(places) & ~shapely.intersects(place_shapes[:, None], shapes[kept][None]).any(axis=1)
+        first = np.argmax(free)
+        kept[row], settled[row], shapes[row] = free[first], places[first], place_shapes[first]
+    return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
+
+
+def overlaps(boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
+    """Which pairs of boxes come closer than `GAP` on the ground, above the diagonal."""
+    radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
+    gaps = boxes[:, None, :2] - boxes[None, :, :2]
+    i, j = np.nonzero(np.triu(np.square(gaps).sum(-1) < np.square(radius[:, None] + radius[None]), 1))
+    shapes = _shapes(boxes)
+    close = np.zeros((len(boxes), len(boxes)), bool)
+    close[i, j] = shapely.intersects(shapes[i], shapes[j])
+    return close
+
+
+def _beside(box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "n 7"]:
+    places = np.tile(box, (len(STEPS_ASIDE), 1))
+    places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(box[6]), np.cos(box[6])])
+    return places
+
+
+def _shapes(boxes: Float64[np.ndarray, "n 7"]) -> np.ndarray:
+    widened = boxes.copy()
+    widened[:, 3:5] += GAP  # half of it on each side: two neighbours keep one gap
+    return shapely.polygons(footprints(widened))
+
+
+STAY = 20.0  # frames, mean
+ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
+OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
+JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the bay
+
+
+@dataclass(frozen=True, eq=False)
+class Parked:
+    """bays: (m, 3) x, y, yaw of all bays; of each parked vehicle: bay, body, id, and pose x, y, yaw."""
+
+    bays: Float64[np.ndarray, "m 3"]
+    places: Int64[np.ndarray, " n"]
+    bodies: Int64[np.ndarray, " n"]
+    ids: Int64[np.ndarray, " n"]
+    poses: Float64[np.ndarray, "n 3"]
+
+    @staticmethod
+    def draw(
+        site: Site,
+        obstacles: Obstacles,
+        types: VehicleTypes,
+        rng: np.random.Generator,
+        ids: Iterator[int],
+        *,
+        most: int,
+        supply: Supply | None = None,
+    ) -> Parked:
+        """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`.
+
+        supply: what hands out their bodies, any vehicle's unless given.
+        """
+        x, y, yaw = site.parking.T
+        room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
+        bays = site.parking[~obstacles.hit(room)]
+        number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
+        places = rng.permutation(len(bays))[:number]
+        none = Parked(bays, places, np.zeros(number, np.int64), np.zeros(number, np.int64), np.zeros((number, 3)))
+        return none._refilled(np.ones(number, bool), types, rng, ids, supply)
+
+    def later(
+        self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None = None
+    ) -> Parked:
+        """One frame later: each vehicle has left with probability 1 / `STAY`, and another stands in a free bay."""
+        return self._refilled(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
+
+    def _refilled(
+        self,
+        left: np.ndarray,
+        types: VehicleTypes,
+        rng: np.random.Generator,
+        ids: Iterator[int],
+        supply: Supply | None,
+    ) -> Parked:
+        if not left.any():
+            return self
+        number = int(left.sum())
+        parked = replace(self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")})
+        free = np.setdiff1d(np.arange(len(self.bays)), self.places[~left])
+        parked.places[left] = rng.permutation(free)[:number]
+        supply = supply or Supply(len(types.labels))
+        parked.bodies[left] = supply.several(np.flatnonzero(types.labels == VEHICLE), number, rng)
+        parked.ids[left] = [next(ids) for _ in range(number)]
+        off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
+        parked.poses[left] = self.bays[parked.places[left]] + off_centre
+        parked.poses[left, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first
+        return parked
+
 
 INTERVAL = 5.0  # s between frames
 MOST_OBJECTS = 30
@@ -73,7 +212,7 @@ def simulate(
     once: no body is used again before all of its class have been, as is right for a fleet drawn afresh; some
     pedestrians walk in groups then;
     stay: frames for which parked vehicles stay, all alike, before others stand in other bays, more or fewer of them;
-    None for `toolkit.traffic.parking.STAY` in the mean, each by itself. Blocks of so many frames are then as
+    None for `toolkit.traffic.snapshots.STAY` in the mean, each by itself. Blocks of so many frames are then as
     independent of each other as what moves makes them.
     Same seed, same bytes. One simulation runs at a time in a process: use up or close() the iterator before the next.
 

@@ -1,4 +1,10 @@
-"""`Spawner`: spawns traffic near the detection area, which SUMO moves, and removes it after four frames.
+"""SUMO's vehicle types for a fleet of bodies: class, size, and how each kind behaves on the road.
+
+Which bodies the next road users get: any of their class, or each body once before any comes again.
+
+Where traffic can be put on a SUMO network near a detection area, and the routes it takes from there.
+
+`Spawner`: spawns traffic near the detection area, which SUMO moves, and removes it after four frames.
 
 SUMO gives the middle of a vehicle's front bumper, and as its angle the direction to it from the middle of the rear
 bumper, both on the path, so headings turn continuously through bends. A body's box lies on that line.
@@ -6,19 +12,235 @@ bumper, both on the path, so headings turn continuously through bends. A body's 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64
-from toolkit.objects import PEDESTRIAN
+from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
-from toolkit.traffic.routes import Roads, distance_to_area
 from toolkit.traffic.sumo import STEP
-from toolkit.traffic.supply import Supply
-from toolkit.traffic.vehicle_types import POSITIONS, SHARES, SWAY, VehicleTypes
+
+if TYPE_CHECKING:
+    from toolkit.bodies.body import Body
+
+HEAVY_SHARE = 0.08  # of the vehicles
+SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}  # paper, Dataset
+SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}  # degrees; deviation of yaw from the path's
+ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}  # m; deviation from the middle of the lane
+BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
+POSITIONS = 3  # lateral positions in the lane, drawn per body
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleTypes:
+    """A vehicle type per body, pedestrians included. labels: class numbers; sizes: length, width, height (m); classes:
+    SUMO's vehicle classes, which say what lanes are open to it."""
+
+    labels: Int64[np.ndarray, " n"]
+    sizes: Float64[np.ndarray, "n 3"]
+    classes: tuple[str, ...]
+
+    @staticmethod
+    def of(bodies: Sequence[Body]) -> VehicleTypes:
+        """The vehicle types of these bodies."""
+        labels = np.array([body.label for body in bodies], np.int64)
+        sizes = np.array([body.size for body in bodies], np.float64)
+        classes = tuple(_sumo_class(label, size[0]) for label, size in zip(labels.tolist(), sizes, strict=True))
+        return VehicleTypes(labels, sizes, classes)
+
+    def sumo_types(self, rng: np.random.Generator) -> str:
+        """SUMO's additional file, which declares type "row-position" for each row and lateral position in the lane."""
+        rows = [self._sumo_type(row, position, rng) for row in range(len(self.labels)) for position in range(POSITIONS)]
+        return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
+
+    def _sumo_type(self, row: int, position: int, rng: np.random.Generator) -> str:
+        label = int(self.labels[row])
+        length, width, height = self.sizes[row]
+        aside = np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2)
+        gap = rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
+        return (
+            f'<vType id="{row}-{position}" vClass="{self.classes[row]}" length="{length:.3f}" width="{width:.3f}" '
+            f'height="{height:.3f}" minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
+        )
+
+
+def _sumo_class(label: int, length: float) -> str:
+    two_wheeler = "bicycle" if length <= BICYCLE_LENGTH else "motorcycle"
+    return {VEHICLE: "passenger", HEAVY: "truck", CYCLIST: two_wheeler, PEDESTRIAN: "pedestrian"}[label]
+
+
+class Supply:
+    """Bodies in the order in which chance hands them out.
+
+    count: how many bodies there are; once: a body that was taken does not come again before all others it was offered
+    with have been taken too, so that of a fleet that is large enough everyone has a body of its own.
+    """
+
+    def __init__(self, count: int, once: bool = False) -> None:
+        self.once, self._taken = once, np.zeros(count, bool)
+
+    def offer(self, rows: Int64[np.ndarray, " n"], rng: np.random.Generator) -> int:
+        """One of these rows, drawn; `take` it where it is used."""
+        if not self.once:
+            return int(rng.choice(rows))
+        free = rows[~self._taken[rows]]
+        if not len(free):
+            self._taken[rows], free = False, rows
+        return int(rng.choice(free))
+
+    def take(self, row: int) -> None:
+        """Note that a row is used."""
+        self._taken[row] = True
+
+    def give_back(self, row: int) -> None:
+        """Note that a row was not used after all."""
+        self._taken[row] = False
+
+    def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
+        """`number` of these rows, drawn and taken."""
+        if not self.once:
+            return rng.choice(rows, number)
+        drawn = []
+        for _ in range(number):
+            drawn.append(self.offer(rows, rng))
+            self.take(drawn[-1])
+        return np.array(drawn, np.int64)
+
+
+SPACING = 2.0  # m between the places of a lane
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """A lane of the network. shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last."""
+
+    name: str
+    edge: str
+    length: float
+    shape: Float64[np.ndarray, "k 2"]
+    forbidden: frozenset[str]
+    following: tuple[str, ...]
+
+    def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
+        """Points of the middle line, `offset` (m, in SUMO's length of the lane) from its start."""
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
+        stretched = offset * along[-1] / self.length
+        return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places on lanes: the lane's name and length (m), the offset from its start (m), the point in the site frame."""
+
+    lanes: tuple[str, ...]
+    lengths: Float64[np.ndarray, " n"]
+    offsets: Float64[np.ndarray, " n"]
+    points: Float64[np.ndarray, "n 2"]
+
+    def __len__(self) -> int:
+        return len(self.lanes)
+
+
+@dataclass(frozen=True, eq=False)
+class Roads:
+    """The lanes of a network, junctions' inner lanes left out, by name."""
+
+    lanes: Mapping[str, Lane]
+
+    @staticmethod
+    def read(sumo: Any) -> Roads:
+        """The roads of the network that SUMO runs."""
+        names = [name for name in sumo.lane.getIDList() if not name.startswith(":")]
+        return Roads({name: _read_lane(sumo.lane, name) for name in names})
+
+    def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
+        """Where a vehicle or pedestrian of this SUMO class can start so that it is in the area now or soon: within
+        `reach` (m) of it and, outside, headed for it. Pedestrians start on lanes of their own and walk either way.
+        """
+        walks = vehicle_class == "pedestrian"
+        names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
+        for lane in self.lanes.values():
+            if vehicle_class in lane.forbidden or (walks and "passenger" not in lane.forbidden):
+                continue
+            along = np.arange(SPACING / 2, lane.length, SPACING)
+            xy = lane.at(along)
+            ahead = lane.at(along + SPACING) - lane.at(along - SPACING)
+            useful = _near(xy, area, reach) & (walks | _headed_for(xy, ahead, area))
+            names += [lane.name] * int(useful.sum())
+            offsets.append(along[useful])
+            points.append(xy[useful])
+        return Places(
+            tuple(names),
+            np.array([self.lanes[name].length for name in names]),
+            np.concatenate(offsets),
+            np.concatenate(points),
+        )
+
+    def route(self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator) -> list[str]:
+        """Edges of a random drive from lane `start` on, at least `distance` (m) beyond it or to where the road ends."""
+        lane, edges, driven = self.lanes[start], [self.lanes[start].edge], 0.0
+        while driven < distance:
+            choices = self._onward(lane, vehicle_class)
+            if not choices:
+                break
+            lane = self.lanes[choices[rng.integers(len(choices))]]
+            edges.append(lane.edge)
+            driven += lane.length
+        return edges
+
+    def _onward(self, lane: Lane, vehicle_class: str) -> list[str]:
+        """Lanes that follow this one or, where it just ends, those that follow its neighbours."""
+        for candidate in (lane, *self._neighbours[lane.edge]):
+            allowed = [name for name in candidate.following if vehicle_class not in self.lanes[name].forbidden]
+            if allowed:
+                return allowed
+        return []
+
+    @cached_property
+    def _neighbours(self) -> Mapping[str, Sequence[Lane]]:
+        edges: dict[str, list[Lane]] = {}
+        for lane in self.lanes.values():
+            edges.setdefault(lane.edge, []).append(lane)
+        return edges
+
+
+def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "*n"]:
+    """Distance (m) from points to the rectangle xmin ymin xmax ymax, 0 inside.
+
+    >>> distance_to_area(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([-1.0, -1.0, 1.0, 2.0]))
+    array([0., 5.])
+    """
+    beyond = points - np.clip(points, area[:2], area[2:])
+    return np.hypot(beyond[..., 0], beyond[..., 1])
+
+
+def _near(points: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"], reach: float) -> Bool[np.ndarray, " n"]:
+    return distance_to_area(points, area) <= reach
+
+
+def _headed_for(
+    points: Float64[np.ndarray, "n 2"], ahead: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"]
+) -> Bool[np.ndarray, " n"]:
+    towards = np.clip(points, area[:2], area[2:]) - points
+    return (towards == 0).all(axis=1) | ((towards * ahead).sum(axis=1) > 0)
+
+
+def _read_lane(lanes: Any, name: str) -> Lane:
+    links = lanes.getLinks(name)
+    onward = [link[0] for link in links if link[6] != "t"] or [link[0] for link in links]
+    return Lane(
+        name,
+        lanes.getEdgeID(name),
+        lanes.getLength(name),
+        np.array(lanes.getShape(name), np.float64),
+        frozenset(lanes.getDisallowed(name)),
+        tuple(dict.fromkeys(lane for lane in onward if not lane.startswith(":"))),
+    )
+
 
 LIFE = 4  # frames an object is seen in
 SPAWN_REACH = 25.0  # m round the area in which things are spawned; they are removed `_LEEWAY` farther out

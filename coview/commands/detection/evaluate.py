@@ -96,7 +96,7 @@ def evaluate(
         calibrate: With --layout, first find where the sensors are: by a reference as in coview calibrate, or together,
             by each other.
         frames: Only the first so many frames.
-        errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.errors.
+        errors: Of the sensors: paper (their own noise), surveyed, typical or poor; see toolkit.sensors.error_profiles.
         seed: Of the sensors' noise and errors.
         site: Name or file; needed for foreign recordings that show no built-in site.
         drop_invalid: Leave objects out that cannot be (NaN, no size, kilometres away), and say how many.

@@ -66,7 +66,7 @@ def surrogate(
     from placement_env.fidelity.hits.hit_fit import fit_sites
     from placement_env.fidelity.hits.hit_model import save_models
     from toolkit.runtime.cache import Cache
-    from toolkit.sensors.catalogue import model_named
+    from toolkit.sensors.models import model_named
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site
 

@@ -59,7 +59,7 @@ def table(
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.table import best_sets, make_table
     from toolkit.detection.schemes import PAPER_SCHEMES
-    from toolkit.sensors.errors.profiles import profile_named
+    from toolkit.sensors.error_profiles import profile_named
 
     check_least("--workers", workers, 1)
     check_ray(ray)

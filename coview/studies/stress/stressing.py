@@ -41,8 +41,8 @@ from toolkit.points import centred_in
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
-from toolkit.sensors.errors.clock import MOST_APART
-from toolkit.sensors.errors.profile import ErrorProfile
+from toolkit.sensors.error_profiles import ErrorProfile
+from toolkit.sensors.error_terms import MOST_APART
 from toolkit.sites.site import Site
 
 Needed = Callable[[int], Sequence[int]]  # messages that must have arrived before one can be read

@@ -16,8 +16,7 @@ import numpy as np
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import profile_of
+from toolkit.sensors.error_profiles import ErrorProfile, profile_of
 
 ProfileCombine = Literal["mean", "worst"]
 

@@ -19,7 +19,7 @@ from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 if TYPE_CHECKING:

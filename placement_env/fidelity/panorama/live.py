@@ -23,12 +23,11 @@ from placement_env.fidelity.visibility import Visibility, distances, scored_obje
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, centred_in
-from toolkit.rendering.moment import Moment
-from toolkit.rendering.strips import Counted, Strips, joined
-from toolkit.rendering.successive import SuccessiveStrips
+from toolkit.rendering.renderer import Moment
+from toolkit.rendering.strips import Counted, Strips, SuccessiveStrips, joined
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount

@@ -20,8 +20,7 @@ from placement_env.fidelity.panorama.ray_table import (
 from placement_env.fidelity.panorama.still import Still
 from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
 from toolkit.rendering.strips import BEYOND, WITHIN, Strips
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 TableKey = tuple[SensorModel, float, float]  # model, tilt and roll of a table
 

@@ -17,12 +17,10 @@ from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Bool, Float64
 from toolkit.points import Crop, centred_in
-from toolkit.rendering.strips import Counted
-from toolkit.rendering.successive import SuccessiveStrips
+from toolkit.rendering.strips import Counted, SuccessiveStrips
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.code_digest import code_digest
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 FRAMES_AT_ONCE = 4  # that a process looks at before it hands over what is seen
 SHARED = 4  # sensors of a place, in the mean, from which on panoramas are worth their while

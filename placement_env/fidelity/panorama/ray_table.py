@@ -15,8 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, Int64, Shaped
 from toolkit.geometry import pose
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
@@ -45,7 +44,7 @@ def aim_of(sensor: Sensor) -> Aim:
     """The aim of a sensor; one that looks straight down or up has its heading in what is up in its image.
 
     >>> from toolkit.geometry import look
-    >>> from toolkit.sensors.depth_camera import DepthCamera
+    >>> from toolkit.sensors.models import DepthCamera
     >>> np.round(aim_of(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
     [1.0, 0.25, 0.0]
     """

@@ -10,7 +10,7 @@ from placement_env.fidelity.occlusion import worth
 from placement_env.fidelity.panorama.ray_table import CELL_COLUMNS, CELL_ROWS, Cells, cell_elevations, cells_at
 from toolkit.arrays import Float32, Float64, Int32, UInt8
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.model import NEAR, SensorModel
+from toolkit.sensors.sensor import NEAR, SensorModel
 from toolkit.sites.site import Site
 
 CHANCE_STEPS = np.float32(250.0)  # in which chances are kept, so that a half is one

@@ -21,7 +21,7 @@ from placement_env.fidelity.panorama.ray_table import (
 from placement_env.fidelity.panorama.still import Still
 from toolkit.arrays import Float32, Float64, Int64, Shaped
 from toolkit.rendering.strips import BEYOND, WITHIN, Strips
-from toolkit.sensors.model import SensorModel
+from toolkit.sensors.sensor import SensorModel
 
 FINENESS = 16  # of a place of azimuth or elevation, in which sides are kept
 ASIDE = 16  # places of azimuth by which a little more tilt may move a strip

@@ -30,7 +30,7 @@ from placement_env.report.planning.selection import select
 from placement_env.search.portfolio.entrants import Effort, kept_entrants
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 MOST_BOUGHT = 12  # that a sum of money alone may buy

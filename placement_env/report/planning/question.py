@@ -25,7 +25,7 @@ from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import Detector
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 SEARCH_FRAMES, JUDGE_FRAMES, FINAL_FRAMES = 60, 60, 120

@@ -13,8 +13,7 @@ from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import codec_for
 from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import only_own_noise
+from toolkit.sensors.error_profiles import ErrorProfile, only_own_noise
 
 
 def money(amount: float, currency: str) -> str:

@@ -1,8 +1,5 @@
 """Searches that prove something: every set of few candidates, integer programmes with bounds, greedy's certificate."""
 
-from typing import TYPE_CHECKING
+from lazy_loader import attach_stub
 
-from toolkit.runtime.lazy import lazily
-
-if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazily(__name__, {})
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,8 +1,5 @@
 """Several searches together, judged by a more accurate fidelity on traffic that none of them saw."""
 
-from typing import TYPE_CHECKING
+from lazy_loader import attach_stub
 
-from toolkit.runtime.lazy import lazily
-
-if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazily(__name__, {})
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -76,9 +76,8 @@ def conditions(path, dataset, detector, asked) -> None:
 def crossing(path, dataset, detector, asked) -> None:
     """AP of vehicles by scheme where sensors are believed to be where they are not."""
     from toolkit.detection.evaluation import evaluate_dataset
-    from toolkit.sensors.errors.pose_errors import Calibration
-    from toolkit.sensors.errors.profile import ErrorProfile
-    from toolkit.sensors.errors.range_noise import OwnNoise
+    from toolkit.sensors.error_profiles import ErrorProfile
+    from toolkit.sensors.error_terms import Calibration, OwnNoise
 
     schemes = ("early", "hybrid", "late")
     print(f"\n{path.stem}, vehicles at 0.5 / 0.7 / 0.8, {asked.frames} frames\n")

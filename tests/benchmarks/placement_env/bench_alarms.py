@@ -46,7 +46,7 @@ def row_of(seed: int, place: int, cache: Path) -> Row:
     from toolkit.objects import VEHICLE
     from toolkit.points import detect_on_ground
     from toolkit.runtime.cache import Cache
-    from toolkit.sensors.catalogue import model_named
+    from toolkit.sensors.models import model_named
     from toolkit.sites.random import random_site
 
     site, rng = random_site(seed), np.random.default_rng(seed)

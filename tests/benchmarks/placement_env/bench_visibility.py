@@ -18,9 +18,7 @@ from placement_env.candidates.pool import pool
 from placement_env.fidelity.traffic import Traffic, simulate_traffic
 from placement_env.fidelity.visibility import Rendering, see
 from toolkit.objects import LABELS
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sites.files import load_site
 
 LIMIT = 60.0  # s

@@ -38,7 +38,7 @@ class Place:
     def candidates(self, site: Site) -> Candidates:
         """Some poses of the pool, drawn evenly over it."""
         from placement_env.candidates.pool import pool
-        from toolkit.sensors.catalogue import model_named
+        from toolkit.sensors.models import model_named
 
         named = {"models": tuple(map(model_named, self.models))} if self.models else {}
         every = pool(site, **named)

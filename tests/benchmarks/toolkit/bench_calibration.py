@@ -23,9 +23,8 @@ from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.frame import Frame
 from toolkit.objects import Detector
-from toolkit.sensors.errors.pose_errors import Calibration, rotation_about
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import TYPICAL
+from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
+from toolkit.sensors.error_terms import Calibration, rotation_about
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 

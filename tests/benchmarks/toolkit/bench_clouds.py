@@ -12,7 +12,7 @@ from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])

@@ -11,7 +11,7 @@ from models.training.samples import with_errors
 from toolkit.boxes import count_points
 from toolkit.geometry import levelled
 from toolkit.points import frame_points
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Relief, Site
 
 AREA = (-12.8, -12.8, 12.8, 12.8)

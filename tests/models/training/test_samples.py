@@ -32,12 +32,9 @@ from toolkit.datasets.readings import with_errors as read_with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.drop_out import DropOut
-from toolkit.sensors.errors.mixed_pixels import MixedPixels
-from toolkit.sensors.errors.pose_errors import Calibration
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import POOR
+from toolkit.sensors.error_profiles import POOR, ErrorProfile
+from toolkit.sensors.error_terms import Calibration, DropOut, MixedPixels
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 CENTRE = np.array([2.0, -1.0])

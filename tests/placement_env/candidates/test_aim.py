@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 
 from placement_env.candidates.aim import aimed, aims
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 MODELS = [DepthCamera(), SpinningLidar(channels=4), SolidStateLidar()]
 

@@ -4,7 +4,7 @@ import pytest
 
 from placement_env.candidates.choice import chosen_candidates
 from placement_env.candidates.pool import paper_candidates, pool
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import SpinningLidar
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")

@@ -11,9 +11,8 @@ import shapely
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import ON_ITS_MOUNT, paper_candidates, pool
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site
 from toolkit.sites.random import random_site
 from toolkit.sites.site import Mount, Site

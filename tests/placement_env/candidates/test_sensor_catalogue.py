@@ -5,8 +5,7 @@ import pytest
 
 from placement_env.candidates.pool import pool
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
 
 GOOD = """

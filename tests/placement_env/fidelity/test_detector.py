@@ -21,7 +21,7 @@ from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import frame_points
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

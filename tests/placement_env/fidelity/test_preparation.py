@@ -13,7 +13,7 @@ from toolkit.detection.background import KnownBackground
 from toolkit.detection.schemes import scheme_of
 from toolkit.detection.site_background import knowing
 from toolkit.objects import Detections
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sites.files import load_site
 
 

@@ -16,10 +16,8 @@ from toolkit.geometry import pose
 from toolkit.points import beyond, frame_points
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.errors.clock import ClockOffset
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
-from toolkit.sensors.errors.weather import rain
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
+from toolkit.sensors.error_terms import ClockOffset, rain
 from toolkit.sites.files import load_site
 
 

@@ -23,8 +23,8 @@ from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import write_arrays
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.profiles import TYPICAL
+from toolkit.sensors.error_profiles import TYPICAL
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site

@@ -14,7 +14,7 @@ from placement_env.candidates.poles import load_poles
 from placement_env.report.content import Ground, PlannedSensor
 from placement_env.report.exchange import COLUMNS, plan_geojson, schedule_csv, write_exchange
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.georeference import project, projection

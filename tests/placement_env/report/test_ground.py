@@ -17,10 +17,8 @@ from placement_env.report.ground import (
     visible_polygons,
 )
 from toolkit.geometry import invert, look, pose, transform
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Relief, Site, Solid
 
 AREA = np.array([-12.0, -8, 12, 8])

@@ -12,8 +12,7 @@ from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.report.mounted import mounted_site, planned_sensors, unused_mounts
 from placement_env.report.planning.mounting import bill_of_materials, link_loads
 from toolkit.geometry import pose
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
 from toolkit.sites.georeference import inverse_project, projection
 from toolkit.sites.site import Mount, Site

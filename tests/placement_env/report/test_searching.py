@@ -10,7 +10,7 @@ from placement_env.report.searching import SearchOrder, answered, question_of
 from placement_env.setting import Weights
 from toolkit.objects import Detections
 from toolkit.runtime.files import finite
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")

@@ -19,7 +19,7 @@ from placement_env.search.description import (
 from placement_env.search.result import Assessment, Contender, ProfileAP
 from placement_env.setting import Weights
 from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 

@@ -8,9 +8,8 @@ from placement_env.objective import Score
 from placement_env.search.exact import exhaustive
 from placement_env.search.result import Assessment, Certificate, Contender, History, ProfileAP, Result
 from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 HISTORY = History(np.array([1, 5, 9]), np.array([0.1, 0.5, 0.9]), np.array([0.2, 0.6, 0.6]))
 

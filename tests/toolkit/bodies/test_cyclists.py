@@ -13,7 +13,7 @@ def test_two_wheelers_with_riders_have_their_measures_and_stand_on_their_wheels(
 
 
 def test_bicycles_are_shorter_than_what_sumo_takes_for_motorcycles():
-    from toolkit.traffic.vehicle_types import BICYCLE_LENGTH
+    from toolkit.traffic.spawner import BICYCLE_LENGTH
 
     lengths = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}
     assert lengths["motorcycle"] > BICYCLE_LENGTH > lengths["child_bicycle"]

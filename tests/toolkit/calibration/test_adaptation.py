@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.calibration.adaptation import SceneAdaptation
 from toolkit.calibration.empty_scene import SceneLearner
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 CAMERA = Sensor("cam", DepthCamera(width=8, height=6), np.eye(4))

@@ -11,9 +11,8 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 CAMERA, LIDAR = DepthCamera(width=40, height=30), SpinningLidar(channels=4, azimuth_step=0.5)

@@ -13,11 +13,8 @@ from toolkit.calibration.empty_scene import (
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import SensorModel
-from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
+from toolkit.sensors.sensor import Sensor, SensorModel
 
 MODELS: list[SensorModel] = [
     DepthCamera(width=24, height=20, stride=2),

@@ -8,8 +8,8 @@ from toolkit.calibration.registration import LEVER, Surface, after_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.pose_errors import rotation_about
+from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site
 

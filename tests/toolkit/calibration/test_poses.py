@@ -27,9 +27,8 @@ from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects
 from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.pose_errors import rotation_about
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
 from toolkit.sites.site import Site, Solid

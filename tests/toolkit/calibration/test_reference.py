@@ -4,7 +4,7 @@ import pytest
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.reference import SURFACE_SPACING, cloud_surface, scene_points, scenes_surface, site_surface
 from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sites.site import Site, Solid
 
 SQUARE = np.array([[0.0, 0], [6, 0], [6, 4], [0, 4]])

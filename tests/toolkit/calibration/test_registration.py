@@ -12,7 +12,7 @@ from toolkit.calibration.registration import (
     tukey,
 )
 from toolkit.geometry import invert, look, pose, transform
-from toolkit.sensors.errors.pose_errors import rotation_about
+from toolkit.sensors.error_terms import rotation_about
 
 
 def plane(rng, origin, one, two, count):

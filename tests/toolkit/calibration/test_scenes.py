@@ -14,8 +14,7 @@ from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 
 SENSORS = tuple(Sensor(name, DepthCamera(width=8, height=6), np.eye(4)) for name in "ab")

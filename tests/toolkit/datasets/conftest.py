@@ -9,9 +9,8 @@ from toolkit.datasets.recording import Header, Scene, encode
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 SITE = Site("crossing", np.array([-25.0, -20, 25, 20]), map_SE3_site=pose(60.0, -90.0, yaw=0.6))

@@ -8,7 +8,7 @@ from toolkit.datasets.doctor import blind_frames, diagnose, failing_sensors, fro
 from toolkit.datasets.mistakes import SensorImages
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

@@ -15,7 +15,7 @@ from toolkit.datasets.lidar_grid import (
 )
 from toolkit.datasets.sample import SensorCloud
 from toolkit.geometry import pose, transform
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import RowLidar
 
 ROWS = np.deg2rad([8.0, 3.0, 1.0, 0.0, -1.0, -4.0, -12.0])
 PLACE = pose(30.0, -4.0, 5.0, yaw=2.0, pitch=0.1)

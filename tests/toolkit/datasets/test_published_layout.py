@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from toolkit.datasets import published_layout as published
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 
 MAPS = (np.eye(4), pose(104.0, -196.0, yaw=np.pi / 2), pose(-3.0, 5.0, 0.2, yaw=-2.0))
 angles = st.floats(-np.pi, np.pi)

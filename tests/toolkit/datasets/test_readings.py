@@ -9,14 +9,10 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.clock import ClockOffset
-from toolkit.sensors.errors.pose_errors import Calibration
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
+from toolkit.sensors.error_terms import Calibration, ClockOffset
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 SENSORS = (
     Sensor("camera", DepthCamera(width=80, height=60, stride=1), look((-15.0, 0.0, 5.0), 0.0, 0.3)),

@@ -8,9 +8,8 @@ from toolkit.datasets.recording import OWN_IMAGES, RECORDING_SCHEMA, Header, Sce
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 
 SITE = Site("corner", np.array([-30.0, -20, 30, 20]))

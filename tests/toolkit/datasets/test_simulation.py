@@ -17,9 +17,8 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import BLOCK, simulate_dataset
 from toolkit.geometry import transform
 from toolkit.objects import HEAVY, LABELS, VEHICLE
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site
 
 pytest.importorskip("libsumo")

@@ -27,12 +27,10 @@ from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import centred_in, frame_points
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.pose_errors import Calibration
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import TYPICAL
+from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
+from toolkit.sensors.error_terms import Calibration
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 

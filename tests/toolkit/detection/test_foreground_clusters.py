@@ -12,7 +12,7 @@ from toolkit.detection.detect import detect_samples
 from toolkit.detection.foreground_clusters import cluster_points, foreground_clusters, learn_cluster_detector
 from toolkit.geometry import pose, transform
 from toolkit.objects import LABELS, Objects
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import RowLidar
 
 MODEL = RowLidar(tuple(np.deg2rad(np.linspace(-4, -45, 40))), columns=720)
 PLACES = {"a": pose(400.0, -9.0, 5.0, yaw=0.4), "b": pose(402.0, 10.0, 5.0, yaw=-2.0)}

@@ -13,7 +13,7 @@ from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
 from toolkit.points import beyond, frame_points
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

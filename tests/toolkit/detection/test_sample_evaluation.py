@@ -13,7 +13,7 @@ from toolkit.detection.sample_evaluation import evaluate_samples
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import RowLidar
 
 CAR = np.array([[10.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 

@@ -22,7 +22,7 @@ from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections
 from toolkit.points import beyond
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site

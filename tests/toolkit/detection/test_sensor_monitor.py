@@ -6,7 +6,7 @@ import pytest
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, farther, standing_before
 from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 SENSOR = Sensor("a", DepthCamera(width=80, height=60, stride=1), look((-8.0, 0.0, 6.0), 0.0, 0.5))

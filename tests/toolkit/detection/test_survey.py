@@ -12,7 +12,7 @@ from toolkit.detection.survey import survey, survey_samples, survey_text
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

@@ -18,8 +18,7 @@ from toolkit.frame import Frame
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Detections, Objects
 from toolkit.points import unproject
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.row_lidar import RowLidar
+from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 
 AREA = (-10.0, -10.0, 10.0, 10.0)

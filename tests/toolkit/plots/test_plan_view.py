@@ -10,7 +10,7 @@ from toolkit.geometry import look
 from toolkit.objects import CYCLIST, VEHICLE, Detections, Objects
 from toolkit.plots.palette import OUTCOME
 from toolkit.plots.plan_view import FrameOutcome, draw_frame, draw_site, pole_entries, sensor_entries
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 

@@ -23,9 +23,8 @@ from toolkit.plots.symbols import (
     text_colour,
     wedge,
 )
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Solid
 
 HOUSE = np.array([[10.0, -5], [20, -5], [20, 5], [10, 5]])

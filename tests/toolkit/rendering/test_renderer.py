@@ -1,3 +1,5 @@
+"""The renderer measures what analytic geometry says; moments and sight lines agree with it."""
+
 import pickle
 
 import numpy as np
@@ -11,13 +13,11 @@ from toolkit.geometry import invert, look, pose, transform
 from toolkit.mesh import box, merge, placed
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering import renderer as module
-from toolkit.rendering.renderer import Renderer
+from toolkit.rendering.renderer import GRAZE, Moment, Renderer, SightLines
 from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import scenery
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.model import NEAR
-from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.sensor import NEAR, Sensor
 from toolkit.sites.site import Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
@@ -274,3 +274,119 @@ def test_what_stands_still_hides_what_ends_behind_it():
     rng = np.random.default_rng(0)
     ways = np.column_stack([np.tile([0.0, 0, 3], (500, 1)), rng.uniform(-9, 9, (500, 3))]).astype(np.float32)
     np.testing.assert_array_equal(renderer.still_hides(ways), renderer.cast_still(ways) <= 1)
+
+
+CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+MIRRORED = boxed("mirrored", VEHICLE, box((4.0, 2.0, 1.5)), box((0.2, 0.4, 0.2), (1.0, 1.2, 0.2)))
+BEHIND = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0], [10.0, 0, 0.75, 4, 2, 1.5, np.pi / 2]])
+
+
+def lines(starts, ways):
+    return np.concatenate([starts, ways], axis=1).astype(np.float32)
+
+
+def test_a_line_meets_the_nearest_object_or_none():
+    moment = Moment((CAR, CAR), BEHIND, threads=1)
+    starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
+    ways = np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])
+    met, length = moment.met(lines(starts, ways))
+    assert met.tolist() == [0, 1, -1, 1]
+    np.testing.assert_allclose(length[[0, 1, 3]], [8.0, 4.5, 7.0], atol=1e-5)
+    assert np.isinf(length[2])
+
+
+def test_nothing_moves():
+    moment = Moment((), np.zeros((0, 7)), threads=1)
+    assert len(moment) == 0
+    met, length = moment.met(lines(np.zeros((2, 3)), np.ones((2, 3))))
+    assert met.tolist() == [-1, -1]
+    assert np.isinf(length).all()
+    assert moment.ground.points.shape == (0, 2)
+
+
+def test_it_shows_what_the_renderer_draws():
+    site, bodies = Site("plain", np.array([-30.0, -20, 30, 20])), catalogue()
+    rng = np.random.default_rng(0)
+    chosen = rng.integers(len(bodies), size=12)
+    cells = rng.permutation(20)[:12]
+    sizes = np.array([bodies[b].size for b in chosen])
+    xy = np.column_stack([cells % 5 - 2, cells // 5 - 1.5]) * [12.0, 11.0]
+    boxes = np.column_stack([xy, sizes[:, 2] / 2, sizes, rng.uniform(-3, 3, 12)])
+    snapshot = Snapshot(Objects(boxes, np.array([bodies[b].label for b in chosen])), chosen)
+    sensor = Sensor("camera", DepthCamera(width=320, height=240), look((-28.0, -16.0, 6.0), 0.5, 0.2))
+    renderer = Renderer(site, bodies, [sensor], threads=1)
+    measured, hits = renderer.render(snapshot)
+    rays = sensor.world_rays.T
+    met, length = renderer.moment(snapshot).met(lines(np.broadcast_to(sensor.position, rays.shape), rays))
+    drawn = hits[0].ravel()
+    seen = drawn >= 0
+    assert seen.sum() > 300
+    assert (met[seen] != drawn[seen]).mean() < 0.002
+    same = seen & (met == drawn)
+    np.testing.assert_allclose(length[same], measured[0].ravel()[same], atol=1e-3)
+    with pytest.raises(ValueError, match="simulate and render with the same bodies"):
+        renderer.moment(Snapshot(Objects(boxes + np.eye(7)[3], snapshot.objects.labels), chosen))
+
+
+def test_the_ground_it_covers():
+    turned = np.array([[5.0, 6.0, 0.75, 4, 2, 1.5, np.pi / 2]])
+    for body, across in ((CAR, (-1.0, 1.0)), (MIRRORED, (-1.0, 1.4))):
+        ground = Moment((body,), turned).ground
+        x, y = ground.points.T
+        assert (x.min(), x.max()) == pytest.approx((5 - across[1], 5 - across[0]))
+        assert (y.min(), y.max()) == pytest.approx((4.0, 8.0))
+        assert (ground.low[0], ground.high[0]) == pytest.approx((0.0, 1.5))
+        assert ground.first.tolist() == [0, len(x)]
+        middle = 5 - sum(across) / 2
+        np.testing.assert_allclose(ground.rectangles[0], [middle, 6, 2, np.ptp(across) / 2, 0, 1], atol=1e-6)
+
+
+def test_on_a_slope_it_is_what_the_renderer_shows():
+    steep = Site("steep", np.array([-30.0, -30, 30, 30]), relief=Relief(0.0, 0, (0.06, -0.04)))
+    eye = Sensor("eye", DepthCamera(width=160, height=120, stride=1), look((-14.0, 2.0, 5.0), 0.0, 0.2))
+    boxes = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0.3], [6.0, 3, 1.0, 4, 2, 1.5, 2.0]])
+    renderer = Renderer(steep, (CAR,), (eye,), threads=1)
+    frame = Snapshot(Objects(boxes, np.full(2, VEHICLE)), np.zeros(2, np.int64))
+    depth, hits = (images[0].ravel() for images in renderer.render(frame))
+    moment, rays = renderer.moment(frame), eye.world_rays.T
+    met, length = moment.met(lines(np.broadcast_to(eye.position, rays.shape), rays))
+    shown = hits >= 0
+    assert shown.sum() > 300
+    assert (met[shown] == hits[shown]).mean() > 0.995
+    np.testing.assert_allclose(np.median(np.abs(length[shown] - depth[shown])), 0.0, atol=1e-4)
+    points = rays[shown] * length[shown, None] + eye.position
+    low, high = moment.ground.low[met[shown]], moment.ground.high[met[shown]]
+    assert ((points[:, 2] > low - 1e-3) & (points[:, 2] < high + 1e-3)).all()
+
+
+WALL = box((0.2, 4.0, 3.0), (5.0, 0.0, 1.5))
+
+
+def test_a_wall_hides_what_the_lines_through_it_lead_to():
+    rng = np.random.default_rng(3)
+    start, ends = np.array([0.0, 0.3, 2.0]), rng.uniform((6, -9, 0), (20, 9, 4), (4000, 3))
+    share = (4.9 - start[0]) / (ends[:, 0] - start[0])  # of the way to the face, and to the back
+    hidden = np.zeros(len(ends), bool)
+    for s in (share, (5.1 - start[0]) / (ends[:, 0] - start[0])):
+        _, y, z = (start + s[:, None] * (ends - start)).T
+        hidden |= (np.abs(y) < 2) & (z > 0) & (z < 3)
+    y0, y1 = ((start + s[:, None] * (ends - start))[:, 1] for s in (share, 5.1 / ends[:, 0]))
+    sure = (np.minimum(abs(y0), abs(y1)) > 2) == (np.maximum(abs(y0), abs(y1)) > 2)  # not through a narrow end
+    assert 0.1 < hidden.mean() < 0.9
+    assert np.array_equal(SightLines(WALL, threads=1).clear(start, ends)[sure], ~hidden[sure])
+
+
+@pytest.mark.parametrize(("distance", "seen"), [(0.0, False), (NEAR - 0.01, False), (NEAR + 0.01, True), (4.0, True)])
+def test_nothing_nearer_than_a_sensor_measures_is_seen(distance, seen):
+    assert SightLines(WALL).clear(np.zeros(3), np.array([[distance, 0.0, 0.0]])).tolist() == [seen]
+
+
+def test_what_stands_nearer_than_a_sensor_measures_hides_nothing():
+    own_post = box((0.1, 0.1, 6.0), (0.1, 0.0, 0.0))
+    ends = np.array([[4.0, 0.0, 1.0], [9.0, 0.0, 1.0]])
+    assert SightLines(merge([own_post, WALL])).clear(np.array([0.0, 0, 1]), ends).tolist() == [True, False]
+
+
+def test_a_surface_does_not_hide_its_own_points():
+    face = np.array([[4.9, 0.0, 1.0], [4.9 + GRAZE / 2, 0, 1], [4.9 + 3 * GRAZE, 0, 1]])
+    assert SightLines(WALL).clear(np.array([0.0, 0, 1]), face).tolist() == [True, True, False]

@@ -11,10 +11,8 @@ from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering import silhouettes
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 

@@ -12,9 +12,8 @@ import pytest
 import shapely
 
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import import_osm

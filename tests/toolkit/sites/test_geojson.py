@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toolkit.geometry import pose
+from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.geojson import document
 from toolkit.sites.site import Relief, Site

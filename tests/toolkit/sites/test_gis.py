@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry import shape
 
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import project, projection

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.geojson import document, dumps, parse
 from toolkit.sites.network import shoulders
 from toolkit.sites.random import HIGHEST, LOWEST, STEEPEST_STREET, random_sensors, random_site, sloping

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toolkit.geometry import look
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site, Solid
 

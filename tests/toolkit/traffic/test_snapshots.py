@@ -1,7 +1,9 @@
+""" """
+
 from collections import Counter
 from dataclasses import replace
 from importlib.util import find_spec
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -11,9 +13,9 @@ from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
-from toolkit.sites.site import Site
-from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, simulate
-from toolkit.traffic.spawner import LIFE
+from toolkit.sites.site import Site, Solid
+from toolkit.traffic.snapshots import GAP, MARGIN, MOST_OBJECTS, STAY, Obstacles, Parked, overlaps, separate, simulate
+from toolkit.traffic.spawner import LIFE, VehicleTypes
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 
@@ -259,3 +261,124 @@ def test_frames_a_tenth_of_a_second_apart_show_motion_and_live_as_long(site):
     moved = np.concatenate(steps)
     assert np.quantile(moved, 0.99) < 2.0, "20 m/s at most"
     assert 0.2 < np.quantile(moved, 0.9) < 1.6, "and some drive"
+
+
+AREA = np.array([-50.0, -50, 50, 50])
+FREE = Obstacles(Site("free", AREA))
+CAR = np.array([0.0, 0, 0.75, 4, 2, 1.5, 0])
+
+
+def wall(x0, y0, x1, y1, base=0.0, top=2.0, kind="wall"):
+    return Solid(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float), base, top, kind)
+
+
+def cars(*offsets):
+    return CAR + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
+
+
+def test_what_is_apart_stays_as_it_is():
+    boxes = cars((0, 0, 0), (0, 2.0 + 2 * GAP, 0), (10, 0, 1))
+    settled, kept, repaired = separate(boxes, FREE)
+    assert settled is boxes
+    assert kept.all()
+    assert repaired == 0
+
+
+def test_the_later_row_steps_aside():
+    boxes = cars((0, 0, 0), (0, 1.8, 0))
+    settled, kept, repaired = separate(boxes, FREE)
+    assert kept.all()
+    assert repaired == 1
+    assert np.array_equal(settled[0], boxes[0])
+    assert settled[1, 1] == pytest.approx(2.3)
+    assert not overlaps(settled).any()
+
+
+def test_what_finds_no_room_is_dropped():
+    settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)
+    assert kept.tolist() == [True, True, False]
+    assert repaired == 1
+    assert not overlaps(settled[kept]).any()
+
+
+def test_a_dropped_row_is_in_nobodys_way():
+    boxes = cars((0, 0, 0), (0.5, 0, np.pi / 2), (0.5, 3.2, 0))  # the third touches only the second
+    _, kept, _ = separate(boxes, FREE)
+    assert kept.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("solid", "moves"),
+    [
+        (wall(-5, 0.9, 5, 1.2), True),
+        (wall(-5, 0.9, 5, 1.2, top=0.12, kind="kerb"), False),
+        (wall(-5, 0.9, 5, 1.2, base=1.0, top=4.0, kind="tree"), True),
+        (wall(-5, 0.9, 5, 1.2, base=2.5, top=4.0, kind="tree"), False),
+        (wall(-5, 0.9, 5, 1.2, base=-1.5, top=-0.5, kind="pond"), False),
+    ],
+)
+def test_obstacles(solid, moves):
+    _, kept, repaired = separate(cars((0, 0, 0)), Obstacles(Site("walled", AREA, solids=(solid,))))
+    assert kept.all()
+    assert repaired == moves
+
+
+def test_nothing():
+    boxes = np.zeros((0, 7))
+    settled, kept, repaired = separate(boxes, FREE)
+    assert settled.shape == (0, 7)
+    assert kept.shape == (0,)
+    assert repaired == 0
+    assert overlaps(boxes).shape == (0, 0)
+
+
+def test_random_heaps_end_apart():
+    rng = np.random.default_rng(0)
+    obstacles = Obstacles(Site("walled", AREA, solids=(wall(-3, -3, 3, -2), wall(4, -9, 5, 9))))
+    for _ in range(50):
+        boxes = cars(*rng.uniform([-12, -12, -4], [12, 12, 4], (25, 3)))
+        settled, kept, _ = separate(boxes, obstacles)
+        assert not overlaps(settled[kept]).any()
+        assert not obstacles.hit(settled[kept]).any()
+        assert kept[0] or obstacles.hit(boxes[:1]).any()
+
+
+TYPES = VehicleTypes.of(catalogue())
+BAYS = np.column_stack([np.zeros(30), 3.0 * np.arange(30), np.full(30, 0.5)])
+WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")  # in the first bay
+
+
+def draw(seed, most=20, solids=()):
+    site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
+    return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
+
+
+def test_vehicles_stand_in_bays_of_their_own():
+    for seed in range(10):
+        parked = draw(seed)
+        assert 0 < len(parked.places) <= 20
+        assert len(set(parked.places.tolist())) == len(parked.places)
+        assert (TYPES.labels[parked.bodies] == VEHICLE).all()
+        assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
+        assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
+
+
+def test_bays_that_something_reaches_into_stay_empty():
+    assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
+
+
+def test_each_stays_about_so_many_frames_and_another_comes():
+    parked, rng, ids = draw(1), np.random.default_rng(2), count(100)
+    number, gone = len(parked.ids), 0
+    for _ in range(400):
+        later = parked.later(TYPES, rng, ids)
+        gone += len(set(parked.ids.tolist()) - set(later.ids.tolist()))
+        assert len(set(later.places.tolist())) == number
+        parked = later
+    assert 0.8 < gone * STAY / (400 * number) < 1.2
+
+
+def test_no_bays_no_vehicles():
+    site = Site("none", np.array([-5.0, -5, 5, 5]))
+    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
+    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0

@@ -1,15 +1,28 @@
+""" """
+
 from importlib.util import find_spec
 from itertools import count, pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from toolkit.bodies.fleet import catalogue
-from toolkit.objects import PEDESTRIAN
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.traffic.snapshots import MARGIN
-from toolkit.traffic.spawner import LIFE, SPAWN_REACH, Spawner
+from toolkit.traffic.spawner import (
+    LIFE,
+    POSITIONS,
+    SHARES,
+    SPAWN_REACH,
+    Lane,
+    Roads,
+    Spawner,
+    Supply,
+    VehicleTypes,
+    distance_to_area,
+)
 from toolkit.traffic.sumo import running
-from toolkit.traffic.vehicle_types import VehicleTypes
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 
@@ -55,3 +68,116 @@ def test_so_many_are_spawned_and_gone_after_their_last_frame(site):
 
 def test_things_are_spawned_outside_of_what_snapshots_show():
     assert SPAWN_REACH > MARGIN
+
+
+ONE_EACH = catalogue()
+
+
+def test_shares_are_the_papers():
+    assert sum(SHARES.values()) == pytest.approx(1)
+    assert SHARES[VEHICLE] + SHARES[HEAVY] == pytest.approx(0.6)
+    assert set(SHARES) == set(range(len(LABELS)))
+
+
+def test_classes_say_what_lanes_are_open():
+    types = VehicleTypes.of(ONE_EACH)
+    by_label = {label: {types.classes[row] for row in np.flatnonzero(types.labels == label)} for label in SHARES}
+    assert by_label == {
+        VEHICLE: {"passenger"}, HEAVY: {"truck"}, CYCLIST: {"bicycle", "motorcycle"}, PEDESTRIAN: {"pedestrian"}
+    }  # fmt: skip
+
+
+def test_sumo_gets_a_type_for_each_body_and_position_with_its_size():
+    types = VehicleTypes.of(ONE_EACH)
+    declared = ElementTree.fromstring(types.sumo_types(np.random.default_rng(0)))
+    assert [v.get("id") for v in declared] == [f"{row}-{p}" for row in range(len(ONE_EACH)) for p in range(POSITIONS)]
+    lengths = [float(v.get("length")) for v in declared][::POSITIONS]
+    assert lengths == pytest.approx(types.sizes[:, 0], abs=1e-3)
+
+
+ROWS = np.array([2, 5, 7])
+
+
+def test_any_row_may_come_again_unless_each_is_to_come_once():
+    supply, rng = Supply(8), np.random.default_rng(0)
+    taken = [supply.offer(ROWS, rng) for _ in range(30)]
+    assert set(taken) == set(ROWS.tolist())
+    assert np.array_equal(supply.several(ROWS, 4, np.random.default_rng(3)), np.random.default_rng(3).choice(ROWS, 4))
+
+
+def test_each_row_comes_once_before_any_comes_again():
+    supply, rng = Supply(8, once=True), np.random.default_rng(0)
+    for _ in range(3):
+        assert sorted(supply.several(ROWS, 3, rng).tolist()) == ROWS.tolist()
+
+
+def test_what_is_offered_and_not_taken_or_given_back_may_come_again():
+    supply, rng = Supply(8, once=True), np.random.default_rng(1)
+    assert {supply.offer(ROWS, rng) for _ in range(30)} == set(ROWS.tolist())
+    for row in (2, 5):
+        supply.take(row)
+    assert {supply.offer(ROWS, rng) for _ in range(10)} == {7}
+    supply.take(7)
+    supply.give_back(5)
+    assert {supply.offer(ROWS, rng) for _ in range(10)} == {5}
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_a_seed_gives_an_order(once):
+    first, again = (Supply(8, once).several(ROWS, 9, np.random.default_rng(4)).tolist() for _ in range(2))
+    assert first == again
+
+
+AREA = np.array([-10.0, -10, 10, 10])
+
+
+def lane(name, start, end, *, forbidden=("pedestrian",), following=(), length=None):
+    shape = np.array([start, end], float)
+    return Lane(
+        name, name[:-2], length or float(np.hypot(*(shape[1] - shape[0]))), shape, frozenset(forbidden), following
+    )
+
+
+TOWARDS = lane("in_0", (-60, 0), (0, 0), following=("out_0",))
+AWAY = lane("out_0", (0, 0), (60, 0))
+FOOTWAY = lane("foot_0", (-60, 4), (60, 4), forbidden=("passenger",))
+ROADS = Roads({each.name: each for each in (TOWARDS, AWAY, FOOTWAY)})
+
+
+def test_offsets_are_in_sumos_length_of_the_lane():
+    longer = lane("in_0", (0, 0), (10, 0), length=20.0)
+    assert longer.at(np.array([0.0, 10.0, 20.0])).tolist() == [[0, 0], [5, 0], [10, 0]]
+
+
+def test_cars_start_in_the_area_or_headed_for_it():
+    places = ROADS.places(AREA, 20.0, "passenger")
+    x = places.points[:, 0]
+    assert set(places.lanes) == {"in_0", "out_0"}
+    assert x.min() >= -30
+    assert x.max() <= 10, "beyond the area the lane leads away from it"
+    assert len(places) == len(places.offsets) == len(places.lengths)
+
+
+def test_pedestrians_start_on_lanes_of_their_own_and_walk_either_way():
+    places = ROADS.places(AREA, 20.0, "pedestrian")
+    assert set(places.lanes) == {"foot_0"}
+    assert places.points[:, 0].min() < -25
+    assert places.points[:, 0].max() > 25
+
+
+def test_a_route_goes_on_until_it_is_long_enough_or_the_road_ends():
+    rng = np.random.default_rng(0)
+    assert ROADS.route("in_0", "passenger", 1.0, rng) == ["in", "out"]
+    assert ROADS.route("in_0", "passenger", 1e6, rng) == ["in", "out"]
+    assert ROADS.route("out_0", "passenger", 100.0, rng) == ["out"]
+
+
+def test_where_a_lane_ends_its_neighbours_links_are_taken():
+    ends = lane("in_1", (-60, 3), (0, 3))
+    roads = Roads({**ROADS.lanes, "in_1": ends})
+    assert roads.route("in_1", "passenger", 1.0, np.random.default_rng(0)) == ["in", "out"]
+
+
+@pytest.mark.parametrize(("point", "away"), [((0, 0), 0), ((10, 10), 0), ((13, 14), 5), ((-12, 0), 2)])
+def test_distance_to_area(point, away):
+    assert distance_to_area(np.array([point], float), AREA).tolist() == [away]

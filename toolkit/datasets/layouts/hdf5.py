@@ -34,8 +34,7 @@ from toolkit.objects import LABELS, Objects
 from toolkit.points import unproject
 from toolkit.runtime import hdf5 as reader
 from toolkit.runtime.files import finite, parse_json, writing
-from toolkit.sensors.errors.profile import ErrorProfile
-from toolkit.sensors.errors.profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 
 _VERSION = 1
 _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "world"}

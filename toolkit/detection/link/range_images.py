@@ -33,8 +33,7 @@ from toolkit.detection.link.message import (
     write_message,
 )
 from toolkit.objects import Detections
-from toolkit.sensors.model import SensorModel, returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, SensorModel, returned
 
 BOX_STEP = 0.02  # m
 TURN = 720  # steps of yaw

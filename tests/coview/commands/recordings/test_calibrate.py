@@ -15,8 +15,8 @@ from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.pose_errors import rotation_about
+from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
 from toolkit.sites.site import Site, Solid

@@ -27,7 +27,7 @@ from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.points import centred_in
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Processes
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

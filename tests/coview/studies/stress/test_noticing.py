@@ -4,7 +4,7 @@ import pytest
 
 from coview.studies.stress.noticing import Noticed, time_faults
 from toolkit.runtime.run import Run
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 

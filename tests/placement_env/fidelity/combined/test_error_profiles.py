@@ -16,7 +16,7 @@ from placement_env.fidelity.combined.error_profiles import (
     several,
 )
 from placement_env.protocol import ByFrames, ClassEstimates, Estimate
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR, TYPICAL
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 
 BOTH = ErrorProfiles((PAPER_ERRORS, POOR))
 MEAN = ErrorProfiles((PAPER_ERRORS, POOR), "mean")

@@ -13,7 +13,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from toolkit.objects import Detections
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 
 
 def test_an_objective_of_several_thresholds_is_their_mean():

@@ -11,11 +11,10 @@ from placement_env.fidelity.panorama.live import LiveView
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import see
 from toolkit.geometry import pose
-from toolkit.rendering.successive import SuccessiveStrips
+from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Mount
 
 CAMERA, LIDAR = DepthCamera(width=200, height=150), SpinningLidar(channels=32, azimuth_step=0.02)

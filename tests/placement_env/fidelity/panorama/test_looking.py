@@ -12,10 +12,8 @@ from placement_env.fidelity.traffic import renderer_of
 from toolkit.geometry import look, pose
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 PLACES = [(-22.0, -16.0, 6.0), (22.0, 16.0, 5.0), (0.0, -17.0, 4.0), (1.0, 1.0, 9.0)]
 MODELS = {"camera": DepthCamera(), "spinning": SpinningLidar(), "solid": SolidStateLidar()}

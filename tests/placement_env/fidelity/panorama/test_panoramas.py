@@ -10,11 +10,10 @@ from placement_env.fidelity.panorama import panoramas
 from placement_env.fidelity.panorama.panoramas import far_sighted, look_round, worthwhile
 from toolkit.geometry import look
 from toolkit.objects import VEHICLE
-from toolkit.rendering.successive import SuccessiveStrips
+from toolkit.rendering.strips import SuccessiveStrips
 from toolkit.runtime.cache import Cache
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 CAMERA = DepthCamera(width=80, height=60)
 AT = (-22.0, -16.0, 6.0)

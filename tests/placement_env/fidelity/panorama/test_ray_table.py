@@ -20,10 +20,8 @@ from placement_env.fidelity.panorama.ray_table import (
     ray_table,
 )
 from toolkit.geometry import look, pose
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 CAMERA = DepthCamera(width=120, height=90)
 MODELS: list[Any] = [CAMERA, SpinningLidar(channels=16, azimuth_step=0.03), SolidStateLidar(rows=20, columns=60)]

@@ -9,9 +9,8 @@ from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, renderer_of
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.traffic.snapshots import Snapshot
 
 CAMERA, LIDAR = DepthCamera(width=200, height=150), SpinningLidar(channels=32, azimuth_step=0.02)

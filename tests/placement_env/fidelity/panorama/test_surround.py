@@ -7,8 +7,7 @@ from placement_env.fidelity.panorama.ray_table import AZIMUTHS, PER_TURN, RayTab
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.panorama.surround import FINENESS, Packed, ScoredItems, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.spinning_lidar import SpinningLidar
+from toolkit.sensors.models import DepthCamera, SpinningLidar
 
 CAMERA, LIDAR = DepthCamera(width=200, height=150), SpinningLidar(channels=32, azimuth_step=0.02)
 ITEMS = 40

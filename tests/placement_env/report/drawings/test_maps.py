@@ -21,7 +21,7 @@ from placement_env.report.drawings.maps import (
 )
 from toolkit.geometry import look
 from toolkit.plots.palette import BLIND, VIEW_COLOURS, point_colours
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Mount, Site

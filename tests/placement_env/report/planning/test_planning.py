@@ -13,7 +13,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.report.planning.files import plan_json
 from placement_env.report.planning.planning import _Planning, plan
 from placement_env.report.planning.question import Question
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 

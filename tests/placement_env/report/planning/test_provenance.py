@@ -10,7 +10,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.provenance import plan_origin
 from placement_env.report.planning.question import Question
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.errors.profiles import TYPICAL
+from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.traffic.snapshots import Snapshot
 
 

@@ -9,8 +9,8 @@ from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalog
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.report.planning.question import Question, with_terms
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.profiles import POOR, TYPICAL
+from toolkit.sensors.error_profiles import POOR, TYPICAL
+from toolkit.sensors.models import DepthCamera
 from toolkit.sites.files import load_site
 
 SITE = load_site("tjunction")

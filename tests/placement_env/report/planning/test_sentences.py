@@ -10,7 +10,7 @@ from placement_env.report.content import FailureCase, Judgement, PlanOption, Sch
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.sentences import assumptions, money, of_what, unknown, verdict_of, why
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, TYPICAL
+from toolkit.sensors.error_profiles import PAPER_ERRORS, TYPICAL
 from toolkit.sites.site import Site
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))

@@ -27,7 +27,7 @@ from placement_env.search.portfolio.evaluators import (
     race_order,
 )
 from toolkit.detection.schemes import scheme_of
-from toolkit.sensors.errors.profiles import PAPER_ERRORS, POOR
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 
 SETS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
 

@@ -9,7 +9,7 @@ from toolkit.detection.link.channel import Line, LinkChannel, lagged_frames
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.frame import Frame
 from toolkit.objects import Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 

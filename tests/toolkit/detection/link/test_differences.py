@@ -30,7 +30,7 @@ from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 SENSOR = Sensor("s", DepthCamera(width=160, height=120), pose(0.0, 0.0, 5.0))

@@ -27,10 +27,8 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
 from toolkit.points import frame_points
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 from toolkit.sites.site import Relief, Site
 
 MODELS = [

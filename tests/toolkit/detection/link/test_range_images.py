@@ -17,10 +17,8 @@ from toolkit.detection.link.range_images import (
     from_steps,
 )
 from toolkit.objects import Detections
-from toolkit.sensors.depth_camera import DepthCamera
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.solid_state_lidar import SolidStateLidar
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 
 def some(n, seed=0):

@@ -1,4 +1,9 @@
-"""`Reading`: what a sensor says it measured and where it is believed to be; `TrueImage`: what it looked at.
+"""`Draws`: the random numbers of one error term, of one sensor in one frame, from a seed.
+
+A number depends on the seed, on what it is drawn for and on the term, never on how many were drawn before, so that a
+sensor measures the same whichever others are used, in any order of sensors, frames and processes.
+
+`Reading`: what a sensor says it measured and where it is believed to be; `TrueImage`: what it looked at.
 
 An error term makes one reading of another. The truth beside it never changes: which object each pixel shows, how far
 off, and how obliquely, as rendered without any error.
@@ -8,14 +13,51 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.boxes import points_in_boxes
 from toolkit.objects import Objects
-from toolkit.sensors.model import returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, returned
+
+_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
+
+
+@dataclass(frozen=True)
+class Draws:
+    """seed: of the recording's errors; sensor: a number that stands for the sensor; frame: its number; term: a number
+    that stands for the error term."""
+
+    seed: int
+    sensor: int
+    frame: int
+    term: int
+
+    def own_noise(self) -> np.random.Generator:
+        """The generator of the sensor's own noise: that of `toolkit.datasets.dataset.noisy`, to the bit."""
+        return np.random.default_rng([self.seed, self.frame, self.sensor])
+
+    def of_frame(self) -> np.random.Generator:
+        """A generator for this sensor in this frame."""
+        return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
+
+    def of_sensor(self) -> np.random.Generator:
+        """A generator for this sensor, the same in every frame of a recording."""
+        return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
+
+    def of_pole(self, position: Float64[np.ndarray, "3"]) -> np.random.Generator:
+        """A generator for all sensors over one point of the ground (to the centimetre), the same in every frame."""
+        x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
+        return np.random.default_rng([self.seed, _POLE, x, y, self.term])
+
+    def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """A number of [0, 1) for each track id, the same for all sensors in every frame."""
+        words = [self.seed, _OBJECT, self.term]
+        drawn = [np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random() for each in ids.tolist()]
+        return np.array(drawn, np.float64)
+
 
 SKIN = 0.05  # m by which a box is larger than its object, so that points on its surface belong to it
 FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
@@ -127,3 +169,33 @@ def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
 def _pairs(image: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """An image without its last, and without its first, row (axis 0) or column (axis 1)."""
     return (image[:-1], image[1:]) if axis == 0 else (image[:, :-1], image[:, 1:])
+
+
+@runtime_checkable
+class ErrorTerm(Protocol):
+    """One kind of error."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def needs_velocities(self) -> bool:
+        """Whether it has to be known how fast the objects are."""
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading with this error; the same reading where the term has no strength."""
+
+
+def check_least(term: Any, **least: int | float) -> None:
+    """ValueError where a number of a term is none, not finite or below the least it may be."""
+    for name, lowest in least.items():
+        value = getattr(term, name)
+        if not isinstance(value, int | float | np.number) or not lowest <= value < np.inf:
+            raise ValueError(f"{name} of {type(term).__name__} must be a number from {lowest:g} on, got {value!r}")
+
+
+def check_share(term: Any, *names: str) -> None:
+    """ValueError where a number of a term is no share."""
+    for name in names:
+        value = getattr(term, name)
+        if not isinstance(value, int | float | np.number) or not 0 <= value <= 1:
+            raise ValueError(f"{name} of {type(term).__name__} must be a share from 0 to 1, got {value!r}")

@@ -5,11 +5,9 @@ import pytest
 
 from toolkit.geometry import look, pose
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
-from toolkit.sensors.depth_camera import DepthCamera
-from toolkit.sensors.errors.draws import Draws
-from toolkit.sensors.errors.reading import Reading, TrueImage
+from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import Sensor
-from toolkit.sensors.spinning_lidar import SpinningLidar
 
 CAMERA = Sensor("camera", DepthCamera(width=320, height=240, stride=1), look((0.0, 0.0, 5.0), 0.0, 0.25))
 LIDAR = Sensor("lidar", SpinningLidar(channels=48, azimuth_step=0.01), pose(0.0, 0.0, 5.0))

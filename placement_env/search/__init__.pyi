@@ -1,0 +1,9 @@
+from . import annealing as annealing, cmaes as cmaes, greedy as greedy, nsga2 as nsga2, swap as swap
+from .result import (
+    Assessment as Assessment,
+    Certificate as Certificate,
+    Contender as Contender,
+    History as History,
+    Result as Result,
+)
+from .verification import rescored as rescored, verified as verified

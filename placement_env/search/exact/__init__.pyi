@@ -1,0 +1,1 @@
+from . import cheapest as cheapest, cpsat as cpsat, exhaustive as exhaustive, hits as hits

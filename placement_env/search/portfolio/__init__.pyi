@@ -1,0 +1,1 @@
+from . import portfolio as portfolio

@@ -1,0 +1,154 @@
+""" """
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from toolkit.sensors.error_profiles import (
+    PAPER_ERRORS,
+    POOR,
+    PROFILES,
+    SURVEYED,
+    TYPICAL,
+    ErrorProfile,
+    check_drawn,
+    only_own_noise,
+    profile_named,
+    profile_of,
+)
+from toolkit.sensors.error_terms import Calibration, ClockOffset, DropOut, OwnNoise, RangeNoise, rain
+from toolkit.sensors.readings import ErrorTerm
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A term that exists here only: all measurements are too large."""
+
+    needs_velocities: ClassVar[bool] = False
+    metres: float = 0.1
+
+    def apply(self, reading, draws):
+        return reading.measuring(reading.measurement + np.float32(self.metres) * reading.valid)
+
+
+def test_a_digest_tells_terms_numbers_and_order_but_not_the_name():
+    one = ErrorProfile("one", (OwnNoise(), Calibration(0.01, 0.05)))
+    assert one.digest == ErrorProfile("two", one.terms).digest
+    assert len(one.digest) == 64
+    others = [
+        (OwnNoise(), Calibration(0.01, 0.06)), (Calibration(0.01, 0.05), OwnNoise()), (OwnNoise(),), (),
+        (OwnNoise(), DropOut(0.01, 0.05)),
+    ]  # fmt: skip
+    assert len({ErrorProfile("x", terms).digest for terms in others} | {one.digest}) == 6
+    assert ErrorProfile("x", (Calibration(np.float64(0.01), np.float64(0.05)),)).digest
+    assert one.origin == {"profile": "one", "digest": one.digest}
+    assert hash(one) == hash(ErrorProfile("one", one.terms))
+
+
+@pytest.mark.parametrize("terms", [(Calibration,), ("rain",), (3,), (OwnNoise(), None)])
+def test_what_is_no_term_is_refused(terms):
+    with pytest.raises((ValueError, TypeError)) as refused:
+        ErrorProfile("x", terms)
+    assert "term" in str(refused.value)
+
+
+def test_a_profile_needs_a_name():
+    with pytest.raises(ValueError, match="needs a name"):
+        ErrorProfile("", ())
+
+
+def test_own_terms_take_part(street):
+    assert isinstance(Offset(), ErrorTerm)
+    mine = ErrorProfile("mine", (Offset(0.25),))
+    said = mine.read(street, seed=0, sensor=1, frame=2)
+    assert np.allclose((said.measurement - street.measurement)[street.valid], 0.25, atol=1e-5)
+    assert not said.measurement[~street.valid].any()
+    assert mine.modules == [__name__]
+    assert not mine.needs_velocities
+
+
+def test_a_term_draws_the_same_whatever_other_terms_there_are(street):
+    rainy = ErrorProfile("a", (rain(30.0),)).read(street, seed=1, sensor=2, frame=3)
+    later = ErrorProfile("b", (Calibration(0.01, 0.1), DropOut(0.0), rain(30.0))).read(
+        street, seed=1, sensor=2, frame=3
+    )
+    assert np.array_equal(rainy.measurement, later.measurement)
+    assert (later.pose != rainy.pose).any()
+
+
+def test_two_terms_of_one_kind_draw_apart(wall, sensor):
+    term, truth = RangeNoise(constant=0.1), wall(sensor, 20.0)
+    said = ErrorProfile("twice", (term, term)).read(truth, seed=1, sensor=2, frame=3)
+    assert (said.measurement - truth.measurement).std() == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
+
+
+def test_no_terms_no_change(street):
+    said = ErrorProfile("none", ()).read(street, seed=0, sensor=0, frame=0)
+    assert said.measurement is street.measurement
+    assert said.pose is street.sensor.pose
+    assert replace(ErrorProfile("none", ()), name="x").terms == ()
+
+
+def test_the_names():
+    assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
+    assert [profile_named(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
+    assert profile_of("poor") is POOR
+    assert profile_of(TYPICAL) is TYPICAL
+    with pytest.raises(ValueError, match=r"no error profile 'bad': choose among paper, surveyed, typical, poor"):
+        profile_named("bad")
+    assert len({profile.digest for profile in PROFILES.values()}) == 4
+
+
+def test_the_paper_has_the_models_noise_and_nothing_else(street):
+    assert PAPER_ERRORS.terms == (OwnNoise(),)
+    said = PAPER_ERRORS.read(street, seed=4, sensor=99, frame=6)
+    expected = street.sensor.model.noisy(street.measurement, np.random.default_rng([4, 6, 99]))
+    assert said.measurement.tobytes() == expected.tobytes()
+    assert said.pose is street.sensor.pose
+    assert said.shift is None
+    assert [only_own_noise(profile) for profile in PROFILES.values()] == [True, False, False, False]
+    assert only_own_noise(ErrorProfile("other", (OwnNoise(),)))
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees", "metres"), [("surveyed", 0.05, 0.01), ("typical", 0.2, 0.03), ("poor", 0.5, 0.05)]
+)
+def test_calibration_is_what_the_name_says(name, degrees, metres):
+    (found,) = [term for term in PROFILES[name].terms if type(term) is Calibration]
+    assert (np.rad2deg(found.rotation), found.translation) == (pytest.approx(degrees), metres)
+    assert not any(type(term) is ClockOffset for term in PROFILES[name].terms)
+
+
+def test_each_profile_is_worse_than_the_one_before(street):
+    lost, spread = [], []
+    for profile in PROFILES.values():
+        said = profile.read(street, seed=0, sensor=1, frame=0)
+        both = said.valid & street.valid
+        lost.append(1 - both.sum() / street.valid.sum())
+        off = np.linalg.norm(said.pose[:3, 3] - street.sensor.position)
+        spread.append((np.abs(said.measurement - street.measurement)[both].mean(), off))
+    assert lost[0] == 0 < lost[1] < 0.01 < lost[2] < 0.05 < lost[3] < 0.3
+    assert spread == sorted(spread)
+    assert lost == pytest.approx(PINNED, abs=2e-5)
+
+
+PINNED = [0.0, 0.005284, 0.025493, 0.165173]  # share of returns that each profile takes
+
+
+@pytest.mark.parametrize("name", list(PROFILES))
+def test_what_is_no_number_disturbs_no_profile(street, name):
+    image = street.measurement.copy()
+    image[::7] = np.nan
+    image[3::7] = np.inf
+    said = PROFILES[name].read(replace(street, measurement=image), seed=0, sensor=1, frame=0)
+    assert np.isfinite(said.measurement).all()
+    assert (said.measurement >= 0).all()
+
+
+def test_errors_are_drawn_from_a_seed():
+    check_drawn(PAPER_ERRORS, None)
+    check_drawn(TYPICAL, 0)
+    with pytest.raises(ValueError, match=r"errors 'typical' are drawn from a seed, got noise_seed None"):
+        check_drawn(TYPICAL, None)

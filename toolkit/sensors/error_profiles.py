@@ -1,0 +1,168 @@
+"""`ErrorProfile`: the error terms of a recording's sensors under one name, and `ErrorTerm`, what a term is.
+
+A term is a frozen dataclass of numbers that satisfies `ErrorTerm`; a profile of one's own is
+
+    ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))
+
+Terms act in the order they stand in: first what a surface sends back, then what lies between, then what the sensor
+makes of it, then where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
+
+The named error profiles, from none but the paper's noise to a poor deployment.
+
+    paper      what the sensor models say, exact poses: the paper's 1.5 cm at every depth (section IV-A)
+    surveyed   total station and registration afterwards: 0.05° and 1 cm, few mixed pixels, 0.5 % drop-out
+    typical    0.2° and 3 cm, noise that grows with range, mixed pixels, glass, 2 % drop-out
+    poor       0.5° and 5 cm, swaying poles, 5 % drop-out and more with range, dark paint, dead rows, rain; else typical
+
+Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
+both beside the model's own. Why these numbers: see the modules of the terms. A clock's offset is in none of them, since
+recordings 5 s apart cannot have it: add `ClockOffset` to a profile of your own.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.runtime.cache import key_of
+from toolkit.sensors.error_terms import (
+    Calibration,
+    DeadRows,
+    DropOut,
+    Glass,
+    MixedPixels,
+    OwnNoise,
+    Paint,
+    PoleSway,
+    RangeNoise,
+    rain,
+    stereo_noise,
+)
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
+
+
+@dataclass(frozen=True)
+class ErrorProfile:
+    """name: what results say; terms: in the order they act. Raises ValueError where a term is none."""
+
+    name: str
+    terms: tuple[ErrorTerm, ...]
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise ValueError("an error profile needs a name, got an empty one: results say which it was")
+        for term in self.terms:
+            if not (is_dataclass(term) and isinstance(term, ErrorTerm)) or isinstance(term, type):
+                raise ValueError(f"terms must be error terms such as Calibration(), got {term!r}: see ErrorTerm")
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all terms and their numbers, whatever the profile is called."""
+        return key_of([[type(term).__module__, type(term).__qualname__, _numbers(term)] for term in self.terms]).hex()
+
+    @property
+    def modules(self) -> list[str]:
+        """Where the terms are defined."""
+        return sorted({type(term).__module__ for term in self.terms})
+
+    @property
+    def needs_velocities(self) -> bool:
+        """Whether some term has to know how fast the objects are."""
+        return any(term.needs_velocities for term in self.terms)
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """What results say of it."""
+        return {"profile": self.name, "digest": self.digest}
+
+    def read(self, truth: TrueImage, *, seed: int, sensor: int, frame: int) -> Reading:
+        """What a sensor says of what it looks at.
+
+        seed: of the recording's errors; sensor: a number that stands for the sensor; frame: its number.
+        """
+        reading, before = Reading.of(truth), Counter[str]()
+        for term in self.terms:
+            kind = type(term).__qualname__
+            stream = zlib.crc32(f"{kind} {before[kind]}".encode())
+            before[kind] += 1
+            reading = term.apply(reading, Draws(seed, sensor, frame, stream))
+        return reading
+
+
+def _numbers(term: Any) -> dict[str, Any]:
+    """The fields of a term as plain numbers and texts."""
+    return {name: value.item() if isinstance(value, np.generic) else value for name, value in asdict(term).items()}
+
+
+def _degrees(angle_deg: float) -> float:
+    return float(np.deg2rad(angle_deg))
+
+
+_LIDAR = RangeNoise(proportional=0.0005, measures="range")
+
+PAPER_ERRORS = ErrorProfile("paper", (OwnNoise(),))
+SURVEYED = ErrorProfile(
+    "surveyed",
+    (
+        DropOut(share=0.005),
+        MixedPixels(share=0.05),
+        OwnNoise(),
+        Calibration(_degrees(0.05), 0.01),
+    ),
+)
+TYPICAL = ErrorProfile(
+    "typical",
+    (
+        Glass(share=0.8),
+        DropOut(share=0.02),
+        MixedPixels(share=0.2),
+        OwnNoise(),
+        stereo_noise(baseline=1.0, focal=2000.0),
+        _LIDAR,
+        Calibration(_degrees(0.2), 0.03),
+    ),
+)
+POOR = ErrorProfile(
+    "poor",
+    (
+        Glass(share=0.8),
+        Paint(share=0.2),
+        DropOut(share=0.05, half_range=200.0),
+        MixedPixels(share=0.2),
+        rain(10.0),
+        DeadRows(share=0.02),
+        OwnNoise(),
+        stereo_noise(baseline=1.0, focal=2000.0),
+        _LIDAR,
+        Calibration(_degrees(0.5), 0.05),
+        PoleSway(_degrees(0.05)),
+    ),
+)
+PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, POOR)}
+
+
+def profile_named(name: str) -> ErrorProfile:
+    """The profile of that name. Raises ValueError that lists what there is."""
+    if name not in PROFILES:
+        raise ValueError(f"there is no error profile {name!r}: choose among {', '.join(PROFILES)}, or make your own")
+    return PROFILES[name]
+
+
+def profile_of(errors: ErrorProfile | str) -> ErrorProfile:
+    """A profile, or the one of that name."""
+    return profile_named(errors) if isinstance(errors, str) else errors
+
+
+def only_own_noise(errors: ErrorProfile) -> bool:
+    """Whether a profile adds nothing to the noise of the sensor models, as `paper`, whatever it is called."""
+    return errors.terms == PAPER_ERRORS.terms
+
+
+def check_drawn(errors: ErrorProfile, seed: int | None) -> None:
+    """ValueError where errors are to be drawn without a seed."""
+    if seed is None and not only_own_noise(errors):
+        raise ValueError(f"errors {errors.name!r} are drawn from a seed, got noise_seed None: give one")

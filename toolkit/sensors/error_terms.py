@@ -1,0 +1,541 @@
+"""Clocks that differ: a sensor measures somewhat earlier or later than it says, so that what moves is somewhere else.
+
+Clocks agree to 1 to 10 ms when set by NTP, to below 1 ms by PTP or GNSS (Mills: Computer Network Time Synchronization,
+2nd edition, 2010; IEEE 1588); delays of fusion come on top (Lei et al.: Latency-aware collaborative perception, ECCV
+2022).
+
+Approximation: nothing is rendered at another instant. The points on each object move by its velocity times the offset,
+turns and changed occlusion are left out. Velocities come from the tracks of neighbouring frames, so that these must lie
+at most `MOST_APART` from each other: 5 s, as in recordings of `coview simulate`, are too far apart to know them.
+
+Returns that fail: at random, by range and incidence, and whole rows of the image.
+
+A diffuse surface returns the power P = rho · cos(incidence) / R² (lidar equation: Jelalian, Laser Radar Systems, 1992;
+Lambert's law). It is measured where P exceeds a threshold; surfaces differ in rho, here log-logistically, so that
+
+    p(return) = 1 / (1 + (P0 / P)^steepness),   P0: that of a surface at right angles at `half_range`.
+
+Mixed pixels: at the edge of a surface a sensor measures a depth between it and what lies behind.
+
+A beam, or the window of a stereo match, that meets two surfaces gives a mean of both weighed by the light of each
+(Hebert and Krotkov: 3D measurements from imaging laser radars, Image and Vision Computing 10, 1992; Tang, Huber and
+Akinci: A comparative analysis of depth-discontinuity and mixed-pixel detection algorithms, 3DIM 2007).
+
+Where a sensor is believed to be, and is not: calibration, and the sway of its pole.
+
+The image is right, the cloud is placed with a wrong pose. Normal errors of rotation and translation, drawn once per
+sensor, are how robustness to them is measured (V2X-ViT, Xu et al., ECCV 2022: 0.2° and 0.2 m of moving vehicles; what
+stands still is calibrated better). A pole is a cantilever: a force at its tip turns the tip by theta and moves it by
+2/3 · theta · height (Euler and Bernoulli); light and signal poles swing at about 1 Hz, and bend within minutes with
+wind and sun.
+
+Noise of what is measured: the model's own, and noise that grows with range.
+
+    sigma(z) = constant + proportional · z + quadratic · z²
+
+Stereo: sigma = z² · sigma_d / (f · B), with focal length f and disparity noise sigma_d in pixels and baseline B in
+metres (Gallup, Frahm, Mordohai, Pollefeys: Variable baseline/resolution stereo, CVPR 2008). Time of flight: the light
+that returns falls with z², so that sigma grows with z where its own shot noise prevails, with z² where ambient light or
+electronics do (Lange and Seitz: Solid-state time-of-flight range camera, IEEE J. Quantum Electronics 37, 2001).
+Pulsed lidars: data sheets give a constant of 1 to 3 cm; beam divergence and pulse shape add a part that is proportional
+(Glennie and Lichti: Static calibration and analysis of the Velodyne HDL-64E S2, Remote Sensing 2, 2010).
+
+What vehicles do not send back: window glass, and dark or wet paint.
+
+Glass reflects 4 % of a ray at each face (Fresnel), away from the sensor; what passes returns from seats, trims or not
+at all (Foster, Sun, Park, Kuipers: VisAGGE, visible angle grid for glass environments, ICRA 2013). Black paint returns
+some tenth of what white does at 905 nm; a wet surface is darker than a dry one, since light is trapped under the film
+of water (Lekner and Dorf: Why some things are darker when wet, Applied Optics 27, 1988).
+
+Approximation, from boxes alone: the windows of a vehicle are the band of its body between `lower` and `upper` of its
+height; pillars are a share of it, drawn pixel by pixel. It is right for saloons, estates and hatchbacks; vans have less
+glass than this, heavy vehicles and two-wheelers are taken to have none.
+
+Rain, fog and snow: near returns from what falls or hovers, and returns that are lost on their way.
+
+Extinction takes exp(-2 · extinction · R) of what a surface at range R returns (Beer, Lambert); this share of returns
+survives. Extinction at 905 nm in dB per km:
+
+    rain   1.076 · r^0.67, r in mm/h                        (Carbonneau and Wisely, 1998; Recommendation ITU-R P.1814)
+    snow   (5.42e-5 · 905 + 5.496) · s^1.38 if dry, (1.02e-4 · 905 + 3.786) · s^0.72 if wet, s in mm/h   (ITU-R P.1814)
+    fog    3.912 per metre over the visibility at 2 % contrast                                           (Koschmieder)
+
+Near returns come with a rate that falls with range, as the echo of a drop falls steeply and the beam widens: per metre
+`rate · exp(-(r - 0.3 m) / reach)`, so that of rays that meet no surface `share` return from the air, and of those that
+do, as many as meet a drop before it. That most false returns lie within some 10 m is found in rain by Filgueira et al.
+(Quantifying the influence of rain in LiDAR performance, Measurement 95, 2017), in fog by Bijelic, Gruber and Ritter (A
+benchmark for lidar sensors in fog, IV 2018), in snow by Hahner et al. (LiDAR snowfall simulation, CVPR 2022). Their
+shares differ by sensor: those that `rain`, `fog` and `snow` take are assumptions of ours, to be replaced where known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.objects import HEAVY, VEHICLE, Objects
+from toolkit.sensors.readings import Draws, Reading, TrueImage, check_least, check_share
+from toolkit.sensors.sensor import NEAR, Measure, angle
+
+MOST_APART = 0.5  # s between frames from which velocities are known
+_SAME = 1.0  # m by which what is measured may differ from what is there and still show it
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """offset: standard deviation (s) of each sensor's clock, constant over a recording."""
+
+    needs_velocities: ClassVar[bool] = True
+
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_least(self, offset=0)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading with the points on moving objects where these are when the sensor measures.
+
+        Raises ValueError where velocities are not known.
+        """
+        if not self.offset:
+            return reading
+        truth = reading.truth
+        if truth.velocities is None:
+            raise ValueError("a clock's offset needs the objects' velocities: read a recording with tracks and times")
+        late = draws.of_sensor().standard_normal() * self.offset
+        moved = np.append(truth.velocities * late, np.zeros((1, 3)), axis=0)[truth.owners]
+        same = reading.valid & (np.abs(reading.measurement - truth.measurement) < _SAME)
+        shift = np.where(same[..., None], moved, 0).astype(np.float32)
+        return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
+
+
+def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, float]]) -> Float64[np.ndarray, "n 3"]:
+    """Velocity (m/s, world frame) of each object of a frame, from the same tracks in the frames before and after: the
+    mean over those that have it, 0 for a track that is in none.
+
+    time: of the frame (s); around: objects and time of its neighbours. Raises ValueError where a neighbour is farther
+    off than `MOST_APART` or there is none.
+    """
+    gaps = [abs(then - time) for _, then in around]
+    if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
+        apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
+        raise ValueError(
+            f"velocities need frames at most {MOST_APART} s apart, got {apart}: leave the clock's offset out, or "
+            "record more often"
+        )
+    total, count = np.zeros((len(objects), 3)), np.zeros(len(objects))
+    for others, then in around:
+        _, mine, theirs = np.intersect1d(objects.ids, others.ids, return_indices=True)
+        total[mine] += (others.boxes[theirs, :3] - objects.boxes[mine, :3]) / (then - time)
+        count[mine] += 1
+    return total / np.maximum(count, 1)[:, None]
+
+
+@dataclass(frozen=True)
+class DropOut:
+    """share: of all returns that fail whatever they show; half_range: the range (m) from which half of the surfaces at
+    right angles return, 0 for no loss by range and incidence; steepness: of the law above."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    share: float = 0.0
+    half_range: float = 0.0
+    steepness: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_share(self, "share")
+        check_least(self, half_range=0, steepness=0)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading without what failed."""
+        if not (self.share or self.half_range):
+            return reading
+        kept = np.full(reading.measurement.shape, 1.0 - self.share)
+        if self.half_range:
+            truth = reading.truth
+            kept *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
+        return reading.without(draws.of_frame().random(kept.shape) >= kept)
+
+
+@dataclass(frozen=True)
+class DeadRows:
+    """share: of the rows of the image that never return anything, drawn for each row of each sensor and constant over a
+    recording: lasers or lines of a detector that failed."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    share: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_share(self, "share")
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading without these rows."""
+        if not self.share:
+            return reading
+        rows = len(reading.measurement)
+        dead = draws.of_sensor().random((rows, 1)) < self.share
+        return reading.without(np.broadcast_to(dead, reading.measurement.shape))
+
+
+def chance_of_return(
+    ranges: Float[np.ndarray, "*n"],
+    cosines: Float[np.ndarray, "*n"],
+    half_range: float,
+    steepness: float,
+    reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
+) -> Float64[np.ndarray, "*n"]:
+    """p(return) of surfaces at some ranges (m) and cosines of incidence; reflectivity: against that of others.
+
+    >>> chance_of_return(np.array([0.0, 100.0]), np.array([1.0, 1.0]), 100.0, 2.0).tolist()
+    [1.0, 0.5]
+    """
+    power = np.asarray(reflectivity) * cosines * half_range**2
+    lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
+    return 1 / (1 + lacking**steepness)
+
+
+_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+@dataclass(frozen=True)
+class MixedPixels:
+    """share: of the pixels beside an edge that are mixed; gap: least difference to a neighbour that is an edge (m);
+    reach: largest difference that mixes (m): of pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which
+    they tell two returns apart.
+
+    Of each pixel one of its four neighbours is drawn; if there is an edge between, the measurement lies between both,
+    anywhere with the same probability. A neighbour without return mixes nothing.
+    """
+
+    needs_velocities: ClassVar[bool] = False
+
+    share: float = 0.0
+    gap: float = 0.3
+    reach: float = 1000.0
+
+    def __post_init__(self) -> None:
+        check_share(self, "share")
+        check_least(self, gap=0, reach=0)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading with mixed pixels."""
+        if not self.share:
+            return reading
+        image, rng = reading.measurement, draws.of_frame()
+        side = rng.integers(len(_NEIGHBOURS), size=image.shape)
+        mixed, weight = rng.random(image.shape) < self.share, rng.random(image.shape, np.float32)
+        other = np.choose(side, [_moved(np.where(reading.valid, image, np.float32(0)), *step) for step in _NEIGHBOURS])
+        apart = np.abs(other - image)
+        between = reading.valid & (other > 0) & (apart > self.gap) & (apart < self.reach) & mixed
+        return reading.measuring(np.where(between, image + weight * (other - image), image))
+
+
+def _moved(image: np.ndarray, down: int, right: int) -> np.ndarray:
+    """Of each pixel the neighbour so far down and to the right, 0 beyond the edge of the image."""
+    padded = np.pad(image, 1)
+    rows, columns = image.shape
+    return padded[1 + down : 1 + down + rows, 1 + right : 1 + right + columns]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Constant over a recording. rotation: root mean square of the angle (rad) by which a sensor is turned, about any
+    axis through it; translation: of the distance (m) by which it is displaced, in any direction. Both are normal, about
+    and along each axis with a standard deviation smaller by the square root of 3."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    rotation: float = angle(0.0)
+    translation: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_least(self, rotation=0, translation=0)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading at the pose that was calibrated."""
+        if not (self.rotation or self.translation):
+            return reading
+        turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
+        error = np.eye(4)
+        error[:3, :3] = rotation_about(turn * self.rotation)
+        error[:3, 3] = move * self.translation
+        return replace(reading, pose=reading.pose @ error)
+
+
+@dataclass(frozen=True)
+class PoleSway:
+    """Slow sway. amplitude: by which the tip of a pole turns (rad); period (s), from pole to pole up to a third longer
+    or shorter. Direction, period and phase are drawn for each pole, all its sensors sway together.
+
+    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: so nothing is
+    rendered anew. A pole's foot is taken to be at z = 0.
+    """
+
+    needs_velocities: ClassVar[bool] = False
+
+    amplitude: float = angle(0.0)
+    period: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_least(self, amplitude=0, period=1e-3)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading at the pose of the pole at rest, at the time of the frame."""
+        if not self.amplitude:
+            return reading
+        position = reading.truth.sensor.position
+        towards, phase, longer = draws.of_pole(position).random(3)
+        period = self.period * (1 + (2 * longer - 1) / 3)
+        theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
+        ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
+        swayed = reading.pose.copy()
+        swayed[:3, :3] = rotation_about(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
+        swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
+        return replace(reading, pose=swayed)
+
+
+def rotation_about(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
+    """The rotation about a vector by its length (rad): Rodrigues' formula.
+
+    >>> rotation_about(np.array([0, 0, np.pi / 2])).round(6).tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    length = float(np.linalg.norm(vector))
+    if not length:
+        return np.eye(3)
+    x, y, z = vector / length
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(length) * skew + (1 - np.cos(length)) * skew @ skew
+
+
+@dataclass(frozen=True)
+class OwnNoise:
+    """The noise that the sensor's model says it has, as `toolkit.datasets.dataset.noisy` draws it: of the paper's
+    cameras 1.5 cm at every depth."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading with the model's noise."""
+        return reading.measuring(reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise()))
+
+
+@dataclass(frozen=True)
+class RangeNoise:
+    """Normal noise, drawn for every pixel and frame, of sigma = constant + proportional · z + quadratic · z² (m), z
+    being what is measured. measures: of sensors that measure "depth" or "range" only, None for all."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    constant: float = 0.0
+    proportional: float = 0.0
+    quadratic: float = 0.0
+    measures: Measure | None = None
+
+    def __post_init__(self) -> None:
+        check_least(self, constant=0, proportional=0, quadratic=0)
+        if self.measures not in (None, "depth", "range"):
+            raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading with noise added; what noise carries to 0 or behind the sensor is no return."""
+        if self.measures not in (None, reading.truth.sensor.model.measures):
+            return reading
+        if not (self.constant or self.proportional or self.quadratic):
+            return reading
+        z = np.where(reading.valid, reading.measurement, np.float32(0))
+        noise = draws.of_frame().standard_normal(z.shape, dtype=np.float32)
+        sigma = np.float32(self.constant) + np.float32(self.proportional) * z + np.float32(self.quadratic) * z**2
+        return reading.measuring(np.where(reading.valid, np.maximum(z + noise * sigma, 0), np.float32(0)))
+
+
+def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
+    """Of a stereo camera: baseline (m), focal length and standard deviation of the disparity (pixels).
+
+    >>> round(stereo_noise(baseline=1.0, focal=2000.0).quadratic, 9)
+    5e-05
+    """
+    if not (baseline > 0 and focal > 0):
+        raise ValueError(f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels")
+    return RangeNoise(quadratic=disparity / (focal * baseline), measures="depth")
+
+
+def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
+    """Of a time-of-flight camera: sigma at 10 m (m), and the share of it that ambient light and electronics have."""
+    if not 0 <= ambient <= 1:
+        raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
+    return RangeNoise(proportional=at_10_m * (1 - ambient) / 10, quadratic=at_10_m * ambient / 100)
+
+
+def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
+    """Of a lidar, beside the model's own: a constant (m), and a part per metre of range."""
+    return RangeNoise(constant=constant, proportional=proportional, measures="range")
+
+
+@dataclass(frozen=True)
+class Glass:
+    """share: of the window band that is glass, the rest being pillars; lower, upper: the band, as shares of a vehicle's
+    height; behind: share of the rays through glass that return from the inside, anywhere on their way through the box
+    with the same probability; the others return nothing."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    share: float = 0.0
+    lower: float = 0.62
+    upper: float = 0.93
+    behind: float = 0.3
+
+    def __post_init__(self) -> None:
+        check_share(self, "share", "lower", "upper", "behind")
+        if not self.lower < self.upper:
+            raise ValueError(f"the window band must have lower < upper, got {self.lower} and {self.upper}")
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading through the windows."""
+        if not self.share:
+            return reading
+        rng, shape = draws.of_frame(), reading.measurement.shape
+        pane, inside, way = rng.random(shape) < self.share, rng.random(shape) < self.behind, rng.random(shape)
+        glass = self.band(reading.truth) & pane & reading.valid
+        pixels = np.flatnonzero(glass & inside)
+        through = np.zeros(glass.size)
+        through[pixels] = way.ravel()[pixels] * _way_through(reading.truth, pixels)
+        deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
+        return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(glass & ~inside)
+
+    def band(self, truth: TrueImage) -> Bool[np.ndarray, "rows columns"]:
+        """Which pixels show the window band of a vehicle."""
+        owners = truth.owners.ravel()
+        pixels = np.flatnonzero(owners >= 0)
+        pixels = pixels[truth.objects.labels[owners[pixels]] == VEHICLE]
+        boxes = truth.objects.boxes[owners[pixels]]
+        height = (truth.points[pixels, 2] - boxes[:, 2]) / boxes[:, 5] + 0.5
+        band = np.zeros(owners.size, np.bool_)
+        band[pixels] = (height > self.lower) & (height < self.upper)
+        return band.reshape(truth.measurement.shape)
+
+
+@dataclass(frozen=True)
+class Paint:
+    """share: of vehicles, heavy ones among them, that are dark, by track id, for all sensors and frames alike;
+    dark: their reflectivity against that of others; wet: that of every vehicle against when dry, 1 for dry;
+    half_range, steepness: see `toolkit.sensors.error_terms`, for a vehicle that is not dark.
+
+    Recordings without track ids draw anew in each frame.
+    """
+
+    needs_velocities: ClassVar[bool] = False
+
+    share: float = 0.0
+    dark: float = 0.1
+    wet: float = 1.0
+    half_range: float = 150.0
+    steepness: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_share(self, "share", "dark", "wet")
+        check_least(self, half_range=1e-3, steepness=0)
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading without what paint swallowed: of a dark or wet vehicle, what returns else is lost with 1 less the
+        ratio of both chances, so that a dry bright one loses nothing here."""
+        truth, shape = reading.truth, reading.measurement.shape
+        if not (self.share or self.wet < 1) or not len(truth.objects):
+            return reading
+        painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
+        is_dark = (draws.of_objects(truth.objects.ids) < self.share) & painted
+        reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
+        of_pixel = np.append(reflectivity, 1.0)[truth.owners]
+        law = truth.ranges, truth.cosines, self.half_range, self.steepness
+        kept = chance_of_return(*law, of_pixel) / chance_of_return(*law)
+        return reading.without(draws.of_frame().random(shape) >= kept)
+
+
+def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+    """How far (m) the rays of some pixels, each on an object, go on until they leave its box."""
+    owners, points = truth.owners.ravel()[pixels], truth.points[pixels]
+    x, y, z, length, width, height, yaw = truth.objects.boxes[owners].T
+    rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along, across = np.stack([np.cos(yaw), np.sin(yaw)]), np.stack([-np.sin(yaw), np.cos(yaw)])
+    from_middle = points - np.stack([x, y, z], axis=1)
+    here, ray = (
+        np.stack([(v[:, :2].T * along).sum(axis=0), (v[:, :2].T * across).sum(axis=0), v[:, 2]], axis=1)
+        for v in (from_middle, rays)
+    )
+    half = np.stack([length, width, height], axis=1) / 2
+    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+    return np.maximum(((np.copysign(half, ray) - here) / ray).min(axis=1), 0.0)
+
+
+PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
+
+
+@dataclass(frozen=True)
+class Weather:
+    """extinction: per metre; share: of rays into the open that return from the air, below 1; reach: by which the rate
+    of such returns falls to 1/e (m)."""
+
+    needs_velocities: ClassVar[bool] = False
+
+    extinction: float = 0.0
+    share: float = 0.0
+    reach: float = 8.0
+
+    def __post_init__(self) -> None:
+        check_share(self, "share")
+        check_least(self, extinction=0, reach=1e-3)
+        if self.share == 1:
+            raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
+
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """The reading in this weather."""
+        if not (self.extinction or self.share):
+            return reading
+        rng, truth = draws.of_frame(), reading.truth
+        survives, met = rng.random(reading.measurement.shape), rng.random(reading.measurement.shape)
+        ranges = np.where(reading.valid, reading.measurement * truth.ray_lengths, np.float32(np.inf))
+        arrives = np.exp(-2 * self.extinction * np.where(reading.valid, ranges, 0))
+        reading = reading.without(reading.valid & (survives >= arrives))
+        if not self.share:
+            return reading
+        left = 1 + np.log1p(-met) / -np.log1p(-self.share)  # exp(-(r - NEAR) / reach) at the first drop; none below 0
+        drop = NEAR - self.reach * np.log(np.maximum(left, 1e-12))
+        from_air = (left > 0) & (drop < ranges) & (drop < truth.sensor.model.max_range)
+        in_front = (drop / truth.ray_lengths).astype(np.float32)
+        return reading.measuring(np.where(from_air, in_front, reading.measurement))
+
+
+def rain(rate: float) -> Weather:
+    """Of some mm/h: 2.5 light, 10 heavy, 50 a cloudburst. Of rays into the open 0.3 % per mm/h return from a drop.
+
+    >>> f"{rain(10.0).extinction * 1000:.3f} {rain(10.0).share:.4f}"
+    '1.159 0.0296'
+    """
+    return Weather(PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0)
+
+
+def snow(rate: float, *, wet: bool = False) -> Weather:
+    """Of some mm/h of water: 1 light, 4 heavy. Of rays into the open 4 % per mm/h return from a flake."""
+    dry_law, wet_law = (5.42e-5 * 905 + 5.496, 1.38), (1.02e-4 * 905 + 3.786, 0.72)
+    factor, power = wet_law if wet else dry_law
+    return Weather(PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0)
+
+
+def fog(visibility: float) -> Weather:
+    """In which one sees so far (m). Of rays into the open 1 - exp(-5 m / visibility) return from the fog, most within a
+    tenth of the visibility."""
+    if not visibility > 0:
+        raise ValueError(f"visibility must be above 0 m, got {visibility}")
+    return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)
+
+
+def _rate(rate: float) -> float:
+    if not 0 <= rate < np.inf:
+        raise ValueError(f"a rate must be a number of mm/h from 0 on, got {rate}")
+    return rate

@@ -1,0 +1,529 @@
+"""`DepthCamera`: a pinhole depth camera.
+
+A grid of rays at even steps of elevation and azimuth, as lidars have: its rays, what is in view, windows of boxes.
+
+Frame: x forward, y left, z up. Rows from the top down, columns from the right (-y) to the left, centred on +x.
+
+`SpinningLidar`: a lidar whose lasers turn about its axis.
+
+`SolidStateLidar`: a lidar without moving parts, whose field of view is a rectangle of angles ahead.
+
+`RowLidar`: a lidar whose rows of lasers are not evenly spaced, as many are built and as clouds of any show them.
+
+All known sensor models by name: what files may hold and the command line offers.
+
+A model defined elsewhere becomes known by `register_sensor_model`, as `@register_sensor_model` above its class.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.geometry import BODY_SE3_CAMERA, pose
+from toolkit.sensors.sensor import (
+    NEAR,
+    Measure,
+    SensorModel,
+    angle,
+    check_noise,
+    check_numbers,
+    clipped,
+    frozen,
+    with_noise,
+)
+
+_PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """A pinhole depth camera; frame: x right, y down, z forward. The defaults are the paper's.
+
+    width, height: full image (pixels); stride: every stride-th pixel of each row and column is measured;
+    fov: horizontal field of view (rad); sigma: standard deviation of the additive depth noise (m);
+    max_range: depth beyond which nothing returns (m); centre: principal point (u, v) in pixels of the full image,
+    None for the middle.
+    """
+
+    kind: ClassVar[str] = "camera"
+    measures: ClassVar[Measure] = "depth"
+    body_SE3_sensor: ClassVar[np.ndarray] = BODY_SE3_CAMERA
+
+    width: int = 400
+    height: int = 300
+    stride: int = 2
+    fov: float = angle(np.pi / 2)
+    sigma: float = 0.015
+    max_range: float = 1000.0
+    centre: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if min(self.width, self.height, self.stride) < 1:
+            raise ValueError(f"width, height and stride must be at least 1, got {self}")
+        if not 0 < self.fov < np.pi:
+            raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
+        if self.centre is not None and not _is_pixel(self.centre):
+            raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
+        check_noise(self.sigma, self.max_range)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns that are measured."""
+        return -(-self.height // self.stride), -(-self.width // self.stride)
+
+    @property
+    def horizontal_fov(self) -> float:
+        """`fov`."""
+        return self.fov
+
+    @property
+    def vertical_fov(self) -> float:
+        """Height of the field of view (rad), about the middle of the image."""
+        return float(2 * np.arctan(self.height / 2 / self.intrinsic[1, 1]))
+
+    @property
+    def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
+        """K in pixels of the full image: f = (width / 2) / tan(fov / 2), both ways; principal point `centre`."""
+        focal = self.width / 2 / np.tan(self.fov / 2)
+        u, v = self.centre or (self.width / 2, self.height / 2)
+        return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Ray per measured pixel, camera frame, z = 1: ((u - cu) / f, (v - cv) / f, 1)."""
+        return _camera_rays(self)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
+        """`sigma`, at every depth."""
+        return np.float32(self.sigma)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Depth with N(0, sigma) added; what returned nothing still returns nothing."""
+        return with_noise(measurement, self, rng)
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of the camera's frame fall into its image, nearer than its range."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        (focal, _, u), (_, _, v), _ = self.intrinsic
+        in_columns = (-u * z <= focal * x) & (focal * x <= (self.width - u) * z)
+        in_rows = (-v * z <= focal * y) & (focal * y <= (self.height - v) * z)
+        return in_columns & in_rows & (z > 0) & (z < self.max_range)
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Rectangles round the corners of the part of each box that lies in front of the camera."""
+        start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
+        rise = end[..., 2:] - start[..., 2:]
+        share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
+        points = np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
+        depth = points[..., 2:]
+        ahead = depth >= NEAR - 1e-6
+        focal, centre = self.intrinsic[0, 0], self.intrinsic[:2, 2]
+        pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / self.stride
+        first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
+        last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
+        near = sensor_corners[..., 2].min(axis=1) < self.max_range
+        rows = np.arange(len(sensor_corners))
+        bounds = np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])
+        return clipped(bounds[near & ahead.any(axis=(1, 2))], self.shape)
+
+
+def _is_pixel(centre: Any) -> bool:
+    numbers = isinstance(centre, tuple) and all(isinstance(each, int | float | np.number) for each in centre)
+    return numbers and len(centre) == 2 and bool(np.isfinite(centre).all())
+
+
+@lru_cache(maxsize=64)
+def _camera_rays(camera: DepthCamera) -> np.ndarray:
+    (focal, _, cu), (_, _, cv), _ = camera.intrinsic
+    u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
+    x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
+    return frozen(np.stack([x, y, np.ones_like(x)], axis=-1))
+
+
+class AngleGrid(NamedTuple):
+    """rows from elevation `up` down to `down`, columns over `width` (rad), up to a range (m)."""
+
+    rows: int
+    columns: int
+    up: float
+    down: float
+    width: float
+    max_range: float
+
+
+@lru_cache(maxsize=64)
+def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
+    """Unit ray per row and column."""
+    elevation = np.linspace(grid.up, grid.down, grid.rows)[:, None]
+    azimuth = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
+    flat = np.cos(elevation)
+    return frozen(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+
+
+def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    """Which points lie between the first and last row and column, and in range."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    across = np.hypot(x, y)
+    elevation = np.arctan2(z, across)
+    in_rows = (grid.down <= elevation) & (elevation <= grid.up)
+    return in_rows & (np.abs(np.arctan2(y, x)) <= grid.width / 2) & (np.hypot(across, z) < grid.max_range)
+
+
+def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+    """Rectangles round the sphere through the corners of each box, at up to three turns of the azimuth."""
+    middle = sensor_corners.mean(axis=1)
+    radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
+    distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
+    elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
+    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+    per_row = (grid.up - grid.down) / max(grid.rows - 1, 1) or np.inf
+    per_column = grid.width / grid.columns
+    half_rows = _half_angle(radius, distance) / per_row
+    half_columns = np.minimum(_half_angle(radius, across), np.pi) / per_column
+    row = (grid.up - elevation) / per_row
+    turns = []
+    for turn in (-2 * np.pi, 0.0, 2 * np.pi):
+        column = (azimuth + turn) / per_column + (grid.columns - 1) / 2
+        bounds = (
+            np.floor(row - half_rows),
+            np.ceil(row + half_rows) + 1,
+            np.floor(column - half_columns),
+            np.ceil(column + half_columns) + 1,
+        )
+        turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < grid.max_range])
+    return clipped(np.concatenate(turns), (grid.rows, grid.columns))
+
+
+def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Half the angle under which a sphere appears; a full turn from inside it."""
+    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
+
+
+@dataclass(frozen=True)
+class SpinningLidar:
+    """A spinning lidar; frame: x forward, y left, z up.
+
+    channels: laser rows, top first; fov_up, fov_down: highest and lowest row (rad above the horizon);
+    azimuth_step: rad between columns; azimuth_fov: rad swept, centred on +x; sigma: noise of the range (m);
+    max_range: range beyond which nothing returns (m).
+    """
+
+    kind: ClassVar[str] = "lidar"
+    measures: ClassVar[Measure] = "range"
+    body_SE3_sensor: ClassVar[np.ndarray] = np.eye(4)
+
+    channels: int = 64
+    fov_up: float = angle(np.deg2rad(10.0))
+    fov_down: float = angle(np.deg2rad(-40.0))
+    azimuth_step: float = angle(np.deg2rad(0.4))
+    azimuth_fov: float = angle(2 * np.pi)
+    sigma: float = 0.02
+    max_range: float = 120.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if self.channels < 1:
+            raise ValueError(f"channels must be at least 1, got {self.channels}")
+        if not -np.pi / 2 <= self.fov_down <= self.fov_up <= np.pi / 2:
+            raise ValueError(f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and {self.fov_up}")
+        if not 0 < self.azimuth_step <= self.azimuth_fov <= 2 * np.pi + 1e-9:
+            raise ValueError(f"need 0 < azimuth_step <= azimuth_fov <= 2 pi rad, got {self.azimuth_step}")
+        check_noise(self.sigma, self.max_range)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows (channels) and columns (azimuths)."""
+        return self.channels, max(1, round(self.azimuth_fov / self.azimuth_step))
+
+    @property
+    def horizontal_fov(self) -> float:
+        """`azimuth_fov`."""
+        return self.azimuth_fov
+
+    @property
+    def vertical_fov(self) -> float:
+        """From the lowest row to the highest (rad)."""
+        return self.fov_up - self.fov_down
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Unit ray per laser and azimuth, sensor frame."""
+        return unit_rays(self._grid)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
+        """`sigma`, at every range."""
+        return np.float32(self.sigma)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
+        return with_noise(measurement, self, rng)
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of the lidar's frame lie between its rows, in the azimuths it sweeps and in range."""
+        return in_grid(self._grid, points)
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
+        return grid_windows(self._grid, sensor_corners)
+
+    @property
+    def _grid(self) -> AngleGrid:
+        return AngleGrid(*self.shape, self.fov_up, self.fov_down, self.azimuth_fov, self.max_range)
+
+
+@dataclass(frozen=True)
+class SolidStateLidar:
+    """A solid-state lidar; frame: x forward, y left, z up.
+
+    rows, columns: pixels; horizontal_fov, vertical_fov: its field of view (rad), centred on +x; sigma: noise of the
+    range (m) at the sensor, which grows by `sigma_per_metre` with the range; max_range: range beyond which nothing
+    returns (m).
+    """
+
+    kind: ClassVar[str] = "solidstate"
+    measures: ClassVar[Measure] = "range"
+    body_SE3_sensor: ClassVar[np.ndarray] = np.eye(4)
+
+    rows: int = 64
+    columns: int = 300
+    horizontal_fov: float = angle(float(np.deg2rad(120.0)))
+    vertical_fov: float = angle(float(np.deg2rad(25.0)))
+    sigma: float = 0.02
+    sigma_per_metre: float = 0.0003
+    max_range: float = 150.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if min(self.rows, self.columns) < 1:
+            raise ValueError(f"rows and columns must be at least 1, got {self.rows} and {self.columns}")
+        if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
+            raise ValueError(
+                "need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got "
+                f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
+            )
+        check_noise(self.sigma, self.max_range)
+        if not 0 <= self.sigma_per_metre < np.inf:
+            raise ValueError(f"sigma_per_metre must be finite and not negative, got {self.sigma_per_metre}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Unit ray per pixel, sensor frame."""
+        return unit_rays(self._grid)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+        """sigma + sigma_per_metre · range."""
+        return np.float32(self.sigma) + np.float32(self.sigma_per_metre) * np.asarray(measurement, np.float32)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Ranges with normal noise of their `deviation`; what returned nothing still returns nothing."""
+        return with_noise(measurement, self, rng)
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of the lidar's frame lie in its field of view and range."""
+        return in_grid(self._grid, points)
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Pixels that may meet each box."""
+        return grid_windows(self._grid, sensor_corners)
+
+    @property
+    def _grid(self) -> AngleGrid:
+        up = self.vertical_fov / 2
+        return AngleGrid(self.rows, self.columns, up, -up, self.horizontal_fov, self.max_range)
+
+
+_DEGREES = [15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]
+_ELEVATIONS = tuple(np.deg2rad(_DEGREES).tolist())
+
+
+@dataclass(frozen=True)
+class RowLidar:
+    """A lidar of rows; frame: x forward, y left, z up.
+
+    elevations: of its rows (rad above the horizon), top first; columns: of the azimuths it sweeps; azimuth_fov: rad
+    swept, centred on `heading` (rad from +x to the left); sigma: noise of the range (m); max_range: range beyond which
+    nothing returns (m).
+    """
+
+    kind: ClassVar[str] = "rowlidar"
+    measures: ClassVar[Measure] = "range"
+
+    elevations: tuple[float, ...] = angle(_ELEVATIONS)
+    columns: int = 1800
+    azimuth_fov: float = angle(2 * np.pi)
+    heading: float = angle(0.0)
+    sigma: float = 0.02
+    max_range: float = 200.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        rows = np.array(self.elevations, np.float64)
+        if rows.ndim != 1 or not len(rows) or not np.isfinite(rows).all() or (np.diff(rows) >= 0).any():
+            raise ValueError(f"elevations must fall from row to row, got {str(self.elevations)[:60]}")
+        if np.abs(rows).max() > np.pi / 2:
+            raise ValueError(f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}")
+        if self.columns < 1:
+            raise ValueError(f"columns must be at least 1, got {self.columns}")
+        if not (0 < self.azimuth_fov <= 2 * np.pi + 1e-9 and abs(self.heading) <= np.pi + 1e-9):
+            raise ValueError(f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}")
+        check_noise(self.sigma, self.max_range)
+
+    @property
+    def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
+        """The body looks along `heading`."""
+        return pose(yaw=-self.heading)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.elevations), self.columns
+
+    @property
+    def horizontal_fov(self) -> float:
+        """`azimuth_fov`."""
+        return self.azimuth_fov
+
+    @property
+    def vertical_fov(self) -> float:
+        """From the lowest row to the highest (rad)."""
+        return self.elevations[0] - self.elevations[-1]
+
+    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+        """Unit ray per row and azimuth, sensor frame; columns from the right to the left."""
+        return _rays(self.elevations, self.columns, self.azimuth_fov, self.heading)
+
+    def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
+        """`sigma`, at every range."""
+        return np.float32(self.sigma)
+
+    def noisy(
+        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Ranges with N(0, sigma) added; what returned nothing still returns nothing."""
+        return with_noise(measurement, self, rng)
+
+    def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Which points of the lidar's frame lie between its rows, in the azimuths it sweeps and in range."""
+        return in_grid(self._grid(2), self._ahead(points))
+
+    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
+        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
+        found = grid_windows(self._grid(1), self._ahead(sensor_corners))
+        middle = sensor_corners.mean(axis=1)
+        radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
+        distance = np.linalg.norm(middle, axis=1)
+        half = np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), np.pi)
+        elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
+        falling = -np.array(self.elevations)
+        found[:, 1] = np.searchsorted(falling, -(elevation + half) - 1e-6)[found[:, 0]]
+        found[:, 2] = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")[found[:, 0]]
+        return found[found[:, 1] < found[:, 2]]
+
+    def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        return points @ self.body_SE3_sensor[:3, :3].T if self.heading else points
+
+    def _grid(self, rows: int) -> AngleGrid:
+        up, down = self.elevations[0], self.elevations[-1]
+        return AngleGrid(rows, self.columns, up, down, self.azimuth_fov, self.max_range)
+
+
+@lru_cache(maxsize=64)
+def _rays(
+    elevations: tuple[float, ...], columns: int, width: float, heading: float
+) -> Float32[np.ndarray, "rows columns 3"]:
+    elevation = np.array(elevations)[:, None]
+    azimuth = heading + (np.arange(columns) - (columns - 1) / 2) * width / columns
+    flat = np.cos(elevation)
+    return frozen(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+
+
+MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
+TAKEN = ("name", "model", "type", "site_SE3_sensor")  # what files say of a sensor beside the fields of its model
+
+Model = TypeVar("Model", bound=type)
+
+
+def register_sensor_model(model: Model) -> Model:
+    """Make a model known, so that files with it can be read and `--model` names it; returns the class.
+
+    Raises ValueError where the class is no `toolkit.sensors.sensor.SensorModel` of fields with defaults, or its name is
+    taken by another one.
+    """
+    name = model.__name__
+    parameters = getattr(model, "__dataclass_params__", None)
+    if not is_dataclass(model) or parameters is None or not (parameters.frozen and parameters.eq):
+        raise ValueError(f"{name} must be a frozen dataclass that compares by value: put @dataclass(frozen=True) on it")
+    bare = [f.name for f in fields(model) if f.default is MISSING and f.default_factory is MISSING]
+    if bare or {f.name for f in fields(model)} & set(TAKEN):
+        raise ValueError(f"fields of {name} need defaults ({', '.join(bare) or 'all have'}) and no name of {TAKEN}")
+    if not isinstance(model(), SensorModel):
+        known = (each for each in dir(SensorModel) if not each.startswith("_"))
+        lacks = ", ".join(each for each in known if not hasattr(model, each))
+        raise ValueError(f"{name} is no SensorModel, it lacks {lacks}: see toolkit.sensors.sensor")
+    before = MODELS.get(name_in_words(name), model)
+    if (before.__module__, before.__qualname__) != (model.__module__, model.__qualname__):
+        raise ValueError(f"there is a sensor model {name} already, in {before.__module__}: name this one otherwise")
+    MODELS[name_in_words(name)] = model
+    return model
+
+
+def model_named(name: str) -> SensorModel:
+    """The model of that name, such as "solid-state-lidar" or SolidStateLidar, with its default parameters.
+
+    Raises ValueError that lists what there is.
+    """
+    return model_class(name)()
+
+
+def model_class(name: str) -> type[Any]:
+    """The class of that name, as files write it or in words. Raises ValueError that lists what there is."""
+    if name_in_words(str(name)) not in MODELS:
+        raise ValueError(f"no sensor model {str(name)[:60]!r}: there are {', '.join(class_names())}")
+    return MODELS[name_in_words(str(name))]
+
+
+def class_names() -> list[str]:
+    """The names of all known models as files write them."""
+    return [model.__name__ for model in MODELS.values()]
+
+
+def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
+    """A model from what a file says of it: its name and some of its fields, angles in rad, lists for tuples.
+
+    Raises ValueError where the name is unknown, a field too, or the model refuses a value.
+    """
+    model = model_class(name)
+    known = [entry.name for entry in fields(model)]
+    unknown = [key for key in values if key not in known]
+    if unknown:
+        raise ValueError(f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(known)}")
+    numbers = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    try:
+        return model(**numbers)
+    except TypeError as error:
+        raise ValueError(f"{model.__name__} cannot have {numbers} ({error})") from None
+
+
+def name_in_words(name: str) -> str:
+    """SolidStateLidar as solid-state-lidar."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).replace("_", "-").lower()
+
+
+for _model in (DepthCamera, SpinningLidar, SolidStateLidar, RowLidar):
+    register_sensor_model(_model)
