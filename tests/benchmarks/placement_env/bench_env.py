@@ -18,9 +18,9 @@ import gymnasium as gym
 import numpy as np
 
 from placement_env.envs.registration import register
-from placement_env.fidelity.visibility import Rendering
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
+from placement_env.setting import Rendering
 
 register()
 ROUNDS = 20

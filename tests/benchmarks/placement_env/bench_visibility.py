@@ -16,7 +16,8 @@ import numpy as np
 
 from placement_env.candidates.pool import pool
 from placement_env.fidelity.traffic import Traffic, simulate_traffic
-from placement_env.fidelity.visibility import Rendering, see
+from placement_env.fidelity.visibility import see
+from placement_env.setting import Rendering
 from toolkit.objects import LABELS
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sites.files import load_site

@@ -15,6 +15,7 @@ from toolkit.calibration.poses import (
     drift_findings,
     find_pose,
     find_poses,
+    find_poses_together,
     find_sample_poses,
     spoken,
     with_corrections,

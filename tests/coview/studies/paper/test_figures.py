@@ -192,7 +192,7 @@ def test_bins_in_file_and_picture(stored_roundabout, tmp_path):
     ((name, rows),) = made.curves
     assert (name, rows[0][2]) == ("iou_density_bins", "vehicles")
     density, _ = densities_and_ious(stored_roundabout, "roundabout")
-    assert sum(row[2] for row in rows[1:]) == (density > 0).sum()
+    assert sum(float(row[2]) for row in rows[1:]) == (density > 0).sum()
     made.draw(tmp_path / "iou.svg")
     assert (tmp_path / "iou.svg").stat().st_size > 5000
     assert made.conclusion.endswith("T-junction alone.")
