@@ -9,7 +9,6 @@ import open3d as o3d
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toolkit.datasets.doctor.diagnosis import diagnose
 
 import placement_env.envs.registration
 from models.training.packed import PackedFrames
@@ -25,6 +24,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.doctor import diagnose
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
