@@ -32,10 +32,8 @@ from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.scheme import Scheme
-from toolkit.sensors.error_terms import ClockOffset
-from toolkit.sensors.error_terms import Calibration
-from toolkit.sensors.error_profiles import ErrorProfile
-from toolkit.sensors.error_profiles import PAPER_ERRORS
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
+from toolkit.sensors.error_terms import Calibration, ClockOffset
 
 POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees
 METRES_PER_DEGREE = 0.1  # offset of a sensor that is mounted crooked

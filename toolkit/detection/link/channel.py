@@ -17,9 +17,8 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.readings import Readable, read_frame
 from toolkit.frame import Frame
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART
-from toolkit.sensors.error_profiles import ErrorProfile
-from toolkit.sensors.error_profiles import PAPER_ERRORS
 
 STALE = 1.0  # s, from which on a message is too old to be shown
 

@@ -32,8 +32,7 @@ from toolkit.detection.link.range_images import RangeImages, from_steps, image_h
 from toolkit.detection.scheme import Counts, Fused, fused
 from toolkit.detection.view import Captured, Lift, SentCloud, View
 from toolkit.points import Crop, cropped, unproject
-from toolkit.sensors.sensor import returned
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, returned
 
 
 class SendsForeground:

@@ -8,8 +8,8 @@ from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.schemes import Early, Hybrid, Late
-from toolkit.sensors.error_terms import Calibration
 from toolkit.sensors.error_profiles import PAPER_ERRORS
+from toolkit.sensors.error_terms import Calibration
 
 
 def test_every_kind_has_distinct_levels():
