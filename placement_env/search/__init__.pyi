@@ -1,4 +1,4 @@
-from . import annealing as annealing, cmaes as cmaes, greedy as greedy, nsga2 as nsga2, swap as swap
+from . import cmaes as cmaes, greedy as greedy, swap as swap
 from .result import (
     Assessment as Assessment,
     Certificate as Certificate,
