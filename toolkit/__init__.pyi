@@ -51,7 +51,7 @@ from .detection.link.foreground import (
 )
 from .detection.link.load import link_load as link_load
 from .detection.link.message import Inbox as Inbox
-from .detection.link.range_images import RangeImages as RangeImages, codec_named as codec_named
+from .detection.link.range_images import RangeImages as RangeImages, find_codec as find_codec
 from .detection.link.tracks import Tracks as Tracks
 from .detection.metrics import (
     average_precision as average_precision,
@@ -59,7 +59,7 @@ from .detection.metrics import (
     precision_recall as precision_recall,
 )
 from .detection.scheme import Scheme as Scheme
-from .detection.schemes import Hybrid as Hybrid, fuse_frame as fuse_frame, scheme_of as scheme_of
+from .detection.schemes import Hybrid as Hybrid, fuse_frame as fuse_frame, find_scheme as find_scheme
 from .detection.sensor_monitor import (
     Fault as Fault,
     SensorMonitor as SensorMonitor,
