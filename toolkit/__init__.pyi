@@ -83,6 +83,7 @@ from .plots.palette import sensor_colour as sensor_colour
 from .plots.plan_view import FrameOutcome as FrameOutcome, draw_frame as draw_frame, draw_site as draw_site
 from .points import frame_points as frame_points, select_sensors as select_sensors
 from .rendering.renderer import Renderer as Renderer
+from .runtime.run import Run as Run
 from .sensors.error_profiles import ErrorProfile as ErrorProfile, profile_named as profile_named
 from .sensors.models import (
     DepthCamera as DepthCamera,
