@@ -11,10 +11,18 @@ from placement_env.envs.scenario import area_of
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
-from toolkit.plots.base_map import draw_area, draw_ground, draw_north, north, scale_length
-from toolkit.plots.canvas import blank_figure, drawn_pixels, house_style, shortened
+from toolkit.plots.base_map import (
+    draw_area,
+    draw_ground,
+    draw_north,
+    draw_poles,
+    draw_sensors,
+    draw_wedges,
+    north,
+    scale_length,
+)
+from toolkit.plots.canvas import blank_figure, house_style, render_pixels, shorten
 from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
-from toolkit.plots.symbols import draw_poles, draw_sensors, draw_wedges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,10 +63,10 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         strip = _draw_strips(figure, scale)
         draw_north(strip, (1.85, _FOOT / 2), towards)
         name = objective.site.name if objective.site is not None else "a site"
-        title = f"{shortened(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
+        title = f"{shorten(name, 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
-        return drawn_pixels(figure)
+        return render_pixels(figure)
 
 
 def _noun(objective: Objective) -> str:

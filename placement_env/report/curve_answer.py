@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from placement_env.handover.exchange import safe_cell
+from placement_env.handover.mounted import mounted_site
 from placement_env.objective import Objective
-from placement_env.report.drawings.budget import draw_curve
-from placement_env.report.exchange import safe_cell
-from placement_env.report.mounted import mounted_site
 from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
+from placement_env.search.portfolio.curve_chart import draw_curve
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.sites.files import save_site
 

@@ -1,4 +1,4 @@
-"""A first set of sensors for a site that has none, by greedy coverage: to try a site with, and no plan."""
+"""A first set of sensors for a site without any, by greedy coverage: to try a site, not a plan."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import Visibility, see
+from placement_env.handover.mounted import mounted_site
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.report.mounted import mounted_site
 from placement_env.search import greedy
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool
@@ -27,8 +27,10 @@ FIRST_FRAMES = 40
 
 @dataclass(frozen=True, eq=False)
 class FirstSensors:
-    """site: with the sensors; poses: how many were chosen from; covered: share of the vehicles that at least one of
-    the sensors sees with `LEAST` points or more."""
+    """A site with first sensors.
+
+    poses: number to choose from; covered: share of the vehicles on which a sensor has `LEAST` points or more.
+    """
 
     site: Site
     poses: int
@@ -37,16 +39,18 @@ class FirstSensors:
     def __str__(self) -> str:
         count, mounts = len(self.site.sensors), len(self.site.mounts)
         return (
-            f"{count} sensors placed by coverage: of {self.poses} poses of the paper's camera on {mounts} mounts "
-            f"({HEIGHT:g} m up, {np.rad2deg(TILT):.0f} degrees down, {HEADINGS} headings) one after another the one "
-            f"that sees most vehicles with {LEAST:g} points in {FIRST_FRAMES} frames of traffic; together they see "
-            f"{self.covered:.0%}. A start to try the site with: coview plan or coview search says what to build"
+            f"{count} sensors placed by coverage: from {self.poses} poses of the paper's camera on {mounts} mounts "
+            f"({HEIGHT:g} m up, {np.rad2deg(TILT):.0f} degrees down, {HEADINGS} headings), each in turn the pose that "
+            f"sees most vehicles with {LEAST:g} points in {FIRST_FRAMES} frames of traffic; together they see "
+            f"{self.covered:.0%}. This is a start to try the site: coview plan or coview search says what to build"
         )
 
 
 class HalvedViews:
-    """Mean over objects of 1 - 2^-n, n sensors of a set having `LEAST` points on it: every further view of an object
-    is worth half of the one before, so that sensors which add no object still spread their views. Submodular.
+    """Mean over objects of 1 - 2^-n, where n sensors of a set have `LEAST` points on the object.
+
+    Each further view of an object is worth half of the one before, so that sensors that add no object still spread
+    their views. Submodular.
     """
 
     name = "halved views"
@@ -55,7 +59,7 @@ class HalvedViews:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
-        """The mean of each set, as AP and recall; what is sent is not counted."""
+        """Return the mean of each set as AP and recall, with 0 kbit."""
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
             worth[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
@@ -63,16 +67,16 @@ class HalvedViews:
 
 
 def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors:
-    """`site` with `count` cameras on its mounts in place of its sensors, fewer where no more see a vehicle or fit.
+    """Replace the sensors of a site by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
 
-    Raises ValueError for a count below 1, a site without mounts or traffic, and where no vehicle or pose is there.
+    Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles.
     """
     check_whole("number of sensors", count, least=1)
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=[TILT])
     visibility = see(simulate_traffic(site, FIRST_FRAMES, seed), candidates)
     if not visibility.points.shape[1]:
         raise ValueError(
-            f"no vehicle is in the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
+            f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
         )
     objective = Objective.of(candidates, HalvedViews(visibility), site=site, visibility=visibility)
     chosen = greedy.search(objective, count).best.subset

@@ -14,10 +14,10 @@ import numpy as np
 
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import see
+from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
+from placement_env.handover.ground import visible_ground
+from placement_env.handover.mounted import mounted_site, planned_sensors, unused_mounts
 from placement_env.objective import Objective
-from placement_env.report.exchange import EXCHANGE_FILES, write_exchange
-from placement_env.report.ground import visible_ground
-from placement_env.report.mounted import mounted_site, planned_sensors, unused_mounts
 from placement_env.search.cmaes import as_candidates
 from placement_env.search.result import Result
 from toolkit.arrays import Float64

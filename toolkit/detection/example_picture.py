@@ -24,10 +24,14 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
     found = fuse_frame("early", frame, detector, site=site).detections
     sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
     draw_frame(
-        site, out, clouds=frame_points(frame, area=site), truth=frame.objects, detections=found,
-        outcome=outcome_of(found, frame.objects, site), detector=str(detector_origin(detector)["detector"]),
-        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}",
-    )  # fmt: skip
+        site,
+        out,
+        clouds=frame_points(frame, area=site),
+        truth=frame.objects,
+        detections=found,
+        outcome=outcome_of(found, frame.objects, site),
+        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}, {detector_origin(detector)['detector']}",
+    )
 
 
 def outcome_of(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:

@@ -1,1 +1,1 @@
-"""Pictures in one visual language: sites from above, curves; palette, canvas and symbols that other pictures use."""
+"""Pictures in one visual language: sites from above, curves, and the palette, canvas and symbols they share."""

@@ -1,6 +1,10 @@
-"""The sheet that plans are drawn on: streets, solids and area from above, title, scale bar, north arrow and legend.
+"""Map of a site from above, with what stands on it.
 
-The strip below the map holds scale bar, north arrow and legend, so that none of them ever lies over what is drawn.
+A sheet holds streets, solids and the detection area under its title; the strip below the map holds scale bar, north
+arrow and legend, so that none of them covers the map. A sensor is a disc with its number or short name, because there
+may be more sensors than colours. An object is filled by its class. Each outcome has a line of its own besides a colour:
+a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a triangle, an object that does not count
+dotted.
 """
 
 from __future__ import annotations
@@ -12,26 +16,43 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
-from toolkit.plots.canvas import blank_figure, plain
-from toolkit.plots.palette import GROUND, INK, OTHER_SOLID, SOLID
+from toolkit.arrays import Float, Float64, Shaped
+from toolkit.boxes import footprints
+from toolkit.objects import LABELS, Objects
+from toolkit.plots.canvas import blank_figure, plain, shorten
+from toolkit.plots.palette import (
+    CLASS,
+    GROUND,
+    INK,
+    OTHER_SOLID,
+    OUTCOME,
+    PAPER_WHITE,
+    POLE_INK,
+    SOLID,
+    Outcome,
+    sensor_colour,
+)
+from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Transform
 
-    from toolkit.sites.site import Site
+    from toolkit.sites.site import Site, Solid
 
-AROUND = 10.0  # m round the area
-MOST_INCHES = 10.0  # of the map, either way
-LEFT, RIGHT, HEAD, AXIS, LEGEND_ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches round the map, and of a row of the legend
-SCALE_WIDTH = 2.6  # inches that scale bar and north arrow take
 
-Entry = tuple[Any, str]  # of a legend: what it shows, an artist of matplotlib, and its name
+AROUND = 10.0  # m around the area
+MOST_INCHES = 10.0  # of the map, in both directions
+LEFT, RIGHT, HEAD, AXIS, LEGEND_ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches around the map, and of a row of the legend
+SCALE_WIDTH = 2.6  # inches of scale bar and north arrow
+
+Entry = tuple["Artist", str]  # of a legend: artist and name
 
 
 class MapSheet(NamedTuple):
-    """A figure, its map in metres of the site, and how many points of 1/72 inch a metre is."""
+    """A figure, the axes of its map (m, site frame), and the points (1/72 inch) per metre."""
 
     figure: Figure
     axes: Axes
@@ -47,8 +68,11 @@ def map_sheet(
     legend: Sequence[Entry] = (),
     inches: float = MOST_INCHES,
 ) -> MapSheet:
-    """The site from above under its title, with everything but sensors. holds: places that the map must reach besides
-    the area; legend: its entries, in order; inches: the greater side of the map."""
+    """Draw the site from above under its title, with everything but sensors.
+
+    holds: places that the map must include besides the area; legend: its entries, in order; inches: longer side of the
+    map.
+    """
     low, high = extent(site, holds)
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
@@ -74,7 +98,7 @@ def map_sheet(
 
 
 def draw_ground(axes: Axes, site: Site) -> None:
-    """Lanes, footways and solids, seen from above."""
+    """Draw lanes, footways and solids."""
     for kind, colour in GROUND.items():
         fill_polygons(axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0)
     by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
@@ -87,7 +111,7 @@ def draw_ground(axes: Axes, site: Site) -> None:
 def fill_polygons(
     axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
 ) -> None:
-    """The union of polygons, holes and all, in one colour; edge: width of its outline in points of 1/72 inch."""
+    """Fill the union of polygons, with its holes, in one colour; edge: width of the outline in points."""
     from matplotlib.colors import to_rgba
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -103,38 +127,34 @@ def fill_polygons(
 
 
 def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
-    """The outline of the detection area."""
+    """Draw the outline of the detection area."""
     xmin, ymin, xmax, ymax = area
     outline = np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax], [xmin, ymin]])
     axes.plot(*outline.T, color=INK, linewidth=1.1, dashes=(8, 2, 2, 2), zorder=2.0)
 
 
 def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
-    """An arrow through a place of the axes that points north, with the letter at its tip."""
+    """Draw an arrow through a place of the axes that points north, with the letter at its tip."""
     from matplotlib.transforms import ScaledTranslation
 
-    def away(points: float) -> Any:
+    def away(points: float) -> Transform:
         x, y = direction * points / 72
         return axes.transData + ScaledTranslation(x, y, axes.figure.dpi_scale_trans)
 
     style = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
-    axes.annotate(
-        "", xy=place, xycoords=away(11.0), xytext=place, textcoords=away(-11.0), arrowprops=style, zorder=9
-    )  # fmt: skip
-    axes.text(
-        *place, "N", transform=away(17.0), ha="center", va="center", fontsize=9, fontweight="bold", zorder=9
-    )  # fmt: skip
+    axes.annotate("", xy=place, xycoords=away(11.0), xytext=place, textcoords=away(-11.0), arrowprops=style, zorder=9)
+    axes.text(*place, "N", transform=away(17.0), ha="center", va="center", fontsize=9, fontweight="bold", zorder=9)
 
 
 def north(site: Site) -> Float64[np.ndarray, "2"]:
-    """Unit vector of the site's frame towards the north of its map, which is the map's +y."""
+    """Unit vector towards north (+y of the map), in the site's frame."""
     towards = site.map_SE3_site[1, :2]
     length = float(np.hypot(*towards))
     return towards / length if length > 1e-9 else np.array([0.0, 1.0])
 
 
 def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corner of what is drawn: the area and places with a margin."""
+    """Lower left and upper right corner of the area and the places, with a margin."""
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
@@ -142,7 +162,7 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """The greatest 1, 2 or 5 times a power of ten that is not above so many metres.
+    """Largest 1, 2 or 5 times a power of ten up to this length.
 
     >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
     [0.2, 5.0, 10.0, 20.0, 50.0]
@@ -152,7 +172,7 @@ def scale_length(metres: float) -> float:
 
 
 def _part(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes at inches of the figure."""
+    """Add axes at a place given in inches."""
     full, high = figure.get_size_inches()
     return figure.add_axes((left / full, bottom / high, width / full, height / high))
 
@@ -165,7 +185,7 @@ def _titles(figure: Figure, title: str, subtitle: str, full: float) -> None:
 
 
 def _scale_bar(axes: Axes, scale: float, width: float) -> None:
-    """A bar of two halves with its length, in an axes whose unit is the inch."""
+    """Draw a bar of two halves with its length, in axes whose unit is the inch."""
     length = scale_length(min(1.6, width) / scale)
     inches = length * scale
     for part, colour in ((0.0, INK), (0.5, "white")):
@@ -176,7 +196,7 @@ def _scale_bar(axes: Axes, scale: float, width: float) -> None:
 
 
 def _legend_grid(labels: Sequence[str], inches: float) -> tuple[int, int]:
-    """Columns and rows of a legend that is so wide."""
+    """Columns and rows of a legend of this width."""
     longest = max(map(len, labels), default=1)
     columns = max(1, min(len(labels), int(inches / (0.058 * longest + 0.58))))
     return columns, ceil(len(labels) / columns)
@@ -187,8 +207,177 @@ def _legend(axes: Axes, legend: Sequence[Entry], columns: int) -> None:
         return
     handles = [handle for handle, _ in legend]
     shown = axes.legend(
-        handles, [str(k) for k in range(len(legend))], ncols=columns, loc="upper left", borderaxespad=0.0,
-        bbox_to_anchor=(SCALE_WIDTH, 0.0), bbox_transform=axes.transData, columnspacing=1.4, handlelength=2.8,
-    )  # fmt: skip
+        handles,
+        [str(k) for k in range(len(legend))],
+        ncols=columns,
+        loc="upper left",
+        borderaxespad=0.0,
+        bbox_to_anchor=(SCALE_WIDTH, 0.0),
+        bbox_transform=axes.transData,
+        columnspacing=1.4,
+        handlelength=2.8,
+    )
     for text, (_, label) in zip(shown.get_texts(), legend, strict=True):
-        text.set_text(plain(label))  # not by the call above, which drops names that begin with "_"
+        text.set_text(plain(label))  # the call above would drop names that begin with "_"
+
+
+VIEW_RANGE = 25.0  # m up to which fields of view are drawn
+DISC = 15.0  # diameter of a sensor's disc in points
+SHORT = 3  # letters of a name that fit into the disc
+TALL = 2.0  # m; buildings above this height cut off fields of view
+
+
+def sensor_labels(names: Sequence[str]) -> list[str]:
+    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
+
+    >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
+    (['d0', 'd1'], ['1', '2'])
+    """
+    if all(len(name) <= SHORT for name in names):
+        return list(names)
+    return [str(number + 1) for number in range(len(names))]
+
+
+def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
+    """Draw a disc for each sensor, with a line along its heading; discs of sensors in one place spread around it."""
+    if not len(sensors):
+        return
+    places = np.array([sensor.position[:2] for sensor in sensors])
+    headings = np.array([sensor_heading(sensor) for sensor in sensors])
+    discs = spread_discs(places * points_per_metre, headings, DISC + 1) / points_per_metre
+    for index, label in enumerate(sensor_labels([sensor.name for sensor in sensors])):
+        colour, (x, y) = sensor_colour(index), places[index]
+        ahead = discs[index] + DISC / points_per_metre * np.array([np.cos(headings[index]), np.sin(headings[index])])
+        axes.plot(*np.stack([discs[index], ahead]).T, color=INK, linewidth=2.2, zorder=6, solid_capstyle="butt")
+        if (discs[index] != places[index]).any():
+            axes.plot(*np.stack([places[index], discs[index]]).T, color=INK, linewidth=0.8, zorder=6)
+            axes.plot(x, y, "o", color=INK, markersize=3, zorder=6)
+        axes.plot(*discs[index], "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
+        disc: dict[str, Any] = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
+        axes.plot(*discs[index], "o", markersize=DISC, zorder=7, **disc)
+        font: dict[str, Any] = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
+        axes.text(discs[index, 0], discs[index, 1], label, ha="center", va="center_baseline", zorder=8, **font)
+
+
+def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
+    """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
+    tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
+    for index, sensor in enumerate(sensors):
+        x, y = wedge(sensor, tall).T
+        axes.fill(x, y, color=sensor_colour(index), alpha=0.09, linewidth=0, zorder=2.2)
+        axes.plot(np.r_[x, x[:1]], np.r_[y, y[:1]], color=sensor_colour(index), linewidth=0.9, alpha=0.9, zorder=2.3)
+
+
+def wedge(
+    sensor: Sensor, buildings: Sequence[shapely.Polygon], reach: float = VIEW_RANGE
+) -> Float64[np.ndarray, "k 2"]:
+    """Outline of a field of view from above, each ray up to the first building that the sensor is not in."""
+    start, view = sensor.position[:2], sensor.model.horizontal_fov
+    foot = shapely.Point(start)
+    blocking = shapely.union_all([b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach])
+    shapely.prepare(blocking)
+    angles = sensor_heading(sensor) + np.linspace(-view / 2, view / 2, max(24, int(np.rad2deg(view)) + 1))
+    rim = start + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if not blocking.is_empty:
+        rays = shapely.linestrings(np.stack([np.broadcast_to(start, rim.shape), rim], axis=1))
+        free = shapely.distance(foot, shapely.intersection(rays, blocking))
+        rim = start + (rim - start) * (np.where(np.isnan(free), reach, free) / reach)[:, None]
+    return rim if view > 2 * np.pi - 1e-6 else np.vstack([start, rim])
+
+
+def sensor_heading(sensor: Sensor) -> float:
+    """Heading of the optical axis, counter-clockwise from +x (rad)."""
+    forward = sensor.world_SE3_body[:2, 0]
+    return float(np.arctan2(forward[1], forward[0]))
+
+
+def spread_discs(
+    places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
+) -> Float64[np.ndarray, "n 2"]:
+    """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
+    discs = places.copy()
+    turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+    for k in range(1, len(places)):
+        for ring in range(4 * len(places)):
+            angles = headings[k] + turns
+            around = places[k] + ring * 0.55 * gap * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            apart = np.linalg.norm(around[:, None] - discs[None, :k], axis=2).min(axis=1)
+            if (apart >= gap * (1 - 1e-9)).any():
+                discs[k] = around[int(np.argmax(apart >= gap * (1 - 1e-9)))]
+                break
+    return discs
+
+
+def draw_poles(axes: Axes, places: Float64[np.ndarray, "n 2"], *, used: bool = False, size: float = 6.0) -> None:
+    """Draw poles as squares, filled if they carry a sensor."""
+    axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
+
+
+def name_poles(
+    axes: Axes,
+    places: Float64[np.ndarray, "n 2"],
+    names: Sequence[str],
+    points_per_metre: float,
+    keep_off: Float64[np.ndarray, "m 2"],
+) -> None:
+    """Write names beside poles where no pole, other name or sensor (`keep_off`) takes the room."""
+    taken = [
+        (*(place * points_per_metre - half), *(place * points_per_metre + half))
+        for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1))
+        for place in group
+    ]
+    for place, name in zip(places, names, strict=True):
+        text = shorten(name, 14)
+        width, height = 3.9 * len(text) + 1, 7.5
+        x, y = place * points_per_metre
+        spots = [(x + 5, y - 3.5), (x - width - 5, y - 3.5), (x - width / 2, y + 5), (x - width / 2, y - 12.5)]
+        boxes = [(left, low, left + width, low + height) for left, low in spots]
+        free = [box for box in boxes if not any(_overlap(box, other) for other in taken)]
+        if free:
+            taken.append(free[0])
+            left, low = np.array(free[0][:2]) / points_per_metre
+            axes.text(left, low, text, fontsize=6.5, va="bottom", zorder=5.5)
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
+
+
+def pole_style(used: bool) -> dict[str, Any]:
+    """Matplotlib's properties of a pole."""
+    return {
+        "marker": "s",
+        "markersize": 6.0,
+        "markerfacecolor": POLE_INK if used else PAPER_WHITE,
+        "markeredgecolor": POLE_INK,
+        "markeredgewidth": 1.3,
+        "linestyle": "none",
+    }
+
+
+def draw_objects(axes: Axes, objects: Objects) -> None:
+    """Draw boxes filled by class."""
+    for label, name in enumerate(LABELS):
+        chosen = objects.boxes[objects.labels == label]
+        for corners in footprints(chosen):
+            axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
+
+
+def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
+    """Draw outlines of boxes that share an outcome, a line from centre to front, and the outcome's mark."""
+    style = OUTCOME[outcome]
+    line = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
+    for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
+        centre = corners.mean(axis=0)
+        nose = centre + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
+        axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
+        axes.plot(*np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order)
+    if style.marker and len(boxes):
+        mark: dict[str, Any] = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
+        axes.plot(*boxes[:, :2].T, style.marker, markersize=style.size, zorder=style.order + 0.5, **mark)
+
+
+def text_colour(background: str) -> str:
+    """Black or white, whichever is more legible on a colour, by its luminance."""
+    red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE

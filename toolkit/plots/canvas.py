@@ -1,12 +1,12 @@
-"""A canvas of the house: fonts and lines the same on every machine, text as it is, PNG and SVG the same each time.
+"""Canvas of all pictures: the same fonts and lines on every machine, literal text, reproducible PNG and SVG.
 
-Pictures are made and written inside `house_style()`, so that no setting of the user's reaches them.
+Pictures are drawn and written inside `house_style()`, so that no setting of the user affects them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
-STYLE: Any = {
+CHART_INCHES = 7.0  # width of a chart
+STYLE: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],  # comes with matplotlib
     "font.size": 9.0,
     "axes.titlesize": 11.0,
@@ -54,7 +55,7 @@ STYLE: Any = {
     "legend.frameon": False,
     "lines.linewidth": 1.6,
     "path.simplify": True,
-    "svg.fonttype": "path",  # makers of PDF need no font
+    "svg.fonttype": "path",  # PDF makers need no font
     "svg.hashsalt": "coview",
     "text.color": INK,
     "text.parse_math": False,  # a name may hold dollars
@@ -68,16 +69,16 @@ STYLE: Any = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Within it, pictures look as all of the house's do."""
+    """Context in which pictures have the common style."""
     from matplotlib import rc_context
 
     with rc_context(STYLE), catch_warnings():
-        filterwarnings("ignore", message="Glyph .* missing from font")  # an empty box in the picture says it
+        filterwarnings("ignore", message="Glyph .* missing from font")  # the picture shows an empty box
         yield
 
 
 def blank_figure(width: float, height: float, *, constrained: bool = False) -> Figure:
-    """A figure of so many inches that belongs to no window; `constrained`: its axes make room for their texts."""
+    """Figure of this size (inches) without a window; `constrained`: its axes make room for their texts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -87,7 +88,7 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> F
 
 
 def check_picture(out: Path | str) -> None:
-    """Raise ValueError where the name of a picture ends in neither .png nor .svg.
+    """Raise ValueError unless the name of a picture ends in .png or .svg.
 
     >>> check_picture("frame.jpg")
     Traceback (most recent call last):
@@ -98,9 +99,9 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: Figure, out: Path | str) -> None:
-    """Write SVG where the file's name ends in .svg, PNG where it ends in .png; the same picture, the same bytes.
+    """Write a figure as SVG or PNG, by the suffix of the file; the same picture gives the same bytes.
 
-    Raises ValueError for another ending.
+    Raises ValueError for another suffix.
     """
     check_picture(out)
     if Path(out).suffix.lower() == ".svg":
@@ -111,16 +112,18 @@ def write_figure(figure: Figure, out: Path | str) -> None:
     write_bytes(out, drawn.getvalue())
 
 
-def drawn_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
-    """The figure as RGB, uint8, at its own resolution (100 pixels an inch)."""
+def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
+    """Render the figure as RGB, uint8, at its own resolution (100 pixels an inch)."""
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def svg_text(figure: Figure, title: str = "") -> str:
-    """The figure as an <svg> element with texts as outlines, to be put into a page or a file; title: what readers of
-    the screen say. Its ids begin with a digest of it, so that several pictures can stand in one page."""
+    """Return the figure as an <svg> element with texts as outlines, for a page or a file.
+
+    title: for screen readers. Ids begin with a digest of the figure, so that several pictures can share a page.
+    """
     drawn = BytesIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)
@@ -133,19 +136,36 @@ def svg_text(figure: Figure, title: str = "") -> str:
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{mark}-", text)
     if title:
         head = text.index(">") + 1
-        text = f'{text[: head - 1]} role="img">\n <title>{_escaped(plain(title))}</title>{text[head:]}'
+        text = f'{text[: head - 1]} role="img">\n <title>{_escape(plain(title))}</title>{text[head:]}'
     return text
 
 
+def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
+    """Write a title and a line below it at the top left of a chart."""
+    _, height = figure.get_size_inches()
+    figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")
+    figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
+
+
+def pad_limits(values: Sequence[float]) -> tuple[float, float]:
+    """Limits of an axis from 0 to a little above the greatest value.
+
+    >>> pad_limits([2.0, 4.0]), pad_limits([])
+    ((0.0, 4.4), (0.0, 1.0))
+    """
+    most = max(0.0, *values) if len(values) else 0.0
+    return 0.0, 1.1 * float(most) if most > 0 else 1.0
+
+
 def plain(text: str) -> str:
-    """Text of one line, with a space for whatever cannot be printed."""
+    """Replace characters that cannot be printed by spaces, so that the text is one line."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def shortened(text: str, most: int) -> str:
-    """Plain text of at most so many letters, with "…" for its middle where it is longer.
+def shorten(text: str, most: int) -> str:
+    """Shorten a plain text to this many letters, with "…" in its middle.
 
-    >>> shortened("north-east pole, camera", 12)
+    >>> shorten("north-east pole, camera", 12)
     'north-…amera'
     """
     text = plain(text)
@@ -156,7 +176,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Coordinates of a path to a hundredth of a point, without the spaces round its letters."""
+    """Round coordinates of a path to a hundredth of a point, and drop spaces around its letters."""
     rounded = re.sub(r"-?\d+\.\d+", _hundredths, attribute[1])
     short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
     return f' d="{short}"'
@@ -166,5 +186,5 @@ def _hundredths(number: re.Match[str]) -> str:
     return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,4 +1,4 @@
-"""Curves: precision over recall, points on objects, and how a training went."""
+"""Curves: precision over recall, points on objects, and progress of a training."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import blank_figure, house_style, plain, shortened, write_figure
+from toolkit.plots.canvas import blank_figure, house_style, plain, shorten, write_figure
 from toolkit.plots.palette import LINES
 
 if TYPE_CHECKING:
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ROW = 0.19  # inches of a row of the legend
-FEW = 100.0  # points on an object up to which the axis is linear
+FEW = 100.0  # points on an object, up to which the axis is linear
 
 
 def draw_pr_curves(
     curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
 ) -> None:
-    """Precision over recall; `curves` maps a legend entry to (recall, precision)."""
+    """Draw precision over recall; `curves` maps a legend entry to (recall, precision)."""
     with house_style():
         figure, axes = curve_axes(title or "Precision over recall", len(curves))
         for number, (recall, precision) in enumerate(curves.values()):
@@ -35,8 +35,10 @@ def draw_pr_curves(
 
 
 def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
-    """Share of objects with at most so many points, for each sensor set (paper, impact of point density); the axis is
-    linear up to `FEW` points and logarithmic beyond."""
+    """Draw the cumulative share of objects over their points, for each sensor set (paper, impact of point density).
+
+    The axis is linear up to `FEW` points and logarithmic beyond.
+    """
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):
@@ -57,7 +59,8 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
 
 
 def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str) -> None:
-    """A training's losses.png, and ap.png where AP was measured, into a folder; `curves`: name -> (epochs, values)."""
+    """Draw losses.png of a training, and ap.png if AP was measured, into a folder; `curves`: name -> (epochs,
+    values)."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
         chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
         if not chosen:
@@ -75,7 +78,7 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 
 
 def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
-    """A figure with one axes, and room below it for a legend of so many curves in rows of one."""
+    """Figure with one axes, and room below it for a legend with a row for each curve."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
@@ -84,10 +87,10 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
 
 
 def name_curves(axes: Axes, names: Sequence[str]) -> None:
-    """A legend below the axes that names its lines in order, so that it never lies over them."""
+    """Name the lines of the axes in a legend below, where it covers none of them."""
     if not names:
         return
     lines = axes.get_lines()[: len(names)]
     legend = axes.figure.legend(lines, [str(k) for k in range(len(names))], loc="outside lower left", handlelength=3.4)
     for text, name in zip(legend.get_texts(), names, strict=True):
-        text.set_text(shortened(name, 80))  # not by the call above, which drops names that begin with "_"
+        text.set_text(shorten(name, 80))  # the call above would drop names that begin with "_"

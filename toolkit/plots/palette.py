@@ -1,8 +1,8 @@
-"""The colours of all pictures: sensors, classes, outcomes, ground, and scales for counts.
+"""Colours of all pictures: sensors, classes, outcomes, ground, and scales for counts.
 
 Sensors, classes and outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and
 for protanopia, deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it.
-No meaning hangs on a colour alone: sensors carry labels, outcomes lines and marks of their own, scales grow darker.
+No meaning depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 INK, PAPER_WHITE, FAINT = "#1a1a1a", "#ffffff", "#6b6b6b"
 SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
+BAR = SENSORS[7]  # of charts
 CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
 GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
 SOLID = {
@@ -28,16 +29,16 @@ SOLID = {
     "building": "#c9c2b8",
     "hedge": "#cfe0c3",
     "tree": "#cfe0c3",
-}  # by kind, lowest first
+}  # by kind, lowest solid first
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
-BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where it matters more
+BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where blindness matters more
 
 Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
 class LineStyle(NamedTuple):
-    """How the outlines of one outcome are drawn, and its mark; `order` is matplotlib's z order."""
+    """Style of the outlines of one outcome, and its mark; `order` is matplotlib's z order."""
 
     colour: str
     line: Any
@@ -58,17 +59,17 @@ LINES: tuple[tuple[str, Any], ...] = tuple(
     (SENSORS[k % 8], ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4])
     for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
 )  # of curves: neighbours differ in colour and in dashes
-POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # where the colour of a count of points changes
+POINT_STEPS = (1, 2, 5, 10, 20, 50, 100)  # counts of points at which the colour changes
 VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 3 or more sensors
 
 
 def sensor_colour(index: int) -> str:
-    """The colour of a sensor's points, the same in every picture; those `len(SENSORS)` apart share one."""
+    """Colour of a sensor's points in every picture; sensors `len(SENSORS)` apart share one."""
     return SENSORS[index % len(SENSORS)]
 
 
 def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
-    """Colour map and norm for counts of points: a step for none, then those of `POINT_STEPS`, ever darker."""
+    """Colour map and norm for counts of points: a step for 0, then those of `POINT_STEPS`, ever darker."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
@@ -77,13 +78,13 @@ def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
 
 
 def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
-    """RGBA by a count of points."""
+    """RGBA for counts of points."""
     colours, norm = point_scale()
     return np.asarray(colours(norm(points)), np.float64)
 
 
 def point_names() -> list[str]:
-    """What the steps of the scale are called.
+    """Names of the steps of the scale.
 
     >>> point_names()[:3], point_names()[-1]
     (['0', '1', '2–4'], '100+')

@@ -10,18 +10,19 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.plots.base_map import Entry, map_sheet
-from toolkit.plots.canvas import house_style, shortened, write_figure
-from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, sensor_colour
-from toolkit.plots.symbols import (
+from toolkit.plots.base_map import (
+    Entry,
     draw_objects,
     draw_outcome,
     draw_poles,
     draw_sensors,
     draw_wedges,
+    map_sheet,
     pole_style,
     sensor_labels,
 )
+from toolkit.plots.canvas import house_style, shorten, write_figure
+from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -31,8 +32,10 @@ POINT_SIZE = 1.3  # square points of 1/72 inch
 
 
 class FrameOutcome(NamedTuple):
-    """What became of a frame's n truths and m detections, by `toolkit.detection.metrics.match`: which hit, and which
-    do not count; `iou`: at which a detection hits."""
+    """Outcome of a frame's n truths and m detections, by `toolkit.detection.metrics.match`.
+
+    iou: at which a detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count.
+    """
 
     iou: float
     truth_hit: Bool[np.ndarray, " n"]
@@ -42,14 +45,18 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """The site from above: streets, solids, poles, sensors and their fields of view. PNG or SVG by the ending."""
+    """Draw streets, solids, poles, sensors and their fields of view; PNG or SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     with house_style():
         sheet = map_sheet(
-            site, f"Site {shortened(site.name, 60)}", _counted(len(site.sensors), len(site.mounts)),
+            site,
+            f"Site {shorten(site.name, 60)}",
+            ", ".join(
+                f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(site.sensors), "sensor"), (len(poles), "pole"))
+            ),
             holds=np.concatenate([poles, _places(site.sensors)]),
             legend=[*ground_entries(site), *pole_entries(unused=len(poles)), *sensor_entries(site.sensors)],
-        )  # fmt: skip
+        )
         draw_wedges(sheet.axes, site.sensors, site.solids)
         draw_poles(sheet.axes, poles)
         draw_sensors(sheet.axes, site.sensors, sheet.points_per_metre)
@@ -65,30 +72,25 @@ def draw_frame(
     truth: Objects | None = None,
     detections: Detections | None = None,
     outcome: FrameOutcome | None = None,
-    detector: str = "",
     title: str = "",
 ) -> None:
-    """One frame from above: clouds coloured by sensor, truth filled by class, and where the `outcome` is given hits,
-    misses and false alarms, each with a line and a mark of its own. PNG or SVG by the ending.
+    """Draw one frame: clouds coloured by sensor, truth filled by class; PNG or SVG by the suffix.
 
-    detector: who detected, in words. Raises ValueError where the outcome is of other truths or detections.
+    With an `outcome`, hits, misses and false alarms each have a line and a mark of their own. Raises ValueError for an
+    outcome of other truths or detections.
     """
     shown = sensors or site.sensors
     truth, found = truth or Objects.empty(), detections or Detections.empty()
     outlines = _outlines(truth, found, outcome)
     scored = "" if outcome is None else f" ({(~outcome.truth_ignored).sum()} scored)"
-    said = [f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"] if len(truth) or len(clouds) else []
-    said += [f"detector: {shortened(detector, 60)}"] if detector else []
+    count = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points" if len(truth) or len(clouds) else ""
     legend = [*_class_entries(truth), *_outcome_entries(outlines, outcome), *sensor_entries(shown)]
     with house_style():
-        sheet = map_sheet(
-            site, shortened(title or f"Site {site.name}", 110), "; ".join(said), holds=_places(shown), legend=legend
-        )
+        sheet = map_sheet(site, shorten(title or f"Site {site.name}", 110), count, holds=_places(shown), legend=legend)
         for index, points in enumerate(clouds):
-            sheet.axes.scatter(
-                points[:, 0], points[:, 1], s=POINT_SIZE, color=[sensor_colour(index)], linewidths=0, rasterized=True,
-                zorder=3,
-            )  # fmt: skip
+            x, y = points[:, :2].T
+            colour = [sensor_colour(index)]
+            sheet.axes.scatter(x, y, s=POINT_SIZE, color=colour, linewidths=0, rasterized=True, zorder=3)
         draw_wedges(sheet.axes, shown, site.solids)
         draw_objects(sheet.axes, truth)
         for name, boxes in outlines.items():
@@ -98,14 +100,14 @@ def draw_frame(
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """The legend of sensors whose discs carry numbers; none where the discs carry the names themselves."""
+    """Legend entries of sensors whose discs carry numbers rather than names."""
     from matplotlib.lines import Line2D
 
     names = [sensor.name for sensor in sensors]
     return [
         (
             Line2D([], [], color=sensor_colour(index), marker="o", markersize=8, markeredgecolor=INK, linestyle="none"),
-            f"{label}  {shortened(name, 34)}",
+            f"{label}  {shorten(name, 34)}",
         )
         for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True))
         if name != label
@@ -113,7 +115,7 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
 
 
 def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
-    """The legend of poles that carry sensors and of others, with how many there are."""
+    """Legend entries of poles with and without sensors, with their numbers."""
     from matplotlib.lines import Line2D
 
     kinds = ((used, True, "pole with a sensor"), (unused, False, "pole without a sensor" if used else "pole"))
@@ -121,7 +123,7 @@ def pole_entries(*, used: int = 0, unused: int = 0) -> list[Entry]:
 
 
 def ground_entries(site: Site) -> list[Entry]:
-    """The legend of what the ground is, and of the area's outline."""
+    """Legend entries of the kinds of ground, and of the area's outline."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -138,14 +140,14 @@ def ground_entries(site: Site) -> list[Entry]:
     ]
 
 
-def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -> dict[Outcome, Any]:
+def _outlines(truth: Objects, found: Detections, outcome: FrameOutcome | None) -> dict[Outcome, np.ndarray]:
     """Boxes to outline, by outcome."""
     if outcome is None:
         return {"detection": found.boxes} if len(found) else {}
     if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(found):
         raise ValueError(
-            f"the outcome is of {len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections, but there "
-            f"are {len(truth)} and {len(found)}: match the same frame"
+            f"the outcome has {len(outcome.truth_hit)} truths and {len(outcome.detection_hit)} detections, the frame "
+            f"{len(truth)} and {len(found)}: match the same frame"
         )
     return {
         "hit": found.boxes[outcome.detection_hit],
@@ -166,14 +168,14 @@ def _class_entries(truth: Objects) -> list[Entry]:
     ]
 
 
-def _outcome_entries(outlines: dict[Outcome, Any], outcome: FrameOutcome | None) -> list[Entry]:
-    """What became of how many; an outcome that nothing met is named too, unless it is that nothing counts."""
+def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None) -> list[Entry]:
+    """Legend entries of the outcomes with their numbers; "not scored" only if there are any."""
     from matplotlib.lines import Line2D
 
     names = {name: f"{name} ({len(boxes)})" for name, boxes in outlines.items() if len(boxes) or name != "not scored"}
     if outcome is not None:
         names["hit"] = f"hit, IoU ≥ {outcome.iou:g} ({len(outlines['hit'])})"
-    entries = []
+    entries: list[Entry] = []
     for name, label in names.items():
         style = OUTCOME[name]
         mark: dict[str, Any] = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
@@ -184,8 +186,3 @@ def _outcome_entries(outlines: dict[Outcome, Any], outcome: FrameOutcome | None)
 
 def _places(sensors: Sequence[Sensor]) -> np.ndarray:
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
-
-
-def _counted(sensors: int, poles: int) -> str:
-    """So many sensors and poles, in words."""
-    return ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in ((sensors, "sensor"), (poles, "pole")))

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.plots.canvas import blank_figure, house_style, shortened, write_figure
+from toolkit.plots.base_map import draw_outcome
+from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
 from toolkit.plots.palette import FAINT, INK, OUTCOME, Outcome, sensor_colour
-from toolkit.plots.symbols import draw_outcome
 from toolkit.viewing.drawn import MARKED, Colouring, DrawnSample, Scales, newest_of, shades, thinned
 from toolkit.viewing.recording_scene import viewed_area
 
@@ -51,9 +51,9 @@ def write_still(
         for cloud in sample.clouds:
             colour = sensor_colour(order.index(cloud.name))
             axes.plot(*cloud.place[:2], "s", color=colour, markersize=8, markeredgecolor=INK, zorder=6, clip_on=True)
-        figure.suptitle(shortened(title or sample.name, 90), fontsize=11.0)
+        figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
         said = f"{sample.described()}; points by {scales.described(colouring)}"
-        axes.set_title(shortened(said, 130), fontsize=7.5)
+        axes.set_title(shorten(said, 130), fontsize=7.5)
         entries = [*shown, *_sensor_entries(order)]
         if entries:
             figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=4)
@@ -97,7 +97,7 @@ def _sensor_entries(names: Sequence[str]) -> list[tuple[Any, str]]:
     from matplotlib.lines import Line2D
 
     style: dict[str, Any] = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
-    return [(Line2D([], [], color=sensor_colour(k), **style), shortened(name, 30)) for k, name in enumerate(names)]
+    return [(Line2D([], [], color=sensor_colour(k), **style), shorten(name, 30)) for k, name in enumerate(names)]
 
 
 def _all(boxes: dict[str, np.ndarray]) -> np.ndarray:

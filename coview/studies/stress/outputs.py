@@ -15,7 +15,7 @@ from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.failures import failures
 from placement_env.fidelity.table import Table, class_column
-from placement_env.report.drawings.charts import interval_bars
+from placement_env.report.charts import interval_bars
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import LABELS, VEHICLE

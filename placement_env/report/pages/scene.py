@@ -1,8 +1,7 @@
 """The junction in 3D: a page of viser that plays in an iframe without server or network.
 
-`toolkit.viewing.scene` has viser write it. viser's own player cannot leave out one sensor and its points in words
-that a reader knows, so every sensor, every frame and every kind of box is a node of its own, and the page around it
-switches them by messages (`layers` are their nodes).
+viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
+kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`).
 """
 
 from __future__ import annotations
@@ -14,22 +13,37 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from placement_env.report.content import Ground, Moment, Plan, PlannedSensor
-from placement_env.report.pages import scene_shapes as shapes
-from toolkit.arrays import Float64
-from toolkit.mesh import Mesh, box, extrude, merge, tube
+from placement_env.handover.ground import Ground
+from placement_env.handover.mounted import PlannedSensor
+from placement_env.report.content import Moment, Plan
+from toolkit.arrays import Float32
+from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
 from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from toolkit.viewing import scene as lines
-from toolkit.viewing.scene import add_lines, add_mesh, overview, rgb, scene_html, start_at, viser_server
+from toolkit.viewing.scene import (
+    Segments,
+    add_lines,
+    add_mesh,
+    box_edges,
+    dashed,
+    overview,
+    rgb,
+    roof_crosses,
+    sampled,
+    scene_html,
+    spikes,
+    start_at,
+    viser_server,
+)
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
-MOST_DRAWN = 240_000  # of all clouds of all frames together
-# Darker than on maps: the light of the scene whitens them.
+
+MOST_DRAWN = 240_000  # points of all clouds in all frames together
+# Darker than on maps, because the light of the scene whitens them.
 _SHADES = {**SOLID, "pond": "#a0c8dc", "tree": "#9fbf8c", "hedge": "#93b57f", "trunk": "#7a6554"}
 _FREE_POLE, _LANE, _BARE_GROUND = "#8c8c8c", "#b4b6ba", "#dfe2d8"
 _TRUTH = FAINT
@@ -38,7 +52,7 @@ _HIT, _MISSED, _FALSE_ALARM = OUTCOME["hit"].colour, OUTCOME["missed"].colour, O
 
 @dataclass(frozen=True)
 class Layer:
-    """What a reader may hide: its name, the node of the scene, and how it looks (colour; a mark in words)."""
+    """A part that readers may hide: name, node of the scene, colour, and mark in words."""
 
     name: str
     node: str
@@ -48,7 +62,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Scene:
-    """A page of HTML that shows the scene; what of it can be hidden; the nodes of each frame, of which one is shown."""
+    """A page of HTML with the scene, its layers, and the nodes of each frame."""
 
     html: str
     layers: tuple[Layer, ...]
@@ -56,12 +70,12 @@ class Scene:
 
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
-    """The scene of a plan: site, chosen sensors and what they see, and the frames of `moments`, one after the other."""
+    """Build the scene of a plan: site, chosen sensors with the ground they see, and the frames of `moments`."""
     with viser_server() as server:
         api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
-            _add_sensor(api, site, sensor, index, seen=None if ground is None else shapes_of(site, ground, index))
+            _add_sensor(api, site, sensor, index, seen=None if ground is None else seen_cells(site, ground, index))
             for index, sensor in enumerate(plan.sensors)
         ]
         _add_views(api, site, plan.sensors)
@@ -74,16 +88,11 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
     return Scene(html, tuple(layers), frames)
 
 
-def shapes_of(site: Site, ground: Ground, index: int) -> Mesh:
-    """The ground that the sensor of this row of `ground.seen` sees; each lies a little above the one before."""
-    return shapes.seen_cells(site, ground, ground.seen[index], lift=0.08 + 0.03 * index)
-
-
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
-    add_mesh(api, "/site/ground", shapes.ground_mesh(site), _BARE_GROUND)
+    add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
-        add_mesh(api, f"/site/{layer}", shapes.draped(site, polygons, lift=lift), colour)
+        add_mesh(api, f"/site/{layer}", draped(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
@@ -112,14 +121,14 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Edges of the fields of view of those planned sensors that the site has."""
+    """Add edges of the fields of view of the planned sensors that the site has."""
     hanging: dict[str, Sensor] = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, hanging[each.name]) for index, each in enumerate(planned) if each.name in hanging]
     if not found:
         return
     renderer = Renderer(site, (), [sensor for _, sensor in found])
     for (index, sensor), background in zip(found, renderer.background, strict=True):
-        edges = shapes.view_edges(sensor, background)
+        edges = view_edges(sensor, background)
         add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
 
 
@@ -129,7 +138,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
         for index, points in enumerate(moment.clouds[:sensors]):
             api.add_point_cloud(
                 f"/sensors/{index}/points {frame}",
-                lines.sampled(points, most),
+                sampled(points, most),
                 rgb(sensor_colour(index)),
                 point_size=0.09,
                 point_shape="square",
@@ -139,7 +148,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
 
 
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
-    """Truth and detections, told apart by colour, line and mark."""
+    """Add truth and detections, told apart by colour, line and mark."""
     layers = {
         "truth": Layer("Vehicles that were there", "/truth", _TRUTH, "thin solid boxes"),
         "hit": Layer("Detections that hit", "/hit", _HIT, "thick solid boxes"),
@@ -154,25 +163,103 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
         hit = detections[moment.detection_hit]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
-            ("truth", lines.box_edges(truth), _TRUTH, 1.5),
-            ("hit", lines.box_edges(hit), _HIT, 3.0),
-            ("missed", _both(lines.dashed(lines.box_edges(missed), dash=0.6, gap=0.4), missed), _MISSED, 3.0),
-            ("false", _marked(wrong), _FALSE_ALARM, 3.0),
+            ("truth", box_edges(truth), _TRUTH, 1.5),
+            ("hit", box_edges(hit), _HIT, 3.0),
+            (
+                "missed",
+                np.concatenate([dashed(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
+                _MISSED,
+                3.0,
+            ),
+            ("false", np.concatenate([dashed(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]), _FALSE_ALARM, 3.0),
         )
         for key, segments, colour, width in drawn:
             add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)
     return list(layers.values())
 
 
-def _both(edges: Float64[np.ndarray, "n 2 3"], missed: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, "k 2 3"]:
-    return np.concatenate([edges, lines.roof_crosses(missed)])
-
-
-def _marked(wrong: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, "k 2 3"]:
-    return np.concatenate([lines.dashed(lines.box_edges(wrong), dash=0.15, gap=0.3), lines.spikes(wrong)])
-
-
 def _frame_nodes(frame: int, sensors: int) -> tuple[str, ...]:
-    """The nodes of one frame that may be in the scene; hiding one that is not does nothing."""
+    """Nodes of one frame; some may be missing, and hiding those does nothing."""
     clouds = [f"/sensors/{index}/points {frame}" for index in range(sensors)]
     return (*clouds, *(f"{kind}/{frame}" for kind in ("/truth", "/hit", "/missed", "/false")))
+
+
+GROUND_MARGIN = 25.0  # m of ground drawn around the area
+TILE = 4.0  # m; side of the tiles into which ground and streets are cut to follow the relief
+LONGEST_RUN = 8  # cells of visible ground in one rectangle
+NO_RETURN = 12.0  # m; length of rays that meet nothing
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a rectangle
+
+
+def ground_mesh(site: Site) -> Mesh:
+    """Ground in and around the area, open at ponds."""
+    ponds = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
+    return draped(site, [shapely.box(*_extent(site))], lift=0.0, without=ponds)
+
+
+def draped(
+    site: Site, shapes: Sequence[shapely.Polygon], *, lift: float, without: Sequence[shapely.Polygon] = ()
+) -> Mesh:
+    """Drape polygons over the ground near the area, `lift` metres above it."""
+    covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
+    tiles = shapely.intersection(covered, _tiles(_extent(site)))
+    flat = triangulate(tiles[~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)])
+    return _lift(site, flat, lift)
+
+
+def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
+    """Cells that a sensor sees, as rectangles along the rows of the grid; each sensor's a little above the last."""
+    half, boxes = ground.cell / 2, []
+    for row, y in zip(ground.seen[index], ground.y, strict=True):
+        steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
+        for first, end in steps.reshape(-1, 2):
+            for start in range(first, end, LONGEST_RUN):
+                last = min(start + LONGEST_RUN, end) - 1
+                boxes.append((ground.x[start] - half, y - half, ground.x[last] + half, y + half))
+    if not boxes:
+        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+    x0, y0, x1, y1 = np.array(boxes, np.float64).T
+    flat = np.stack([np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1).reshape(-1, 2)
+    first_corner = 4 * np.arange(len(boxes))[:, None]
+    triangles = np.concatenate([first_corner + half_square for half_square in HALVES]).astype(np.int64)
+    flat_mesh = Mesh(np.column_stack([flat, np.zeros(len(flat))]), triangles)
+    return _lift(site, flat_mesh, 0.08 + 0.03 * index)
+
+
+def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"], *, spokes: int = 6) -> Segments:
+    """Outline of what a sensor sees of the empty site, and rays to it from the sensor.
+
+    background: measurement of each ray, 0 without a return.
+    """
+    rows, columns = background.shape
+    index = np.arange(rows * columns).reshape(rows, columns)
+    ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
+    picked = ring[np.linspace(0, len(ring), min(len(ring), 240), endpoint=False).astype(np.int64)]
+    lengths = background.ravel()[picked].astype(np.float64)
+    lengths = np.where(lengths > 0, lengths, min(sensor.model.max_range, NO_RETURN))
+    ends = sensor.position + sensor.world_rays.T[picked] * lengths[:, None]
+    outline = np.stack([ends, np.roll(ends, -1, axis=0)], 1)
+    jumps = (
+        np.linalg.norm(outline[:, 1] - outline[:, 0], axis=1) > 0.25 * lengths
+    )  # from one object to another behind it
+    corner_rays = np.linspace(0, len(ends), 4 * max(spokes // 4, 1), endpoint=False).astype(np.int64)
+    rays = np.stack([np.broadcast_to(sensor.position, (len(corner_rays), 3)), ends[corner_rays]], 1)
+    return np.concatenate([outline[~jumps], rays])
+
+
+def _extent(site: Site) -> tuple[float, float, float, float]:
+    xmin, ymin, xmax, ymax = site.area.tolist()
+    return xmin - GROUND_MARGIN, ymin - GROUND_MARGIN, xmax + GROUND_MARGIN, ymax + GROUND_MARGIN
+
+
+def _tiles(extent: tuple[float, float, float, float]) -> np.ndarray:
+    """Squares that cover the extent, as shapely boxes."""
+    xmin, ymin, xmax, ymax = extent
+    x, y = np.meshgrid(np.arange(xmin, xmax, TILE), np.arange(ymin, ymax, TILE))
+    tiles: np.ndarray = shapely.box(x.ravel(), y.ravel(), x.ravel() + TILE, y.ravel() + TILE)
+    return tiles
+
+
+def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:
+    heights = site.ground(flat.vertices[:, :2]) + lift
+    return Mesh(np.column_stack([flat.vertices[:, :2], heights]), flat.triangles)

@@ -1,4 +1,4 @@
-"""Figures in words and cells, the same way all over the report."""
+"""Figures as words and table cells, the same throughout the report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from placement_env.fidelity.combined.mean_iou import iou_text
 from placement_env.report.content import CONFIDENCE, Judgement
 from placement_env.report.pages.document import Cell, Column
 
-NONE = "–"  # where a figure is undefined
+NONE = "–"  # for an undefined figure
+NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 JUDGED_COLUMNS = (
     Column("AP"),
     Column(f"{CONFIDENCE:.0%} interval"),
@@ -21,7 +22,7 @@ JUDGED_COLUMNS = (
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A figure with so many digits after the point.
+    """Format a figure with this many decimals.
 
     >>> number(0.9), number(None), number(float("nan"))
     ('0.900', '–', '–')
@@ -30,23 +31,23 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def figure_cell(value: float | None, digits: int = 1) -> Cell:
-    """A figure in a table."""
+    """Cell of a figure."""
     defined = value is not None and math.isfinite(value)
     return Cell(number(value, digits), value if defined else None)
 
 
 def iou_cell(iou: IoUs) -> Cell:
-    """An IoU threshold, or several over which the mean is taken, in a table."""
+    """Cell of an IoU threshold, or of several whose mean counts."""
     return figure_cell(iou) if isinstance(iou, float) else Cell(iou_text(iou))
 
 
 def text_cell(text: object) -> Cell:
-    """A text in a table."""
+    """Cell of a text."""
     return Cell(str(text))
 
 
 def percent(share: float | None) -> str:
-    """A share in percent: a share that is not 0 or 1 is never rounded to it.
+    """Format a share in percent, never rounding to 0 or 100 % a share that is neither.
 
     >>> percent(0.934), percent(0.0004), percent(1.0)
     ('93%', 'under 1%', '100%')
@@ -59,12 +60,12 @@ def percent(share: float | None) -> str:
 
 
 def share_cell(share: float | None) -> Cell:
-    """A share in a table, in percent without the sign."""
+    """Cell of a share, in percent without the sign."""
     return figure_cell(None if share is None else 100 * share)
 
 
 def price_text(price: float, currency: str) -> str:
-    """A price; without a currency in units of one ordinary pole.
+    """Format a price; without a currency, in units of one ordinary pole.
 
     >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
     ('1,250 EUR', '1 unit', '2.5 units')
@@ -76,23 +77,23 @@ def price_text(price: float, currency: str) -> str:
 
 
 def price_column(title: str, currency: str) -> Column:
-    """A column of prices."""
+    """Column of prices."""
     return Column(title, currency or "units")
 
 
-def counted(count: int, noun: str) -> str:
-    """A number of things.
+def count_text(count: int, noun: str) -> str:
+    """Number of things, in words.
 
-    >>> counted(1, "sensor"), counted(1200, "vehicle")
+    >>> count_text(1, "sensor"), count_text(1200, "vehicle")
     ('1 sensor', '1,200 vehicles')
     """
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
-def listed(names: Sequence[str]) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Names in a row.
 
-    >>> listed(["a", "b", "c"]), listed(["a"]), listed([])
+    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
     ('a, b and c', 'a', 'none')
     """
     if len(names) < 2:
@@ -106,26 +107,26 @@ def ap_text(judged: Judgement) -> str:
     >>> ap_text(Judgement(0.95, 0.91, 0.98, 0.96, 0.97, 40, 20))
     'AP 0.950 (0.910–0.980, 40 vehicles)'
     """
-    return f"AP {measured(judged)}"
+    return f"AP {ap_figure(judged)}"
 
 
-def measured(judged: Judgement) -> str:
-    """An AP with interval and number of vehicles, where it is clear that it is one."""
-    return f"{number(judged.ap)} ({interval(judged)}, {counted(judged.vehicles, judged.kind)})"
+def ap_figure(judged: Judgement) -> str:
+    """AP with interval and number of vehicles, without the word AP."""
+    return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
 
 
-def interval(judged: Judgement) -> str:
+def interval_text(judged: Judgement) -> str:
     """Both ends of the interval."""
     return f"{number(judged.low)}–{number(judged.high)}"
 
 
 def judged_cells(judged: Judgement | None) -> tuple[Cell, ...]:
-    """The cells of `JUDGED_COLUMNS`; dashes where nothing was to be detected."""
+    """Cells of `JUDGED_COLUMNS`; dashes without anything to detect."""
     if judged is None:
         return (Cell(NONE), Cell("no vehicle"), Cell(NONE), Cell("0", 0.0), Cell(NONE))
     return (
         figure_cell(judged.ap, 3),
-        Cell(interval(judged), judged.low),
+        Cell(interval_text(judged), judged.low),
         share_cell(judged.recall),
         Cell(f"{judged.vehicles:,}", float(judged.vehicles)),
         Cell(f"{judged.frames:,}", float(judged.frames)),

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.fidelity.traffic import Traffic
+from placement_env.handover.ground import Ground, ground_shares
+from placement_env.handover.mounted import bill_of_materials, link_loads, mounted_sensors, unused_mounts
 from placement_env.objective import Objective, Stages
-from placement_env.report.content import Ground, Plan, PlanOption
-from placement_env.report.ground import ground_shares
-from placement_env.report.mounted import unused_mounts
-from placement_env.report.planning import breakdown, figures, mounting, refusals, sentences
+from placement_env.report.content import Plan, PlanOption
+from placement_env.report.planning import breakdown, figures, refusals, sentences
 from placement_env.report.planning.figures import ChosenSet
 from placement_env.report.planning.judging import Judge
 from placement_env.report.planning.provenance import plan_origin
@@ -20,7 +20,7 @@ from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Selection, judged_front, near_optimal
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.detection.provenance import detector_origin
-from toolkit.detection.schemes import find_scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 
 
@@ -74,7 +74,7 @@ def answer(
     worth = figures.worths(final, objective, chosen, stage("subsets"))
     failures = figures.failure_cases(final, chosen, stage("failures"))
     near = near_optimal(picked.options, picked.chosen)
-    planned = mounting.mounted_sensors(question.site, candidates, members, outcomes, question.catalogue)
+    planned = mounted_sensors(question.site, candidates, members, [each.bits for each in outcomes], question.catalogue)
     detector = detector_in_words(final, terms.network if question.detector is None else None)
     return Plan(
         question=question.in_words,
@@ -103,8 +103,8 @@ def answer(
         class_ap=final.by_class(members),
         worth=worth,
         failures=failures,
-        links=mounting.link_loads(planned, limited=find_scheme(question.scheme).sends_points),
-        materials=mounting.bill_of_materials(planned),
+        links=link_loads(planned, limited=scheme_of(question.scheme).sends_points),
+        materials=bill_of_materials(planned),
         order=figures.build_order(final, objective, chosen, stage("order of building")),
         ground=ground_shares(ground, [sensor.name for sensor in planned]),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from placement_env.report.content import Plan
-from placement_env.report.exchange import EXCHANGE_FILES, write_exchange
-from placement_env.report.pages.files import REPORT_FILES, write_report
-from placement_env.report.planning.planning import Planned
+from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
+from placement_env.report.content import Plan, Planned
+from placement_env.report.pages.report import REPORT_FILES, write_report
 from toolkit.runtime.files import finite, write_text, writing_together
 
 CONTENT = "plan.json"

@@ -16,11 +16,11 @@ from placement_env.candidates.pool import NoCandidates
 from placement_env.fidelity.combined.error_profiles import Errors, several
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation, check_fidelity_for
+from placement_env.handover.ground import visible_ground
+from placement_env.handover.mounted import mounted_site
 from placement_env.objective import Objective, Stages
 from placement_env.protocol import FidelityName
-from placement_env.report.content import Ground, Moment, Plan, Verdict
-from placement_env.report.ground import visible_ground
-from placement_env.report.mounted import mounted_site
+from placement_env.report.content import Plan, Planned, Verdict
 from placement_env.report.planning import refusals
 from placement_env.report.planning.answer import PlanInputs, answer
 from placement_env.report.planning.judging import Judge
@@ -28,24 +28,11 @@ from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
 from placement_env.search.portfolio.entrants import Effort, kept_entrants
-from toolkit.detection.schemes import find_scheme
+from toolkit.detection.schemes import scheme_of
 from toolkit.objects import LABELS
 from toolkit.sensors.error_profiles import PAPER_ERRORS
-from toolkit.sites.site import Site
 
 MOST_BOUGHT = 12  # that a sum of money alone may buy
-
-
-@dataclass(frozen=True, eq=False)
-class Planned:
-    """A plan with what its pages and maps are made from. site: with the chosen sensors mounted; candidates: None where
-    there are none; ground, moments: None and empty where no set may be built."""
-
-    plan: Plan
-    site: Site
-    candidates: Candidates | None = None
-    ground: Ground | None = None
-    moments: tuple[Moment, ...] = ()
 
 
 def plan(
@@ -143,7 +130,7 @@ class _Planning:
             site=question.site,
             candidates=candidates,
             frames=frames,
-            scheme=find_scheme(question.scheme),
+            scheme=scheme_of(question.scheme),
             codec=question.codec,
             iou=question.counting.ious[0],
             seed=question.seed + part,

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 
-from placement_env.report.content import Ground, Judgement, Plan, PlanOption, Verdict
+from placement_env.handover.ground import Ground
+from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
 
 
 def test_a_plan_becomes_json_and_keeps_every_figure():

@@ -7,7 +7,16 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from toolkit.plots.canvas import blank_figure, drawn_pixels, house_style, plain, shortened, svg_text, write_figure
+from toolkit.plots.canvas import (
+    blank_figure,
+    house_style,
+    pad_limits,
+    plain,
+    render_pixels,
+    shorten,
+    svg_text,
+    write_figure,
+)
 
 
 def figure(text="a", value=1.0):
@@ -87,7 +96,7 @@ def test_paths_are_short():
 
 def test_pixels_are_those_of_the_size():
     with house_style():
-        pixels = drawn_pixels(figure())
+        pixels = render_pixels(figure())
     assert pixels.shape == (100, 200, 3)
     assert pixels.dtype == np.uint8
     assert np.ptp(pixels) > 200
@@ -98,4 +107,9 @@ def test_pixels_are_those_of_the_size():
     [("abc", 3, "abc"), ("abcd", 3, "a…d"), ("abcdefgh", 5, "ab…gh"), ("a\tb", 9, "a b"), ("", 4, "")],
 )
 def test_long_text_loses_its_middle(text, most, short):
-    assert shortened(text, most) == short
+    assert shorten(text, most) == short
+
+
+@pytest.mark.parametrize(("values", "limits"), [([], (0, 1)), ([0.0], (0, 1)), ([1.0, 10.0], (0, 11))])
+def test_limits_leave_room(values, limits):
+    assert pad_limits(values) == pytest.approx(limits)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from toolkit.plots.canvas import drawn_pixels, house_style
+from toolkit.plots.canvas import house_style, render_pixels
 from toolkit.plots.curves import FEW, curve_axes, draw_density_cdf, draw_pr_curves, draw_training, name_curves
 
 LINE = np.linspace(0, 1, 5)
@@ -64,7 +64,7 @@ def test_the_legend_lies_below_the_axes(count):
             axes.plot([0, 1], [0, 1])
         axes.set(xlabel="recall")
         name_curves(axes, names)
-        drawn_pixels(figure)
+        render_pixels(figure)
     (legend,) = figure.legends
     assert legend.get_texts()[0].get_text() == "_hidden"
     assert len(legend.get_texts()) == count

@@ -63,7 +63,6 @@ def test_a_site_is_drawn_with_sensors_and_poles(tmp_path):
         {"detections": SEEN["detections"]},
         {"sensors": [CAMERA, Sensor("d1", DepthCamera(), look((10.0, 0.0, 5.0), 3.0, 0.2))]},
         {"title": "frame 3"},
-        {"detector": "voxelnet"},
         {"outcome": FrameOutcome(0.7, YES, NO, YES, NO)} | SEEN,
     ],
     ids=lambda shown: next(iter(shown)),
@@ -105,7 +104,7 @@ def test_an_outcome_of_another_frame_is_refused(tmp_path):
 
 def test_an_svg_has_everything_but_clouds_as_lines(tmp_path):
     cloud = np.random.default_rng(0).uniform(-9, 9, (500, 3))
-    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], detector="a & b", **SEEN)
+    draw_frame(SITE, tmp_path / "frame.svg", clouds=[cloud], title="a & b", **SEEN)
     root = ElementTree.parse(tmp_path / "frame.svg").getroot()
     assert len(root.findall(".//{*}image")) == 1
     assert len(root.findall(".//{*}path")) > 30

@@ -1,44 +1,34 @@
-"""A plan as `plan` makes it, small and quick: four sensors at the T-junction, three frames."""
+"""A small plan as `make_plan` gives it: four sensors at the T-junction, three frames."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 
+from placement_env.handover.ground import Ground, GroundShares
+from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
 from placement_env.report.content import (
     BreakdownRow,
     BuildStep,
     ClassSeen,
     FailureCase,
-    Ground,
-    GroundShares,
     Judgement,
-    LinkLoad,
-    MaterialItem,
     Moment,
     Plan,
-    PlannedSensor,
+    Planned,
     PlanOption,
     SchemeFigures,
     SensorWorth,
     Verdict,
 )
-from placement_env.report.pages.sections import report_of
+from placement_env.report.pages.report import build_document
 from toolkit.objects import Detections, Objects
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 CHOSEN = ("d0", "d1", "d3", "d5")
 HOSTILE = '<script>document.title="owned"</script>#eval("1") $x^2$ `raw` \\ @ref'
-
-
-@dataclass(frozen=True)
-class Example:
-    plan: Plan
-    site: object
-    ground: Ground | None
-    moments: tuple[Moment, ...]
 
 
 def judged(ap, half=0.03, vehicles=412):
@@ -156,7 +146,7 @@ def example_ground(site, names):
 
 
 def hostile(example):
-    """The example with names that would be markup, or code, to whoever does not escape them."""
+    """The example with names that would be markup or code if not escaped."""
     sensors = tuple(replace(sensor, name=sensor.name + HOSTILE) for sensor in example.plan.sensors)
     mounted = tuple(Sensor(sensor.name + HOSTILE, sensor.model, sensor.pose) for sensor in example.site.sensors)
     chosen = replace(example.plan.chosen, sensors=tuple(sensor.name for sensor in sensors))
@@ -195,12 +185,12 @@ def example():
     ground = example_ground(site, CHOSEN)
     moments = tuple(example_moment(ground, frame) for frame in range(3))
     chosen = tuple(sensor for sensor in site.sensors if sensor.name in CHOSEN)
-    return Example(example_plan(site, ground), replace(site, sensors=chosen), ground, moments)
+    return Planned(example_plan(site, ground), replace(site, sensors=chosen), ground=ground, moments=moments)
 
 
 @pytest.fixture(scope="session")
 def document(example):
-    return report_of(example.plan, example.site, example.ground)
+    return build_document(example.plan, example.site, example.ground)
 
 
 @pytest.fixture(scope="session")
@@ -221,4 +211,4 @@ def nothing_chosen(example):
         verdict=Verdict(False, "No set meets the requirement.", ("No link carries 0.001 kbit per frame.",)),
         chosen=None,
     )
-    return Example(plan, example.site, None, ())
+    return Planned(plan, example.site)

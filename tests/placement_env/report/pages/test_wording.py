@@ -1,3 +1,5 @@
+"""Figures as words and cells."""
+
 import pytest
 
 from placement_env.report.content import Judgement, overlap
@@ -6,9 +8,9 @@ from placement_env.report.pages.wording import (
     JUDGED_COLUMNS,
     ap_text,
     figure_cell,
-    interval,
+    interval_text,
+    join_names,
     judged_cells,
-    listed,
     number,
     percent,
     price_text,
@@ -46,7 +48,7 @@ def test_prices():
 
 def test_ap_stands_with_interval_and_vehicles():
     assert ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
-    assert interval(JUDGED) == "0.910–0.980"
+    assert interval_text(JUDGED) == "0.910–0.980"
     assert [cell.text for cell in judged_cells(JUDGED)] == ["0.950", "0.910–0.980", "96.5", "1,412", "60"]
     assert [cell.text for cell in judged_cells(None)] == ["–", "no vehicle", "–", "0", "–"]
     assert len(JUDGED_COLUMNS) == 5
@@ -59,4 +61,4 @@ def test_intervals_overlap_where_they_touch(low, high, expected):
 
 
 def test_names_in_a_row():
-    assert [listed(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
+    assert [join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.traffic import Traffic
-from placement_env.report.ground import visible_ground
+from placement_env.handover.ground import visible_ground
 from placement_env.report.planning.answer import PlanInputs, answer, best_first, detector_in_words
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
+from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
 from placement_env.report.planning.files import plan_json, write_plan
-from placement_env.report.planning.planning import Planned
 from toolkit.sites.site import Site
 
 JUDGED = Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)

@@ -6,25 +6,36 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from placement_env.report.drawings.axes import BAR, HEAD, INTERVAL, WIDTH, head_lines, padded_limits, price_words
 from placement_env.search.portfolio.curve import CurvePoint
-from toolkit.plots.canvas import blank_figure, house_style, write_figure
-from toolkit.plots.palette import INK
+from toolkit.plots.canvas import (
+    CHART_INCHES,
+    blank_figure,
+    draw_heading,
+    house_style,
+    pad_limits,
+    shorten,
+    write_figure,
+)
+from toolkit.plots.palette import BAR, INK
 
 CURVE_HEIGHT = 4.0  # inches
+CURVE_HEAD = 0.7  # inches of it above the axes
 
 
 def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = "") -> None:
-    """Write the picture (PNG or SVG, by the file's name). The line goes through the sets that pay; the others are
-    hollow, and crosses say what was predicted. judge: fidelity that the AP are by."""
+    """Write the picture as PNG or SVG, by the file's suffix.
+
+    The line goes through the sets that pay; other sets are hollow, and crosses show predictions. judge: fidelity that
+    measured the AP.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
     with house_style():
-        figure = blank_figure(WIDTH, CURVE_HEIGHT)
-        head_lines(figure, "What a budget buys", f"AP by the {judge} on traffic of its own; {INTERVAL}")
-        top = 1 - HEAD / CURVE_HEIGHT
-        axes = figure.add_axes((0.09, 0.22, 0.88, top - 0.22))
+        figure = blank_figure(CHART_INCHES, CURVE_HEIGHT)
+        subtitle = f"AP by the {judge} on traffic of its own; lines: 95% intervals"
+        draw_heading(figure, "What a budget buys", subtitle)
+        axes = figure.add_axes((0.09, 0.22, 0.88, 1 - CURVE_HEAD / CURVE_HEIGHT - 0.22))
         by_money = any(math.isfinite(point.money) for point in points)
         places = [point.price if by_money else float(point.sensors) for point in points]
         pays = sorted((x, point.ap) for x, point in zip(places, points, strict=True) if point.pays)
@@ -37,8 +48,9 @@ def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, cur
         axes.grid()
         if not by_money:
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        label = price_words(currency) if by_money else "sensors"
-        axes.set(xlim=padded_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
+        price = f"price ({shorten(currency, 12) or 'ordinary poles'})"
+        label = price if by_money else "sensors"
+        axes.set(xlim=pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         marks = [
             Line2D([], [], color=INK, marker=marker, markerfacecolor=face, linestyle="none")
             for marker, face in (("o", BAR), ("o", "white"), ("x", INK))

@@ -9,8 +9,16 @@ import pytest
 from placement_env.candidates.aim import aimed
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates, pool
-from placement_env.report.mounted import mounted_site, planned_sensors, unused_mounts
-from placement_env.report.planning.mounting import bill_of_materials, link_loads
+from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
+from placement_env.handover.mounted import (
+    MaterialItem,
+    bill_of_materials,
+    link_loads,
+    mounted_sensors,
+    mounted_site,
+    planned_sensors,
+    unused_mounts,
+)
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
@@ -126,7 +134,7 @@ def test_the_own_sensors_of_a_site_bring_no_mount_twice():
 def test_numbers_that_differ(wrong, message, candidates, chosen):
     with pytest.raises(ValueError, match=message):
         planned_sensors(SITE, candidates, chosen, **KBIT | wrong)
-    with pytest.raises(ValueError, match="moved must be the 2 chosen sensors where they are now, got 1"):
+    with pytest.raises(ValueError, match="moved must hold the 2 chosen sensors, got 1"):
         planned_sensors(SITE, candidates, chosen, candidates.sensors[:1], **KBIT)
 
 
@@ -146,4 +154,38 @@ def test_a_mount_is_paid_with_the_first_sensor_on_it(candidates, chosen):
     (load,) = link_loads(sensors, limited=True)
     assert (load.pole, load.mbit_s, load.peak_mbit_s, load.capacity_mbit_s) == pytest.approx(
         ("north", 3.205, 4.305, 8.0)
+    )
+
+
+@pytest.fixture
+def sensors(street):
+    bits = [np.array(each) for each in ([100_000, 200_000], [300_000, 600_000])]
+    first, second = street.candidates.axes.models
+    catalogue = SensorCatalogue((PricedModel("eye", first, 10.0), PricedModel("wide eye", second, 20.0)))
+    return mounted_sensors(street.site, street.candidates, (2, 3), bits, catalogue)
+
+
+def test_sensors_have_their_prices_and_kbit(sensors):
+    assert [(s.model, s.model_price, s.pole, s.pole_price) for s in sensors] == [
+        ("eye", 10.0, "post2", 0.5),
+        ("wide eye", 20.0, "post3", 3.0),
+    ]
+    assert [(s.kbit, s.peak_kbit, s.capacity_kbit) for s in sensors] == [(200.0, 300.0, 500.0), (400.0, 600.0, 500.0)]
+
+
+def test_links_at_ten_frames_a_second(sensors):
+    first, second = link_loads(sensors, limited=True)
+    assert (first.pole, first.mbit_s, first.peak_mbit_s, first.capacity_mbit_s) == ("post2", 2.0, 3.0, 5.0)
+    assert (first.share, first.fits) == (0.6, True)
+    assert (second.share, second.fits) == (1.2, False)
+    assert all(load.fits for load in link_loads(sensors, limited=False))
+
+
+def test_the_bill_adds_up(sensors):
+    bill = bill_of_materials((*sensors, sensors[0]))
+    assert bill == (
+        MaterialItem("eye", 2, 10.0, 20.0),
+        MaterialItem("wide eye", 1, 20.0, 20.0),
+        MaterialItem("pole", 2, 0.5, 1.0),
+        MaterialItem("pole", 1, 3.0, 3.0),
     )

@@ -3,26 +3,27 @@
 from dataclasses import replace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
-from placement_env.report.content import (
-    BuildStep,
-    FailureCase,
-    Judgement,
-    LinkLoad,
-    PlanOption,
-    SchemeFigures,
-    SensorWorth,
-)
-from placement_env.report.drawings.charts import (
+import placement_env.report.charts as charts
+from placement_env.handover.mounted import LinkLoad
+from placement_env.report.charts import (
+    LETTERS,
+    describe_sample,
     failure_chart,
     front_chart,
     interval_bars,
     link_chart,
     order_chart,
+    price_label,
+    row_axes,
     scheme_chart,
+    set_label,
     worth_chart,
 )
+from placement_env.report.content import BuildStep, FailureCase, Judgement, PlanOption, SchemeFigures, SensorWorth
+from toolkit.plots.canvas import house_style, render_pixels
 
 NAMES = ["d0", "north-east pole_3 $5 <b>&amp;", "_hidden", "x" * 90, "\\frac{", "日本", "a\x07b"]
 MANY = [f"{NAMES[k % 7]}{k}" for k in range(30)]
@@ -92,15 +93,13 @@ def test_nothing_to_show_is_a_chart_too(chart):
 
 def shown(monkeypatch, draw):
     """Every text of a chart, and its axes."""
-    import placement_env.report.drawings.axes as drawing
-
     figures = []
 
     def keep(figure, title=""):
         figures.append(figure)
         return ""
 
-    monkeypatch.setattr(drawing, "svg_text", keep)
+    monkeypatch.setattr(charts, "svg_text", keep)
     draw()
     (figure,) = figures
     texts = [text.get_text() for text in figure.texts]
@@ -180,3 +179,81 @@ def test_the_front_marks_the_chosen_set_once(monkeypatch):
         assert [line.get_ydata()[0] for line in hollow] == [0.32]
     assert {"kbit per sensor and frame", "price (ordinary poles)", "AP"} <= set(texts)
     assert any(text.startswith("N = 3 sensor sets") for text in texts)
+
+
+ONE, TWO = Judgement(0.9, 0.8, 0.95, 0.9, 0.9, 120, 40), Judgement(0.5, 0.4, 0.6, 0.5, 0.9, 20, 40)
+
+
+@pytest.mark.parametrize("names", [["a"], ["x" * 90, "W" * 40], [str(k) for k in range(30)]])
+def test_names_and_figures_stay_in_the_picture(names):
+    with house_style():
+        figure, axes = row_axes("a title", "said", names)
+        charts._draw_bars(axes, [ONE] * len(names))
+        render_pixels(figure)
+        for text in (*axes.get_yticklabels(), *axes.texts):
+            box = text.get_window_extent()
+            if "W" not in text.get_text():
+                assert box.x0 >= 0
+            assert box.x1 <= figure.bbox.x1
+            assert len(text.get_text()) <= LETTERS
+        assert axes.get_window_extent().width > 120
+        assert axes.get_tightbbox().y0 >= 0
+
+
+def test_a_row_without_vehicles_says_so():
+    with house_style():
+        _, axes = row_axes("a title", "said", ["a", "b"])
+        charts._draw_bars(axes, [None, TWO])
+    assert [text.get_text() for text in axes.texts] == ["not judged: no vehicles", "0.500, N = 20"]
+    assert len(axes.patches) == 1
+
+
+def test_the_number_of_vehicles_is_said():
+    assert "N = 120 vehicles in 40 frames" in describe_sample([ONE, None])
+    assert "N = up to 120 vehicles in 40 frames" in describe_sample([ONE, TWO])
+    assert describe_sample([None]) == "no vehicles were judged"
+
+
+def test_words():
+    assert price_label("EUR") == "price (EUR)"
+    assert set_label(()) == "none"
+    assert len(set_label([f"pole {k}" for k in range(30)])) <= LETTERS
+
+
+WORTH = [
+    SensorWorth("d0", 0.5, {"d1": -0.2, "d2": 0.05}),
+    SensorWorth("d1", 0.3, {"d0": -0.2, "d2": 0.0}),
+    SensorWorth("d2", -0.1, {"d0": 0.05, "d1": 0.0}),
+]
+
+
+@pytest.fixture
+def figure_of(monkeypatch):
+    return lambda worth: shown(monkeypatch, lambda: worth_chart(worth))[1]
+
+
+def test_values_and_pairs_are_those_given(figure_of):
+    bars, table = figure_of(WORTH).axes
+    assert [bar.get_width() for bar in bars.patches] == [0.5, 0.3, -0.1]
+    assert [text.get_text() for text in bars.texts] == ["+0.500", "+0.300", "-0.100"]
+    (image,) = table.images
+    pairs = np.ma.filled(image.get_array(), np.nan)
+    assert pairs == pytest.approx(
+        np.array([[np.nan, -0.2, 0.05], [-0.2, np.nan, 0.0], [0.05, 0.0, np.nan]]), nan_ok=True
+    )
+    assert image.get_clim() == (-0.2, 0.2)
+    assert [text.get_text() for text in table.texts][:2] == ["-0.20", "+0.05"]
+    assert [label.get_text() for label in bars.get_yticklabels()] == ["d0", "d1", "d2"]
+
+
+def test_long_names_have_numbers(figure_of):
+    bars, table = figure_of([SensorWorth("north-east pole", 0.2, {}), SensorWorth("d1", 0.1, {})]).axes
+    assert [label.get_text() for label in bars.get_yticklabels()] == ["north-east pole  1", "d1  2"]
+    assert [label.get_text() for label in table.get_xticklabels()] == ["1", "2"]
+
+
+def test_a_large_table_has_no_figures(figure_of):
+    names = [f"s{k}" for k in range(charts.MOST_FIGURES + 1)]
+    many = [SensorWorth(one, 0.1, {other: 0.1 for other in names if other != one}) for one in names]
+    assert not figure_of(many).axes[1].texts
+    assert figure_of(many[:3]).axes[1].texts

@@ -11,8 +11,9 @@ import shapely
 from shapely.geometry import shape
 
 from placement_env.candidates.poles import load_poles
-from placement_env.report.content import Ground, PlannedSensor
-from placement_env.report.exchange import COLUMNS, plan_geojson, schedule_csv, write_exchange
+from placement_env.handover.exchange import COLUMNS, plan_geojson, schedule_csv, write_exchange
+from placement_env.handover.ground import Ground
+from placement_env.handover.mounted import PlannedSensor
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -135,7 +136,7 @@ def test_three_files_always_the_same(ground, tmp_path):
 
 
 def test_what_is_not_of_one_set_is_refused(ground, tmp_path):
-    with pytest.raises(ValueError, match=r"got \['n', 's'\] at the site, \['s', 'n'\] in the plan and 2 layers"):
+    with pytest.raises(ValueError, match=r"got \['n', 's'\] at the site, \['s', 'n'\] planned and 2 layers"):
         write_exchange(tmp_path, SITE, [SOUTH, NORTH], ground)
     with pytest.raises(ValueError, match="and 1 layers"):
         write_exchange(

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.report.pages.files import write_report
+from placement_env.report.content import Plan, Verdict
+from placement_env.report.pages.report import build_document, write_report
 
 BOXES = ("/truth", "/hit", "/missed", "/false")
 
@@ -51,7 +52,7 @@ def test_the_files_are_the_same_every_time(example, tmp_path):
 
 
 def test_neither_file_is_written_where_one_fails(nothing_chosen, tmp_path, monkeypatch):
-    monkeypatch.setattr("placement_env.report.pages.files.pdf_of", lambda document: 1 / 0)
+    monkeypatch.setattr("placement_env.report.pages.report.to_pdf", lambda document: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_report(nothing_chosen, tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -171,3 +172,68 @@ def test_it_fits_a_telephone_and_is_legible(page, scheme):
     bright = [sum(map(int, colour[4:-1].split(","))) / 3 for colour in (ink, paper)]
     assert abs(bright[0] - bright[1]) > 180
     assert (bright[0] > bright[1]) == (scheme == "dark")
+
+
+ORDER = (
+    *("requirement", "chosen", "ground", "detection", "schemes", "front", "worth", "failures"),
+    *("links", "materials", "schedule", "order", "alternatives", "method"),
+)
+
+
+def test_the_sections_are_those_a_reader_needs_in_this_order(document):
+    assert tuple(section.key for section in document.sections) == ORDER
+    assert document.title == "Deployment plan for tjunction"
+
+
+def test_every_section_opens_with_a_sentence_and_every_drawing_has_one(document):
+    for section in document.sections:
+        assert section.conclusion.endswith((".", "?"))
+        for block in section.blocks:
+            if block.kind == "drawing":
+                assert block.caption.endswith(".")
+                assert block.caption != section.conclusion
+                assert len(block.alt) > 20
+                assert block.svg.lstrip().startswith(("<svg", "<?xml"))
+            if block.kind == "table":
+                assert block.rows
+
+
+def test_every_ap_in_a_table_stands_with_interval_and_vehicles(document):
+    for section in document.sections:
+        for block in section.blocks:
+            if block.kind == "table" and any(column.title == "AP" for column in block.columns):
+                titles = [column.title for column in block.columns]
+                assert titles[titles.index("AP") + 1] == "95% interval"
+                assert "vehicles" in titles
+
+
+def test_a_plan_without_sensors_is_sentences_all_through(nothing_chosen):
+    document = build_document(nothing_chosen.plan, nothing_chosen.site, nothing_chosen.ground)
+    assert tuple(section.key for section in document.sections) == ORDER
+    assert document.subtitle == "VoxelNet; AP at IoU 0.7; late fusion"
+    assert [section.key for section in document.sections if section.blocks] == ["requirement"]
+    assert all(section.conclusion.endswith(".") for section in document.sections)
+
+
+def test_a_plan_where_nothing_was_judged(nothing_chosen):
+    plan = replace(nothing_chosen.plan, detector="", verdict=Verdict(False, "No set can be planned."))
+    document = build_document(plan, nothing_chosen.site, None)
+    assert document.subtitle == "No set was judged"
+    assert document.sections[0].conclusion == "No set can be planned."
+
+
+def test_one_sensor_and_nothing_more_is_known_of_it(example):
+    """All that a plan may leave out is left out."""
+    full = example.plan
+    one = replace(full.chosen, sensors=full.chosen.sensors[:1], judged=None)
+    verdict = Verdict(None, "Best of all.")
+    plan = Plan(full.question, full.site, full.detector, 0.7, "late", "", verdict, one, sensors=full.sensors[:1])
+    document = build_document(plan, replace(example.site, sensors=example.site.sensors[:1]), None)
+    said = {section.key: section.conclusion for section in document.sections}
+    assert said["chosen"] == (
+        "Build 1 sensor, d0, for 6 units: the detector did not judge it; each sensor sends 312 kbit per frame with "
+        "late fusion."
+    )
+    assert said["worth"] == "The worth of the sensors was not computed."
+    assert said["failures"] == "No failure leaves a working sensor."
+    assert said["front"] == "No other set beats the chosen one in AP, data sent or price."

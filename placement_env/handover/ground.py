@@ -1,20 +1,20 @@
-"""What sensors see of a site's ground, by casting rays at the empty site: in view, behind nothing, how densely.
+"""Ground of a site that sensors see, by casting rays at the empty site: visibility and density of points.
 
-The area is cut into square cells. A cell is seen by a sensor when a place `TARGET_HEIGHT` above the ground in its
-middle lies in the sensor's field of view and range, and nothing of the static scene is in between. Its density is
-counted in the frame that the sensor measures of the empty site, without noise and before any crop by height; a point
-is on the ground when it would be the same if there were nothing but ground.
+The area is cut into square cells. A sensor sees a cell if a place `TARGET_HEIGHT` above the ground at its centre lies
+in the sensor's field of view and range, and nothing in the static scene is in between. The density is counted in the
+frame that the sensor measures of the empty site, without noise and before any crop by height; a point is on the ground
+if it would be the same without anything but ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
-from placement_env.report.content import Ground, GroundShares
-from toolkit.arrays import Bool, Float32, Float64
+from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.geometry import invert, transform
 from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer, SightLines
@@ -25,17 +25,61 @@ from toolkit.sites.site import Site
 
 TARGET_HEIGHT = 0.1  # m above the ground: the tread of a tyre, clear of the roughness between the ground's vertices
 SAME = 1e-3  # m between measurements of one place
-CLEARANCE = 1.0  # m of air that a solid leaves above open ground: crowns of trees and roofs do not stand on it
-SPECK = 1.0  # m²; smaller pieces and holes are left out of polygons: rays through leaves make them
+CLEARANCE = 1.0  # m of air below a solid from which the ground counts as open: tree crowns, roofs
+SPECK = 1.0  # m²; polygons leave out smaller pieces and holes, which rays through leaves make
 MOST_CELLS = 4_000_000  # of a grid
 
 
-def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
-    """What each of the sensors sees of the area's ground; cells where a solid stands or a pond lies are seen by none.
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Ground of the area that each sensor sees, on a grid of square cells.
 
-    cell: side of a cell (m). Where it does not divide the area, the grid is centred on it and the outermost cells
-    stick out or fall short by a quarter of a cell at most.
-    Raises ValueError for a cell that is not positive, so large that a side has fewer than two, or far too small.
+    x, y: centres of columns and rows (m, site frame, ascending); seen: whether the centre of a cell of open ground is
+    in unobstructed view; density: points that a frame puts on the cell's open ground, per m²; open_ground: free of
+    solids and ponds; lanes, footways: kind of the cell.
+    """
+
+    x: Float64[np.ndarray, " nx"]
+    y: Float64[np.ndarray, " ny"]
+    seen: Bool[np.ndarray, "sensors ny nx"]
+    density: Float32[np.ndarray, "sensors ny nx"]
+    open_ground: Bool[np.ndarray, "ny nx"]
+    lanes: Bool[np.ndarray, "ny nx"]
+    footways: Bool[np.ndarray, "ny nx"]
+
+    @property
+    def cell(self) -> float:
+        """Side of a cell (m)."""
+        return float(self.x[1] - self.x[0]) if len(self.x) > 1 else float(self.y[1] - self.y[0])
+
+    @property
+    def views(self) -> Int64[np.ndarray, "ny nx"]:
+        """Number of sensors that see each cell."""
+        return self.seen.sum(axis=0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class GroundShares:
+    """Shares of the area's open ground.
+
+    seen_by: by at least 1, 2 and 3 sensors; blind: by none; blind_lanes: share of the lanes seen by none; sensor_m2:
+    area that each sensor sees, by name; open_m2, blind_m2: area of open ground and of blind spots.
+    """
+
+    seen_by: tuple[float, float, float]
+    blind: float
+    blind_lanes: float
+    sensor_m2: dict[str, float]
+    open_m2: float
+    blind_m2: float
+
+
+def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) -> Ground:
+    """Compute the ground that each sensor sees; none sees cells with a solid or a pond.
+
+    cell: side of a cell (m). If it does not divide the area, the grid is centred on it and the outermost cells stick
+    out or fall short by a quarter of a cell at most. Raises ValueError for a cell that is not positive, so large that a
+    side has fewer than two, or far too small.
     """
     x, y = _grid(site.area, cell)
     middles = np.stack(np.meshgrid(x, y), axis=-1)
@@ -56,16 +100,16 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
 
 
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
-    """The figures of the ground; names: of its sensors, in order. Without lanes none of them is blind: 0.
+    """Compute shares of the ground; names: of its sensors, in order. Without lanes their blind share is 0.
 
-    Raises ValueError for another number of names, names that are not distinct, or an area without open ground.
+    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground.
     """
     if len(names) != len(ground.seen) or len(set(names)) < len(names):
         raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
     if not ground.open_ground.any():
         raise ValueError("the area has no open ground: solids cover all of it, so move the area or the solids")
-    views, square = views_of(ground)[ground.open_ground], ground.cell**2
-    lanes = (views_of(ground) == 0)[ground.open_ground & ground.lanes]
+    views, square = ground.views[ground.open_ground], ground.cell**2
+    lanes = (ground.views == 0)[ground.open_ground & ground.lanes]
     blind = float((views == 0).mean())
     return GroundShares(
         seen_by=(float((views >= 1).mean()), float((views >= 2).mean()), float((views >= 3).mean())),
@@ -80,23 +124,18 @@ def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
     )
 
 
-def views_of(ground: Ground) -> np.ndarray:
-    """How many sensors see each cell, (ny, nx)."""
-    return ground.seen.sum(axis=0, dtype=np.int64)
-
-
 def blind_polygons(ground: Ground) -> list[shapely.Polygon]:
-    """The open ground that no sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
-    return _polygons(ground, ground.open_ground & (views_of(ground) == 0))
+    """Open ground that no sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    return _polygons(ground, ground.open_ground & (ground.views == 0))
 
 
 def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
-    """For each sensor the ground that it sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
+    """Ground that each sensor sees, as polygons with holes (m, site frame), without pieces below `SPECK`."""
     return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
 def _grid(area: Float64[np.ndarray, "4"], cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of columns and rows."""
+    """Centres of columns and rows."""
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(
@@ -115,7 +154,7 @@ def _grid(area: Float64[np.ndarray, "4"], cell: float) -> tuple[np.ndarray, np.n
 def _in_sight(
     sensor: Sensor, lines: SightLines, targets: Float64[np.ndarray, "ny nx 3"], wanted: Bool[np.ndarray, "ny nx"]
 ) -> Bool[np.ndarray, "ny nx"]:
-    """Which of the wanted targets the sensor sees."""
+    """Select the wanted targets that the sensor sees."""
     in_view = wanted & sensor.model.in_view(transform(invert(sensor.pose), targets))
     in_view[in_view] = lines.clear(sensor.position, targets[in_view])
     return in_view
@@ -134,7 +173,7 @@ def _density(
 
 
 def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np.ndarray, "ny nx"]:
-    """Where nothing stands and no pond lies."""
+    """Select targets where nothing stands and no pond lies."""
     open_ground = np.ones(targets.shape[:2], bool)
     if not site.solids:
         return open_ground
@@ -150,14 +189,14 @@ def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np
 
 
 def _covered(polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx 2"]) -> Bool[np.ndarray, "ny nx"]:
-    """Which places lie on one of the polygons."""
+    """Select places on any of the polygons."""
     whole = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons])
     shapely.prepare(whole)
     return np.asarray(shapely.intersects_xy(whole, middles[..., 0], middles[..., 1]))
 
 
 def _polygons(ground: Ground, mask: Bool[np.ndarray, "ny nx"]) -> list[shapely.Polygon]:
-    """Cells merged along their edges, the stairs of slanting edges smoothed to about half a cell."""
+    """Merge cells along their edges, smoothing the steps of slanting edges to about half a cell."""
     half = ground.cell / 2
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (rows, first), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)

@@ -1,9 +1,9 @@
-"""Files that a plan is handed over in, for spreadsheets, GIS tools and coview itself; the same plan, the same bytes.
+"""Files for spreadsheets, GIS tools and coview itself; the same set gives the same bytes.
 
 schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would take for a formula begins with an
-apostrophe. plan.geojson is in longitude and latitude (RFC 7946), in the site's metres where it does not say where on
-earth it is: its layers are area, sensor, visible, blind and mount, the poles that are not used, which coview reads back
-as poles. site.json is the site with the sensors, as `coview simulate` takes it.
+apostrophe. plan.geojson is in longitude and latitude (RFC 7946), or in the site's metres if it has no geographic
+reference. Its layers are area, sensor, visible, blind and mount: the unused poles, which coview reads back as poles.
+site.json is the site with the sensors, as `coview simulate` takes it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 
-from placement_env.report.content import Ground, PlannedSensor
-from placement_env.report.ground import blind_polygons, visible_polygons
+from placement_env.handover.ground import Ground, blind_polygons, visible_polygons
+from placement_env.handover.mounted import PlannedSensor
 from toolkit.runtime.files import write_text
 from toolkit.sites.files import save_site
 from toolkit.sites.gis import feature, feature_collection, mount_feature
@@ -26,10 +25,8 @@ from toolkit.sites.site import Mount, Site
 
 SCHEDULE, MAP, SITE = "schedule.csv", "plan.geojson", "site.json"
 EXCHANGE_FILES = (SCHEDULE, MAP, SITE)
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # what a cell begins with that a spreadsheet would compute
-IN_METRES = (
-    "the site does not say where on earth it is: coordinates are metres of the site frame, not longitude and latitude"
-)
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # first characters of a cell that a spreadsheet would compute
+IN_METRES = "the site has no geographic reference: coordinates are metres of the site frame, not longitude and latitude"
 
 
 def write_exchange(
@@ -43,15 +40,15 @@ def write_exchange(
 ) -> None:
     """Write `EXCHANGE_FILES` into a folder, such as that of `toolkit.runtime.files.writing_together`.
 
-    site: with the sensors; ground: what they see, in their order; unused: poles where none hangs; currency: of prices,
-    "" for units of one ordinary pole. Raises ValueError where site, sensors and ground are not of one set.
+    site: with the sensors; ground: that they see, in their order; unused: poles without a sensor; currency: of prices,
+    "" for units of one ordinary pole. Raises ValueError if site, sensors and ground do not belong to one set.
     """
     names = [sensor.name for sensor in sensors]
-    hanging = [sensor.name for sensor in site.sensors]
-    if names != hanging or len(ground.seen) != len(names):
+    mounted = [sensor.name for sensor in site.sensors]
+    if names != mounted or len(ground.seen) != len(names):
         raise ValueError(
-            f"the site must have the planned sensors and the ground a layer for each, got {hanging} at the site, "
-            f"{names} in the plan and {len(ground.seen)} layers: see mounted_site and visible_ground"
+            f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site, "
+            f"{names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground"
         )
     folder = Path(folder)
     write_text(folder / SCHEDULE, schedule_csv(sensors, currency))
@@ -60,7 +57,7 @@ def write_exchange(
 
 
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """The mounting schedule: a line per sensor, lengths in m of the site frame, angles in degrees, kbit of a frame."""
+    """Mounting schedule: a line per sensor, lengths in m (site frame), angles in degrees, kbit per frame."""
     rows = [_row(sensor, currency or "ordinary poles") for sensor in sensors]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
@@ -95,7 +92,7 @@ def _row(sensor: PlannedSensor, unit: str) -> list[str]:
 
 
 def safe_cell(text: str) -> str:
-    """A text for a cell of a table, which no program takes for a formula."""
+    """Return a text for a cell of a table that no program takes for a formula."""
     return f"'{text}" if text.startswith(FORMULA) else text
 
 
@@ -109,13 +106,13 @@ def _bearing(sensor: PlannedSensor) -> float:
 
 def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *, unused: Sequence[Mount] = ()) -> str:
     """Sensors, the ground that each sees, blind spots and unused poles, for GIS tools."""
-    note: dict[str, Any] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
+    note: dict[str, object] = {} if site.geo_reference is not None else {"coview_site": 1, "note": IN_METRES}
     return feature_collection(_layers(site, sensors, ground, unused), name=f"{site.name} plan", **note)
 
 
 def _layers(
     site: Site, sensors: Sequence[PlannedSensor], ground: Ground, unused: Sequence[Mount]
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[dict[str, object]]:
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name)
     for sensor in sensors:
         yield feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **_properties(sensor))
@@ -129,7 +126,7 @@ def _layers(
     yield from (mount_feature(site, mount, used=False) for mount in unused)
 
 
-def _properties(sensor: PlannedSensor) -> dict[str, Any]:
+def _properties(sensor: PlannedSensor) -> dict[str, object]:
     return {
         "name": sensor.name,
         "pole": sensor.pole,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.report.content import Ground, GroundShares
-from placement_env.report.ground import (
+from placement_env.handover.ground import (
     SPECK,
     TARGET_HEIGHT,
+    Ground,
+    GroundShares,
     blind_polygons,
     ground_shares,
-    views_of,
     visible_ground,
     visible_polygons,
 )
@@ -60,7 +60,7 @@ def test_without_sensors_nothing_is_seen():
     assert ground.seen.shape == ground.density.shape == (0, 32, 48)
     assert ground.open_ground.all()
     assert not ground.lanes.any()
-    assert views_of(ground).tolist() == np.zeros((32, 48)).tolist()
+    assert ground.views.tolist() == np.zeros((32, 48)).tolist()
     assert visible_polygons(ground) == []
     assert [part.area for part in blind_polygons(ground)] == [24 * 16]
 

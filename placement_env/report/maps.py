@@ -1,33 +1,38 @@
-"""Maps of a plan as SVG text: the site with its sensors, how many see the ground, how densely, and where none does.
+"""Maps of a plan as SVG text: the site with its sensors, coverage and density of the ground, and blind spots.
 
-What is seen lies between the street and the solids, as an image of cells; everything else is lines. The same arguments
-give the same text.
+Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import shapely
 
-from placement_env.report.content import Ground
-from placement_env.report.ground import views_of, visible_polygons
+from placement_env.handover.ground import Ground, visible_polygons
 from toolkit.arrays import Bool, Float64
-from toolkit.plots.base_map import Entry, MapSheet, fill_polygons, map_sheet
-from toolkit.plots.canvas import house_style, shortened, svg_text
+from toolkit.plots.base_map import (
+    Entry,
+    MapSheet,
+    draw_poles,
+    draw_sensors,
+    draw_wedges,
+    fill_polygons,
+    map_sheet,
+    name_poles,
+)
+from toolkit.plots.canvas import house_style, shorten, svg_text
 from toolkit.plots.palette import BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
 from toolkit.plots.plan_view import ground_entries, pole_entries, sensor_entries
-from toolkit.plots.symbols import draw_poles, draw_sensors, draw_wedges, name_poles
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 MAP_INCHES = 7.0  # of a map's greater side
-SMOOTHED = 1.5  # m: sides of the square over which density is averaged
-ENLARGED = 3  # pixels of a cell's side, where viewers smooth images
-NAMED = 30  # poles that are named at most
+SMOOTHED = 1.5  # m; side of the square over which density is averaged
+ENLARGED = 3  # pixels along a cell's side, because viewers smooth images
+NAMED = 30  # poles up to which they are named
 
 
 def plan_view(
@@ -37,19 +42,19 @@ def plan_view(
     poles_unused: Sequence[str] = (),
     ground: Ground | None = None,
 ) -> str:
-    """The site from above with the chosen sensors, the poles that carry them and those not used (names of mounts), and
-    what each sensor sees of the ground where `ground` is given, else its field of view to the first building.
+    """Draw the site with the chosen sensors, used and unused poles (names of mounts), and the ground each sensor sees.
 
-    Raises ValueError for a pole that the site does not have, and a ground of other sensors.
+    Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
+    a ground of other sensors.
     """
     used, unused = (_places(site, names) for names in (poles, poles_unused))
     legend = [*ground_entries(site), *pole_entries(used=len(used), unused=len(unused)), *sensor_entries(sensors)]
-    said = "coloured: fields of view up to 25 m, cut off at buildings"
+    subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
         _check(ground, sensors)
-        said = "coloured: the ground that each sensor sees, by casting rays at the empty site"
+        subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
     with house_style():
-        sheet = _sheet(site, sensors, f"{site.name}: where the sensors stand", said, legend, [used, unused])
+        sheet = _sheet(site, sensors, f"{site.name}: where the sensors stand", subtitle, legend, [used, unused])
         if ground is None:
             draw_wedges(sheet.axes, sensors, site.solids)
         else:
@@ -57,87 +62,91 @@ def plan_view(
         draw_poles(sheet.axes, unused)
         draw_poles(sheet.axes, used, used=True)
         if len(unused) <= NAMED:
-            name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=_hanging(sensors))
-        return _finished(sheet, sensors, "Plan view of the chosen sensors")
+            name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=_positions(sensors))
+        return _finish(sheet, sensors, "Plan view of the chosen sensors")
 
 
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """How many sensors see each place: 0, 1, 2, 3 or more. Raises ValueError for a ground of other sensors."""
+    """Map how many sensors see each place: 0, 1, 2, 3 or more. Raises ValueError for a ground of other sensors."""
     _check(ground, sensors)
-    views = np.minimum(views_of(ground), 3)
+    views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
     names = ["no sensor", "1 sensor", "2 sensors", "3 or more"]
     legend = [_patch(c, f"{n} ({s:.0%})") for c, n, s in zip(VIEW_COLOURS, names, shares, strict=True)]
     with house_style():
-        title, said = f"{site.name}: how many sensors see the ground", _by_rays(ground, sensors)
-        sheet = _sheet(site, sensors, title, said, [*legend, *sensor_entries(sensors)])
+        title, subtitle = f"{site.name}: how many sensors see the ground", _describe_rays(ground, sensors)
+        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
         _draw_cells(sheet, site, ground, _colours(VIEW_COLOURS)[views], ground.open_ground)
-        return _finished(sheet, sensors, "Map of how many sensors see each place")
+        return _finish(sheet, sensors, "Map of how many sensors see each place")
 
 
 def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Points of all sensors together that a frame puts on the ground, per m². Raises ValueError for a ground of other
+    """Map the points of all sensors on the ground in a frame, per m². Raises ValueError for a ground of other
     sensors."""
     _check(ground, sensors)
-    density = smoothed(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
+    density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     names = ["under 1", *point_names()[1:]]
     steps = point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
     legend = [_patch(tuple(colour), f"{name} /m²") for colour, name in zip(steps, names, strict=True)]
     with house_style():
         title = f"{site.name}: points on the ground in a frame"
-        said = f"{_by_rays(ground, sensors)}; mean over {SMOOTHED:g} x {SMOOTHED:g} m"
-        sheet = _sheet(site, sensors, title, said, [*legend, *sensor_entries(sensors)])
+        subtitle = f"{_describe_rays(ground, sensors)}; mean over {SMOOTHED:g} x {SMOOTHED:g} m"
+        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
         _draw_cells(sheet, site, ground, point_colours(density), ground.open_ground)
-        return _finished(sheet, sensors, "Map of the density of points on the ground")
+        return _finish(sheet, sensors, "Map of the density of points on the ground")
 
 
 def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """The open ground that no sensor sees, lanes, footways and the rest told apart. Raises ValueError for a ground of
-    other sensors."""
+    """Map the open ground that no sensor sees, by kind. Raises ValueError for a ground of other sensors."""
     _check(ground, sensors)
-    blind = ground.open_ground & (views_of(ground) == 0)
+    blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     areas = [float((blind & (kinds == k)).sum()) * ground.cell**2 for k in range(3)]
     legend = [_patch(BLIND[k], f"{k}, unseen ({m2:.0f} m²)") for k, m2 in zip(BLIND, areas, strict=True)]
     with house_style():
-        title, said = f"{site.name}: ground that no sensor sees", _by_rays(ground, sensors)
-        sheet = _sheet(site, sensors, title, said, [*legend, *sensor_entries(sensors)])
+        title, subtitle = f"{site.name}: ground that no sensor sees", _describe_rays(ground, sensors)
+        sheet = _sheet(site, sensors, title, subtitle, [*legend, *sensor_entries(sensors)])
         _draw_cells(sheet, site, ground, _colours(tuple(BLIND.values()))[kinds], blind)
-        return _finished(sheet, sensors, "Map of blind spots")
+        return _finish(sheet, sensors, "Map of blind spots")
 
 
-def smoothed(
+def smooth(
     values: Float64[np.ndarray, "ny nx"], counted: Bool[np.ndarray, "ny nx"], cell: float
 ) -> Float64[np.ndarray, "ny nx"]:
-    """The mean of the counted cells in a square of `SMOOTHED` about each cell; 0 where none is counted.
+    """Average the counted cells in a square of side `SMOOTHED` around each cell; 0 without any.
 
-    >>> smoothed(np.array([[0.0, 9.0, 3.0]]), np.array([[True, True, False]]), 0.5)
+    >>> smooth(np.array([[0.0, 9.0, 3.0]]), np.array([[True, True, False]]), 0.5)
     array([[4.5, 4.5, 9. ]])
     """
     reach = max(0, round((SMOOTHED / cell - 1) / 2))
 
-    def summed(grid: np.ndarray) -> np.ndarray:
+    def box_sums(grid: np.ndarray) -> np.ndarray:
         whole = np.pad(grid.astype(np.float64), reach)
         whole = np.pad(whole.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         side = 2 * reach + 1
         return whole[side:, side:] - whole[:-side, side:] - whole[side:, :-side] + whole[:-side, :-side]
 
-    count = summed(counted)
-    return np.where(count > 0.5, summed(np.where(counted, values, 0)) / np.maximum(count, 1), 0.0)
+    count = box_sums(counted)
+    return np.where(count > 0.5, box_sums(np.where(counted, values, 0)) / np.maximum(count, 1), 0.0)
 
 
 def _sheet(
-    site: Site, sensors: Sequence[Sensor], title: str, said: str, legend: list[Entry], places: Sequence[np.ndarray] = ()
+    site: Site,
+    sensors: Sequence[Sensor],
+    title: str,
+    subtitle: str,
+    legend: list[Entry],
+    places: Sequence[np.ndarray] = (),
 ) -> MapSheet:
-    holds = np.concatenate([_hanging(sensors), *places])
-    return map_sheet(site, shortened(title, 70), said, holds=holds, legend=legend, inches=MAP_INCHES)
+    holds = np.concatenate([_positions(sensors), *places])
+    return map_sheet(site, shorten(title, 70), subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
 
 
-def _hanging(sensors: Sequence[Sensor]) -> np.ndarray:
+def _positions(sensors: Sequence[Sensor]) -> np.ndarray:
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)
 
 
-def _finished(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
+def _finish(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
     draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
     return svg_text(sheet.figure, name)
 
@@ -145,7 +154,7 @@ def _finished(sheet: MapSheet, sensors: Sequence[Sensor], name: str) -> str:
 def _draw_cells(
     sheet: MapSheet, site: Site, ground: Ground, colours: Float64[np.ndarray, "ny nx 4"], shown: np.ndarray
 ) -> None:
-    """The shown cells in their colours, and the edges of the lanes over them."""
+    """Draw the shown cells in their colours, and the edges of the lanes over them."""
     half = ground.cell / 2
     image = (np.concatenate([colours[..., :3], shown[..., None]], axis=-1) * 255).round().astype(np.uint8)
     image = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
@@ -159,8 +168,8 @@ def _draw_cells(
 
 
 def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
-    """What each sensor sees, in its colour, without slivers: where most of the ground about a cell is seen."""
-    calm = [ground.open_ground & (smoothed(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
+    """Fill the ground that each sensor sees, smoothed to drop slivers, in its colour."""
+    calm = [ground.open_ground & (smooth(seen * 1.0, ground.open_ground, ground.cell) > 0.5) for seen in ground.seen]
     for index, polygons in enumerate(
         visible_polygons(replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape)))
     ):
@@ -168,7 +177,7 @@ def _draw_seen(sheet: MapSheet, ground: Ground) -> None:
 
 
 def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
-    """Where mounts of the site stand."""
+    """Positions of mounts of the site."""
     mounts = {mount.name: mount.position[:2] for mount in site.mounts}
     missing = [name for name in names if name not in mounts]
     if missing:
@@ -178,15 +187,15 @@ def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
 
 def _check(ground: Ground, sensors: Sequence[Sensor]) -> None:
     if len(ground.seen) != len(sensors):
-        raise ValueError(f"the ground is that of {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors")
+        raise ValueError(f"the ground has {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors")
 
 
-def _by_rays(ground: Ground, sensors: Sequence[Sensor]) -> str:
+def _describe_rays(ground: Ground, sensors: Sequence[Sensor]) -> str:
     count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
     return f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m"
 
 
-def _patch(colour: Any, name: str) -> Entry:
+def _patch(colour: str | tuple[float, float, float, float], name: str) -> Entry:
     from matplotlib.patches import Patch
 
     return Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name

@@ -1,0 +1,313 @@
+"""Charts of a plan as SVG text. Wherever AP is shown, so are its interval and the number of vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from placement_env.fidelity.combined.mean_iou import iou_text
+from placement_env.handover.mounted import RATE, LinkLoad
+from placement_env.report.content import (
+    CONFIDENCE,
+    BuildStep,
+    FailureCase,
+    Judgement,
+    PlanOption,
+    SchemeFigures,
+    SensorWorth,
+)
+from toolkit.plots.base_map import sensor_labels
+from toolkit.plots.canvas import CHART_INCHES, blank_figure, draw_heading, house_style, pad_limits, shorten, svg_text
+from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ROW, HEAD, FOOT = 0.27, 0.7, 0.55  # inches of a row, and above and below the rows
+LETTERS = 44  # of a row's name
+INTERVAL = f"lines: {CONFIDENCE:.0%} intervals"
+MISSED = OUTCOME["missed"].colour
+FRONT_HEIGHT = 4.3  # inches
+MOST_FIGURES = 14  # sensors up to which the cells of the table of pairs hold figures
+
+
+def interval_bars(rows: Sequence[tuple[str, Judgement]], title: str) -> str:
+    """Bar of AP for each row, with its interval and the number of vehicles."""
+    with house_style():
+        judged = [each for _, each in rows]
+        figure, axes = row_axes(title, describe_sample(judged), [name for name, _ in rows])
+        _draw_bars(axes, judged)
+        return svg_text(figure, title)
+
+
+def scheme_chart(schemes: Sequence[SchemeFigures]) -> str:
+    """AP of the fusion schemes at each IoU, and what they send."""
+    with house_style():
+        names = [f"{each.scheme}, IoU {iou_text(each.iou)}" for each in schemes]
+        judged = [each.judged for each in schemes]
+        figure, axes = row_axes("Fusion schemes", describe_sample(judged), names, right=2.6)
+        _draw_bars(axes, judged)
+        for row, each in enumerate(schemes):
+            axes.texts[row].set_text(f"{ap_label(each.judged)}; {each.kbit_per_sensor:.4g} kbit/sensor")
+        return svg_text(figure, "AP of the fusion schemes")
+
+
+def failure_chart(intact: Judgement, failures: Sequence[FailureCase]) -> str:
+    """AP left when sensors fail (hatched), beside that of the whole set."""
+    with house_style():
+        judged = [intact, *(each.judged for each in failures)]
+        names = ["all work", *(f"without {set_label(each.failed)}" for each in failures)]
+        figure, axes = row_axes(
+            "What is left when sensors fail", f"{describe_sample(judged)}; hatched: with failures", names
+        )
+        _draw_bars(axes, judged, hatched=[False] + [True] * len(failures))
+        axes.axvline(intact.ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
+        return svg_text(figure, "AP left when sensors fail")
+
+
+def link_chart(links: Sequence[LinkLoad]) -> str:
+    """Mbit/s of each link, mean and largest frame, against its capacity."""
+    with house_style():
+        text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
+        figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
+        loads = [max(each.mbit_s, each.peak_mbit_s) for each in links]
+        near = [each.capacity_mbit_s for each in links if each.capacity_mbit_s <= 4 * max(loads, default=0.0)]
+        low, high = pad_limits([*loads, *near])
+        for row, each in enumerate(links):
+            style: dict[str, Any] = (
+                {"facecolor": BAR} if each.fits else {"facecolor": "white", "edgecolor": MISSED, "hatch": "xxxx"}
+            )
+            axes.barh(row, each.mbit_s, height=0.5, zorder=2, **style)
+            axes.plot([each.mbit_s, each.peak_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3)
+            if each.capacity_mbit_s <= high:
+                end = [each.capacity_mbit_s] * 2
+                axes.plot(end, [row - 0.33, row + 0.33], color=INK, linewidth=2.4, zorder=3.2)
+            state = "fits" if each.fits else "TOO MUCH"
+            _write_beside(
+                axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {each.share:.0%}: {state}"
+            )
+        axes.set(xlim=(low, high), xlabel="Mbit/s")
+        return svg_text(figure, "Load of the links")
+
+
+def order_chart(order: Sequence[BuildStep], currency: str) -> str:
+    """AP after each sensor built, over what is spent by then."""
+    with house_style():
+        judged = [each.judged for each in order]
+        figure = blank_figure(CHART_INCHES, HEAD + 2.9 + 0.2 * len(order))
+        height = figure.get_size_inches()[1]
+        below = (0.75 + 0.2 * len(order)) / height
+        axes = figure.add_axes((0.11, below, 0.85, 1 - below - HEAD / height))
+        draw_heading(figure, "Which sensor to build first", describe_sample(judged))
+        prices, ap = [each.price for each in order], [each.ap for each in judged]
+        axes.step([0.0, *prices], [0.0, *ap], where="post", color=BAR, zorder=2)
+        for number, (price, each) in enumerate(zip(prices, judged, strict=True)):
+            axes.plot([price, price], [each.low, each.high], "_-", color=INK, linewidth=1.3, markersize=7, zorder=3)
+            axes.plot(price, each.ap, "o", color=BAR, markeredgecolor=INK, markersize=6, zorder=4)
+            axes.annotate(str(number + 1), (price, each.ap), xytext=(6, -10), textcoords="offset points", fontsize=8)
+        axes.grid()
+        axes.set(xlim=pad_limits(prices), ylim=(0, 1.03), xlabel=f"{price_label(currency)}, spent", ylabel="AP")
+        for number, step in enumerate(order):
+            line = f"{number + 1}  {set_label([step.sensor])}: {step.price:g}, AP {ap_label(step.judged)}"
+            place = 0.08 + 0.2 * (len(order) - 1 - number)
+            figure.text(0.11, place / height, line, fontsize=7.5, va="bottom")
+        return svg_text(figure, "AP after each sensor built")
+
+
+def front_chart(options: Sequence[PlanOption], chosen: PlanOption, currency: str) -> str:
+    """AP over kbit per sensor and over price, with the chosen set marked.
+
+    Judged sets have intervals; of the others the predicted AP is shown hollow.
+    """
+    from matplotlib.lines import Line2D
+
+    with house_style():
+        figure = blank_figure(CHART_INCHES, FRONT_HEIGHT)
+        everyone = [*(each for each in options if each != chosen), chosen]
+        count = f"N = {len(everyone)} sensor set{'s' * (len(everyone) > 1)}"
+        sample = describe_sample([each.judged for each in everyone])
+        draw_heading(figure, "AP against what is sent and what it costs", f"{count}; {sample}")
+        sent, prices = ([getattr(each, name) for each in everyone] for name in ("kbit_per_sensor", "price"))
+        for left, label, values in (
+            (0.09, "kbit per sensor and frame", sent),
+            (0.57, price_label(currency), prices),
+        ):
+            axes = figure.add_axes((left, 0.24, 0.4, 0.58))
+            for x, option in zip(values, everyone, strict=True):
+                is_chosen = option is chosen
+                if option.counted is not None:
+                    ends = [option.counted.low, option.counted.high]
+                    axes.plot([x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3)
+                ap = option.predicted if option.counted is None else option.counted.ap
+                style = CHOSEN_MARK if is_chosen else _option_mark(judged=option.judged is not None)
+                axes.plot(x, ap, zorder=5 if is_chosen else 4, **style)
+            axes.grid()
+            axes.set(xlim=pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
+        names = ["chosen", "judged by the detector", "predicted only"]
+        styles = (CHOSEN_MARK, _option_mark(judged=True), _option_mark(judged=False))
+        marks = [Line2D([], [], **style) for style in styles]
+        figure.legend(marks, names, loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
+        return svg_text(figure, f"AP against kbit and price; {INTERVAL}")
+
+
+CHOSEN_MARK: dict[str, Any] = {
+    "marker": "*",
+    "markersize": 15,
+    "color": SENSORS[1],
+    "markeredgecolor": INK,
+    "markeredgewidth": 0.9,
+    "linestyle": "none",
+}
+
+
+def _option_mark(*, judged: bool) -> dict[str, Any]:
+    face = BAR if judged else "white"
+    return {"marker": "o", "markersize": 6, "markerfacecolor": face, "markeredgecolor": BAR, "linestyle": "none"}
+
+
+def worth_chart(worth: Sequence[SensorWorth]) -> str:
+    """Shapley value of each sensor, and the interaction of each pair: above 0 they add more together than apart."""
+    with house_style():
+        labels = sensor_labels([each.sensor for each in worth])
+        names = [
+            label if label == each.sensor else f"{shorten(each.sensor, 28)}  {label}"
+            for label, each in zip(labels, worth, strict=True)
+        ]
+        side = ROW * max(len(names), 2)
+        text = 0.25 + 0.066 * max(map(len, names), default=0)
+        height = 0.85 + side + 0.55
+        figure = blank_figure(CHART_INCHES, height)
+        heading = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
+        draw_heading(figure, "What each sensor is worth", heading)
+        bottom = 0.55 / height
+        bars = figure.add_axes((text / CHART_INCHES, bottom, 0.3, side / height))
+        values = [each.shapley for each in worth]
+        bars.barh(range(len(worth)), values, height=0.62, color=BAR, zorder=2)
+        for row, value in enumerate(values):
+            place = (max(value, 0), row)
+            bars.annotate(f"{value:+.3f}", place, xytext=(3, 0), textcoords="offset points", va="center", fontsize=7.5)
+        bars.axvline(0, color=INK, linewidth=0.8, zorder=3)
+        reach = max((abs(value) for value in values), default=0) or 1.0
+        bars.set(ylim=(max(len(worth), 1) - 0.5, -0.5), xlabel="Shapley value (AP)")
+        bars.set_xlim(1.35 * min(0.0, *values, 0.0), 1.35 * max(reach * 0.2, *values, 0.0))
+        bars.set_yticks(range(len(names)))
+        bars.set_yticklabels(names)
+        bars.grid(axis="x")
+        start = text / CHART_INCHES + 0.36
+        table = figure.add_axes((start, bottom, min(0.985 - start, side / CHART_INCHES * 1.6), side / height))
+        if len(worth):
+            _draw_pairs(table, worth, labels)
+        return svg_text(figure, "Shapley values and interactions of the sensors")
+
+
+def _draw_pairs(axes: Axes, worth: Sequence[SensorWorth], names: Sequence[str]) -> None:
+    """Draw the interactions as cells: blue below 0, orange above, with their figures."""
+    pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth]).reshape(
+        len(worth), -1
+    )
+    most = float(np.nanmax(np.abs(pairs), initial=0.0)) if np.isfinite(pairs).any() else 0.0
+    most = most or 1.0
+    axes.imshow(pairs, cmap="PuOr_r", vmin=-most, vmax=most, aspect="auto", interpolation="none")
+    axes.set_xticks(range(len(names)))
+    axes.set_yticks([])
+    axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
+    axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
+    axes.tick_params(length=0)
+    if len(worth) <= MOST_FIGURES:
+        for (row, column), value in np.ndenumerate(pairs):
+            if np.isfinite(value):
+                colour = "white" if abs(value) > 0.6 * most else INK
+                axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour)
+
+
+def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
+    """Figure with a row for each name, the first on top; right: inches kept free beside the rows for figures."""
+    names = [shorten(name, LETTERS) for name in names]
+    left = 0.35 + 0.066 * max(map(len, names), default=0)
+    height = HEAD + FOOT + ROW * max(len(names), 1)
+    figure = blank_figure(CHART_INCHES, height)
+    axes = figure.add_axes(
+        (
+            left / CHART_INCHES,
+            FOOT / height,
+            (CHART_INCHES - left - right) / CHART_INCHES,
+            ROW * max(len(names), 1) / height,
+        )
+    )
+    axes.set(ylim=(max(len(names), 1) - 0.5, -0.5))
+    axes.set_yticks(range(len(names)), [""] * len(names))
+    axes.set_yticklabels(names)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x")
+    draw_heading(figure, title, subtitle)
+    return figure, axes
+
+
+def _draw_bars(axes: Axes, judged: Sequence[Judgement | None], *, hatched: Sequence[bool] = ()) -> None:
+    """Draw a bar for each AP with its interval as a line, and its figures to the right of the axes."""
+    axes.set(xlim=(0, 1), xlabel="AP")
+    for row, each in enumerate(judged):
+        if each is None:
+            axes.text(0.01, row, "not judged: no vehicles", va="center", fontsize=7.5)
+            continue
+        hatch = "////" if row < len(hatched) and hatched[row] else None
+        face = "white" if hatch else BAR
+        axes.barh(row, each.ap, height=0.62, facecolor=face, edgecolor=BAR, hatch=hatch, linewidth=1.0, zorder=2)
+        ends = [each.low, each.high]
+        axes.plot(ends, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt")
+        axes.plot(ends, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1)
+        _write_beside(axes, row, ap_label(each))
+
+
+def _write_beside(axes: Axes, row: int, text: str) -> None:
+    """Write text to the right of a row."""
+    axes.annotate(
+        text,
+        (1, row),
+        xycoords=("axes fraction", "data"),
+        xytext=(8, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=7.5,
+        annotation_clip=False,
+    )
+
+
+def ap_label(judged: Judgement) -> str:
+    """AP and the number of vehicles.
+
+    >>> ap_label(Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
+    '0.912, N = 120'
+    """
+    return f"{judged.ap:.3f}, N = {judged.vehicles}"
+
+
+def describe_sample(judged: Sequence[Judgement | None]) -> str:
+    """Number of vehicles and frames behind figures, the greatest of them."""
+    some = [each for each in judged if each is not None]
+    if not some:
+        return "no vehicles were judged"
+    vehicles, frames = max(each.vehicles for each in some), max(each.frames for each in some)
+    up_to = "up to " if len({(each.vehicles, each.frames) for each in some}) > 1 else ""
+    return f"judged by the detector, N = {up_to}{vehicles} {some[0].kind}s in {frames} frames; {INTERVAL}"
+
+
+def price_label(currency: str) -> str:
+    """Axis label of prices.
+
+    >>> price_label("EUR"), price_label("")
+    ('price (EUR)', 'price (ordinary poles)')
+    """
+    return f"price ({shorten(currency, 12)})" if currency else "price (ordinary poles)"
+
+
+def set_label(names: Sequence[str]) -> str:
+    """Sensors of a set in a few letters.
+
+    >>> set_label(["d0", "d1"]), set_label([])
+    ('d0, d1', 'none')
+    """
+    return shorten(", ".join(names) or "none", LETTERS)

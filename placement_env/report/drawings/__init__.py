@@ -1,1 +1,0 @@
-"""The drawings of a plan, as SVG text: maps of the site and charts of the figures."""
