@@ -38,9 +38,9 @@ def site_detector(name: str, site: Site) -> Detector:
     +background: of the site's scenery."""
     bare, known = of_background(name)
     if known:
-        from toolkit.detection.site_background import knowing
+        from toolkit.detection.site_background import add_background
 
-        return knowing(site_detector(bare, site), site)
+        return add_background(site_detector(bare, site), site)
     if name == "cluster":
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:

@@ -1,95 +1,128 @@
-"""The command line: finds the command, calls it, and turns what it returns or raises into an exit code."""
+"""The command line: find a command, call it, and turn its result or error into an exit code."""
 
 from __future__ import annotations
 
-import io
 import sys
-import warnings
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
-from functools import partial, wraps
-from importlib import import_module
-from traceback import walk_tb
 from typing import Any
 
-from coview import __version__
-from coview.hidden_packages import refuse_hidden_packages
-
-COMMANDS = {  # each with its room of `coview.commands`, in the order of --help
-    "demo": "placement",
-    "simulate": "recordings",
-    "detect": "detection",
-    "evaluate": "detection",
-    "survey": "recordings",
-    "view": "recordings",
-    "convert": "recordings",
-    "fuse": "recordings",
-    "doctor": "recordings",
-    "calibrate": "recordings",
-    "site": "recordings",
-    "pack": "recordings",
-    "stress": "detection",
-    "train": "detection",
-    "search": "placement",
-    "plan": "placement",
-    "table": "placement",
-    "surrogate": "placement",
-    "reproduce": "placement",
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands with their room of `coview.commands` and a line for --help
+    "Start here": {
+        "demo": ("placement", "record, evaluate and plan a T-junction in minutes"),
+    },
+    "Sites and recordings": {
+        "site": ("recordings", "import, draw, show or export a junction"),
+        "simulate": ("recordings", "record a site with simulated traffic and sensors"),
+        "survey": ("recordings", "count objects, points and kbit of a recording"),
+        "view": ("recordings", "look at a recording in the browser"),
+        "doctor": ("recordings", "check a recording for classic mistakes"),
+        "calibrate": ("recordings", "find sensors' poses by what stands still"),
+        "convert": ("recordings", "write a recording in another layout"),
+        "fuse": ("recordings", "fuse cloud files in one frame"),
+    },
+    "Detection": {
+        "detect": ("detection", "find road users in anybody's clouds"),
+        "evaluate": ("detection", "score fusion schemes by AP and kbit"),
+        "pack": ("recordings", "pack recordings into one file to train from"),
+        "train": ("detection", "train a network of your own"),
+    },
+    "Placement": {
+        "search": ("placement", "search for the best set of sensors"),
+        "plan": ("placement", "plan what to build, with a report"),
+        "table": ("placement", "score every set of a recording's sensors"),
+        "surrogate": ("placement", "fit a fast surrogate of a detector"),
+    },
+    "Studies": {
+        "reproduce": ("placement", "run the paper's experiments"),
+        "stress": ("detection", "put fusion schemes under stress"),
+    },
 }
-DESCRIPTION = """Fuse, detect and measure what several sensors see of a junction, and search which to build.
+COMMANDS = {name: room for group in GROUPS.values() for name, (room, _) in group.items()}
+PACKAGES = ("toolkit", "models", "placement_env")
+USAGE = """usage: coview COMMAND [OPTIONS]
 
---version prints the version; --debug, with any command, shows the traceback of every error.
-
-Exit codes: 0 done, 1 the answer is no: the doctor suspects something, a plan's requirement cannot be met; 2 bad input,
-3 a package is missing, 4 a worker died, 70 a fault of coview itself, 130 stopped, 141 nobody reads the output any more.
+Plan roadside perception: which poles of a junction should carry depth sensors?
+{}
+coview COMMAND --help explains a command and shows examples of it.
+coview --version prints the version; --debug shows the traceback of any error.
+Exit codes: 0 done, 1 the answer is no, 2 bad input, 3 a package is missing, 4 a
+worker died, 70 a fault of coview, 130 stopped, 141 nobody reads the output.
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command line, that of the process if none is given, and exit."""
+    """Run a command line, by default the process's own, and exit."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command line; its exit code."""
+    """Run a command line and return its exit code."""
     debug, rest = "--debug" in arguments, [each for each in arguments if each != "--debug"]
-    warnings.showwarning = lambda message, *_, **__: print(f"coview: note: {message}", file=sys.stderr)
     try:
+        if rest[:1] in ([], ["-h"], ["--help"], ["--version"]):
+            return _answer(rest[:1])
         refuse_hidden_packages()
-    except ValueError as error:  # before anything of ours is imported
+    except ValueError as error:  # before any other module of coview is imported
         print(f"coview: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError as error:
+        from coview.exits import report
+
+        return report(error)
     from coview.exits import report
     from toolkit.runtime.parallel import keep_freed_memory
 
     keep_freed_memory()
     try:
-        code = _called(rest)
-        sys.stdout.flush()  # here, where a closed pipe is met, not when Python ends
+        code = _call(rest)
+        sys.stdout.flush()  # a closed pipe shows here, not when Python ends
     except (Exception, KeyboardInterrupt) as error:
         code = report(error, debug=debug)
     return code
 
 
-def _called(arguments: Sequence[str]) -> int:
-    """Return the exit code of the command, or of the parser, which exits after --help and for unknown arguments."""
+def _answer(asked: Sequence[str]) -> int:
+    """Print the version or the overview of all commands."""
+    if asked == ["--version"]:
+        from coview import __version__
+
+        print(f"coview {__version__}")
+    else:
+        print(overview(), end="", file=sys.stdout if asked else sys.stderr)
+    sys.stdout.flush()
+    return 0 if asked else 2
+
+
+def overview() -> str:
+    """Usage, and every command in a line, by group."""
+    lines = []
+    for title, group in GROUPS.items():
+        lines += ["", f"{title}:", *(f"  {name:10} {line}" for name, (_, line) in group.items())]
+    return USAGE.format("\n".join([*lines, ""]))
+
+
+def _call(arguments: Sequence[str]) -> int:
+    """Return the exit code of the command, or of the parser after --help and unknown arguments."""
+    import io
+    import warnings
+    from contextlib import redirect_stderr
+
     import tyro
 
-    if arguments[:1] == ["--version"]:
-        print(f"coview {__version__}")
-        return 0
+    if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
+        raise ValueError(f"unknown command {arguments[0]!r}: choose among {', '.join(COMMANDS)}")
+    warnings.showwarning = lambda message, *_, **__: print(f"coview: note: {message}", file=sys.stderr)
     said = io.StringIO()
     try:
         with redirect_stderr(said):
             call = tyro.extras.subcommand_cli_from_dict(
-                {name: _delayed(each) for name, each in _commands(arguments).items()},
+                {name: _delay(each) for name, each in _load_commands(arguments).items()},
                 prog="coview",
-                description=DESCRIPTION,
                 args=arguments,
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.SuppressFixed),
             )
     except SystemExit as stopped:
-        refusal = _own_refusal(stopped)
+        refusal = _find_refusal(stopped)
         if refusal is not None:
             raise refusal from None
         print(said.getvalue(), end="", file=sys.stderr)
@@ -97,8 +130,9 @@ def _called(arguments: Sequence[str]) -> int:
     return call()
 
 
-def _delayed(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
-    """Wrap a command so that parsing its arguments does not yet run it."""
+def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
+    """Wrap a command so that parsing its arguments does not run it yet."""
+    from functools import partial, wraps
 
     @wraps(command)
     def delayed(*args: Any, **options: Any) -> Callable[[], int]:
@@ -107,8 +141,10 @@ def _delayed(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
     return delayed
 
 
-def _own_refusal(stopped: SystemExit) -> ValueError | None:
-    """Error that one of our dataclasses raised while the parser built it, which the parser turned into an exit."""
+def _find_refusal(stopped: SystemExit) -> ValueError | None:
+    """Find the error of one of our dataclasses behind the parser's exit."""
+    from traceback import walk_tb
+
     from coview.exits import OURS
 
     error: BaseException | None = stopped
@@ -121,12 +157,36 @@ def _own_refusal(stopped: SystemExit) -> ValueError | None:
     return None
 
 
-def _commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
-    """All commands by name, or the one that is asked for, so that the others need not be imported."""
+def _load_commands(arguments: Sequence[str]) -> dict[str, Callable[..., int]]:
+    """Load the command in the arguments, or all of them if they name none."""
     wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     return {name: command(name) for name in wanted}
 
 
 def command(name: str) -> Callable[..., int]:
-    """The function behind a name of `COMMANDS`."""
+    """Load the function of a command."""
+    from importlib import import_module
+
     return getattr(import_module(f"coview.commands.{COMMANDS[name]}.{name}"), name)
+
+
+def refuse_hidden_packages() -> None:
+    """Raise ValueError if a file of the user hides one of our packages.
+
+    Python takes the first `models` on its path. The error names the file.
+    """
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    home = Path(__file__).resolve().parents[1]
+    for name in PACKAGES:
+        spec = find_spec(name)
+        places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+        place = next((Path(each).resolve() for each in places if each), None)
+        if place is None:
+            raise ValueError(f"{name}, a part of coview, is not installed: install coview again")
+        if not place.is_relative_to(home / name):
+            raise ValueError(
+                f"{place} hides {name}, a part of coview: rename it, or run coview from another folder and without it "
+                "in PYTHONPATH"
+            )

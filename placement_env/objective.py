@@ -29,8 +29,8 @@ from placement_env.subsets import index_of
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin, settings_origin
-from toolkit.detection.scheme import Scheme, codec_for
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.scheme import Scheme, scheme_codec
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.files import load_site
@@ -140,7 +140,7 @@ class Objective:
             site=site,
             candidates=site_candidates(site, candidates),
             frames=frames,
-            scheme=scheme_of(scheme),
+            scheme=find_scheme(scheme),
             iou=self.counting.ious[0],
             seed=seed,
             codec=check_codec(codec),
@@ -177,7 +177,7 @@ class Objective:
         """From parts. visibility: of the candidates, says what each sends; without it each is scored alone for that.
         scheme and codec: those by which `fidelity` scores."""
         objective = cls.__new__(cls)
-        objective._hold(candidates, fidelity, weights, scheme_of(scheme), check_codec(codec), most_price=most_price)
+        objective._hold(candidates, fidelity, weights, find_scheme(scheme), check_codec(codec), most_price=most_price)
         objective._know(site, visibility, None)
         return objective
 
@@ -195,7 +195,7 @@ class Objective:
             raise ValueError(f"most_price must be 0 or more, got {most_price}: leave it out for any price")
         self.most_price = float(most_price)
         self.candidates, self.scored_by, self.weights = candidates, scored_by, weights
-        self.scheme, self.codec, self._scored = scheme, codec_for(scheme, codec), 0
+        self.scheme, self.codec, self._scored = scheme, scheme_codec(scheme, codec), 0
         self.classes: Classes = getattr(scored_by, "classes", VEHICLES)
         several = len(self.classes.names) if isinstance(scored_by, ByClass) else 1
         self._width = 3 if several == 1 else 3 + several

@@ -17,7 +17,7 @@ from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.protocol import Fidelity, FidelityName, check_fidelity
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -90,7 +90,7 @@ class Setting:
         site = load_site(self.site) if isinstance(self.site, str) else self.site
         converted = {
             "site": site,
-            "scheme": scheme_of(self.scheme),
+            "scheme": find_scheme(self.scheme),
             "codec": check_codec(self.codec),
             "classes": classes_of(self.classes),
             "most_price": float(self.most_price),
@@ -121,7 +121,7 @@ class Setting:
     @property
     def fusion(self) -> Scheme:
         """The scheme."""
-        return scheme_of(self.scheme)
+        return find_scheme(self.scheme)
 
     @property
     def counted(self) -> Classes:

@@ -18,7 +18,7 @@ from placement_env.protocol import FidelityName, check_fidelity
 from placement_env.setting import AP_ONLY, Rendering, Weights
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 
 Actions = Literal["flat", "factored"]
@@ -76,7 +76,7 @@ class EnvConfig:
     def schemes(self) -> tuple[Scheme, ...]:
         """Those of which an episode draws one."""
         several = self.scheme if isinstance(self.scheme, list | tuple) else (self.scheme,)
-        return tuple(scheme_of(scheme) for scheme in several)
+        return tuple(find_scheme(scheme) for scheme in several)
 
     @property
     def counted(self) -> Classes:

@@ -16,7 +16,7 @@ from placement_env.fidelity.preparation import check_fidelity_for, site_candidat
 from placement_env.objective import Objective
 from toolkit.arrays import Bool
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -121,7 +121,7 @@ class Scenarios:
 
     def _drawn(self, rng: np.random.Generator, options: Mapping[str, Any]) -> Episode:
         objective, options = self.config.objective, check_options(options)
-        other = "scheme" in options and objective and scheme_of(options["scheme"]) != objective.scheme
+        other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
         conditions = draw_conditions(self.config, self.sites, rng, options)
@@ -164,7 +164,7 @@ def draw_conditions(
     site = sites.index(options.get("site"), rng)
     schemes = config.schemes
     scheme = options["scheme"] if "scheme" in options else schemes[_within((0, len(schemes) - 1), rng)]
-    scheme = scheme_of(scheme)
+    scheme = find_scheme(scheme)
     budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
     failed = options["failed"] if "failed" in options else _failures(config, sites, site, rng)
     return Conditions(site, scheme, int(budget), failed)

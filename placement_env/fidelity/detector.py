@@ -37,7 +37,7 @@ from toolkit.arrays import Bool, Float64, Shaped
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused, Scheme
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import Cloud
 from toolkit.objects import LABELS, Detections, Detector, check_known
 from toolkit.runtime.cache import Arrays, Cache, key_of
@@ -106,7 +106,7 @@ class Detected:
         check_known(detector, classes.names)
         self.classes = classes
         self.renders, self.detector, self.iou = renders, detector, iou
-        self.scheme, self.codec = scheme_of(scheme), check_codec(codec)
+        self.scheme, self.codec = find_scheme(scheme), check_codec(codec)
         self.frames = len(_indices(renders.frames, frames))
         self.workers, self.ray = workers, ray
         self.ious = tuple(sorted({*IOUS, iou}))

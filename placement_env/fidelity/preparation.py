@@ -13,8 +13,8 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.combined.error_profiles import Errors, over_profiles, profiles_in, several
 from placement_env.protocol import Fidelity, check_fidelity
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, predicted_as
-from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.scheme import Scheme, surrogate_name
+from toolkit.detection.schemes import SCHEMES, find_scheme
 from toolkit.objects import Detector, check_known
 from toolkit.sensors.error_profiles import PAPER_ERRORS, only_own_noise
 from toolkit.sensors.sensor import Sensor
@@ -237,7 +237,7 @@ def check_fidelity_for(
 ) -> None:
     """Raises ValueError where there is no table, surrogate or detector that scores these candidates so; renders
     nothing. surrogate, table: files, None for what is shipped; detector: None for the shipped one."""
-    scheme = scheme_of(scheme)
+    scheme = find_scheme(scheme)
     check_iou(iou)
     if surrogate is not None and fidelity != "surrogate":
         raise ValueError(f"a file of surrogates is for fidelity surrogate, got {fidelity!r}: leave one of them out")
@@ -267,9 +267,9 @@ def surrogate_models(
 
     wanted = [(name, classes.iou_of(name, iou)) for name in classes.names]
     if path is None:
-        return tuple(shipped_model(predicted_as(scheme), at, network, label=name) for name, at in wanted)
+        return tuple(shipped_model(surrogate_name(scheme), at, network, label=name) for name, at in wanted)
     models = load_models(path, schemes={*SCHEMES, scheme.name})
-    return tuple(chosen_model(models, predicted_as(scheme), at, name, source=str(path)) for name, at in wanted)
+    return tuple(chosen_model(models, surrogate_name(scheme), at, name, source=str(path)) for name, at in wanted)
 
 
 def check_errors_for(errors: Errors, fidelity: str) -> None:
@@ -299,10 +299,10 @@ class _Place:
 @lru_cache(maxsize=KEPT_DETECTORS)
 def _detector_at(network: str, place: _Place) -> Detector:
     from models.detector import load_detector
-    from toolkit.detection.site_background import knowing
+    from toolkit.detection.site_background import add_background
 
     detector = load_detector(network, area=place.site.area)
-    return knowing(detector, place.site) if network == GENERAL else detector
+    return add_background(detector, place.site) if network == GENERAL else detector
 
 
 def network_for(site: Site, sensors: Iterable[Sensor]) -> str:

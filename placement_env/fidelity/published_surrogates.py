@@ -43,8 +43,8 @@ from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import points_in_boxes
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, bits_sent
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.scheme import Scheme, expected_bits
+from toolkit.detection.schemes import find_scheme
 
 SLOPE, OFFSET = 0.152, 0.659
 LOWEST, HIGHEST = 0.001, 0.999
@@ -58,7 +58,7 @@ class PerceptionEntropy:
     name = "perception entropy"
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER) -> None:
-        self._adds_points = not scheme_of(scheme).sends_boxes
+        self._adds_points = not find_scheme(scheme).sends_boxes
         points = visibility.points.astype(np.float32)
         self._sums = MemberSums(points if self._adds_points else np.where(points > 0, spread(points) ** -2, 0))
         self._cost = _Cost(visibility, scheme, codec)
@@ -130,7 +130,7 @@ class _Cost:
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._kbit = bits_sent(scheme_of(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
+        self._kbit = expected_bits(find_scheme(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
 
     def estimate(self, score: Float64[np.ndarray, " n"], subsets: Bool[np.ndarray, "n C"]) -> Estimate:
         return Estimate(score, score.copy(), subsets @ self._kbit)

@@ -22,8 +22,8 @@ from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, bits_sent, predicted_as
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.scheme import Scheme, expected_bits, surrogate_name
+from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS
 
 MOST_POINTS = 1e5  # on an object; their powers and the sums of these fit float32
@@ -50,15 +50,15 @@ class Surrogate:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
-        scheme, self.classes = scheme_of(scheme), classes
+        scheme, self.classes = find_scheme(scheme), classes
         visibility = visibility.of_classes(classes.labels)
         if model is None:
             model = [
-                shipped_model(predicted_as(scheme), classes.iou_of(name, iou), label=name) for name in classes.names
+                shipped_model(surrogate_name(scheme), classes.iou_of(name, iou), label=name) for name in classes.names
             ]
         models = [model] if isinstance(model, HitModel) else model
         for each in models:
-            if each.scheme not in (scheme.name, predicted_as(scheme)):
+            if each.scheme not in (scheme.name, surrogate_name(scheme)):
                 raise ValueError(f"the model is for {each.scheme} fusion, not for {scheme.name}: pass one fitted to it")
         by_label = {each.label: each for each in models}
         if missing := [name for name in classes.names if name not in by_label]:
@@ -69,7 +69,7 @@ class Surrogate:
             for label, of_class in zip(classes.labels, self.models, strict=True)
         ]
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._bits = bits_sent(scheme, codec, visibility, boxes)
+        self._bits = expected_bits(scheme, codec, visibility, boxes)
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:

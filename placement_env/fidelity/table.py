@@ -23,7 +23,7 @@ from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector
 from toolkit.runtime.cache import Cache, key_of
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
@@ -288,7 +288,7 @@ def class_column(
 
 
 def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
-    scheme = scheme_of(scheme)
+    scheme = find_scheme(scheme)
     if scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
         raise ValueError(_without(scheme, IOUS, iou))
     return PAPER_SCHEMES.index(scheme.name)
@@ -297,7 +297,7 @@ def _scheme_number(scheme: Scheme | str, iou: float = IOUS[0]) -> int:
 def _without(scheme: Scheme | str, ious: Sequence[float], iou: float, *, of: str = "") -> str:
     return (
         f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(ious))}{of}, "
-        f"got {scheme_of(scheme).name!r} and {iou}: say --fidelity detector"
+        f"got {find_scheme(scheme).name!r} and {iou}: say --fidelity detector"
     )
 
 

@@ -41,7 +41,7 @@ from placement_env.setting import Weights
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 from toolkit.runtime.files import finite
 from toolkit.sensors.error_profiles import PAPER_ERRORS
@@ -150,7 +150,7 @@ def question_of(order: SearchOrder) -> dict[str, Any]:
     settings = order.settings
     files = {"surrogate": order.surrogate, "table": order.table}
     counting = counting_of(settings)
-    codec, scheme = settings.get("codec", PAPER), scheme_of(order.scheme)
+    codec, scheme = settings.get("codec", PAPER), find_scheme(order.scheme)
     return {
         **plain,
         **order.limits,

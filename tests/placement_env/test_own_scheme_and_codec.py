@@ -25,7 +25,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.codec import PAPER, Codec, Message
 from toolkit.detection.evaluation import evaluate_dataset
-from toolkit.detection.scheme import Scheme, fused
+from toolkit.detection.scheme import Scheme, make_fused
 from toolkit.detection.schemes import Hybrid, fuse_frame
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
@@ -52,7 +52,7 @@ class Thinned:
 
         sent = [view.send_points(view.part(view.cloud(s), f"every {self.every}th", keep)) for s in sensors]
         centre = view.detect([each.arrived for each in sent])
-        return fused(view.suppressed([centre]), [each.bits for each in sent])
+        return make_fused(view.suppressed([centre]), [each.bits for each in sent])
 
     def sent_points(self, counts, /):
         return counts.sent / np.float32(self.every)

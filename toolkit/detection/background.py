@@ -1,7 +1,9 @@
-"""`Background`: the space that an empty site fills, in voxels, and the height of its ground.
+"""Background: the space that an empty site fills, and detectors that know it.
 
-A point in or beside a voxel that the empty site occupies shows the site; any other shows somebody. It works on points
-of any sensors, wherever they stand.
+A point in or beside a voxel of the empty site shows the site; any other shows somebody, seen by any sensor anywhere. A
+part of the site that a detector takes for a road user stands there in every frame: a bush, a container, a gap in a
+hedge. Most points of a road user are not where the empty site has its own, so a detection that holds hardly any other
+points is left out. This costs recall only for objects that stood there while the site was learnt and never left.
 """
 
 from __future__ import annotations
@@ -25,10 +27,10 @@ MOST_VOXELS = 1 << 28
 
 @dataclass(frozen=True)
 class Background:
-    """The empty site: which voxels it occupies, and how high its ground is.
+    """Voxels of the empty site and the height of its ground.
 
-    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), one layer round
-    the occupied voxels included; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
+    origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
+    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
     """
 
     origin: Float64[np.ndarray, "3"]
@@ -39,7 +41,7 @@ class Background:
 
     @staticmethod
     def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
-        """From the points of the empty site, best of several sweeps with their noise."""
+        """Learn from points of the empty site, ideally several noisy sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
         if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
@@ -55,17 +57,17 @@ class Background:
         return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
 
     def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which points lie in or beside a voxel of the empty site."""
+        """Mark points in or beside a voxel of the empty site."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
         return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all it holds."""
+        """SHA-256 of the voxels and the ground."""
         return self.digest_with(b"")
 
     def digest_with(self, settings: bytes) -> str:
-        """SHA-256 of settings and all it holds, for what depends on both."""
+        """SHA-256 of settings and the background."""
         said = hashlib.sha256(settings)
         for part in (self.origin, self.voxel, self.occupied, self.cell, self.ground):
             said.update(repr(np.shape(part)).encode() + np.ascontiguousarray(part).tobytes())
@@ -78,9 +80,12 @@ class Background:
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Height of the ground in cells: the 5 % quantile of their points, unless it stands more than half a metre above
-    the rest; then the least of the neighbours. In the end every cell takes the least of those within two cells, so that
-    kerbs and walls do not lift the street beside them."""
+    """Estimate the ground's height in cells.
+
+    It is the 5 % quantile of their points, or the least of the neighbours where that is more than half a metre lower.
+    Finally every cell takes the least of those within two cells, so that kerbs and walls do not lift the street beside
+    them.
+    """
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
     shape = place.max(axis=0) + 1
     key = place[:, 0] * shape[1] + place[:, 1]
@@ -106,10 +111,10 @@ LEAST_NEW = 0.2  # share of the points in a box that the background does not hol
 
 @dataclass(frozen=True)
 class KnownBackground:
-    """A detector less its detections of what stands still; points in the frame of the background.
+    """A detector without its detections of the background.
 
-    least: share of the points in a detection's box that are not background, below which it is left out. Raises
-    ValueError for one outside 0 to 1.
+    Points are in the frame of the background. least: share of the points in a detection's box that must not be
+    background. Raises ValueError for a share outside 0 to 1.
     """
 
     detector: Detector
@@ -122,22 +127,22 @@ class KnownBackground:
 
     @property
     def __name__(self) -> str:
-        """What results call it: kind of the detector, and that it knows its background."""
+        """Name in results: the detector's kind, and that it knows its background."""
         return f"{detector_origin(self.detector)['detector']}+background"
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Classes that the detector says it knows; there are none (AttributeError) where it does not say."""
+        """Classes that the detector names; AttributeError if it names none."""
         return self.detector.labels  # type: ignore[attr-defined]
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what the detections depend on; there is none (AttributeError) where the detector has none."""
+        """SHA-256 of detector and background; AttributeError if the detector has no digest."""
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
-        """Detect; points: (n, 3), those that are not finite count for nobody."""
+        """Detect in points (n, 3); points that are not finite do not count."""
         found = self.detector(points)
         return found[self.somebody(found, points)]
 
@@ -155,11 +160,11 @@ class KnownBackground:
         return [each[rows] for each, rows in zip(found, somebody, strict=True)]
 
     def somebody(self, found: Detections, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, " n"]:
-        """Which detections hold enough points, and one at least, that are not background."""
+        """Mark detections with enough points, and at least one, that are not background."""
         return self._filled(found, points, self._new(points)) if len(found) else np.zeros(0, bool)
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
-        """The points that are not background."""
+        """Select points that are not background."""
         finite = points[np.isfinite(points).all(axis=1)]
         return finite[~self.background.holds(finite)]
 

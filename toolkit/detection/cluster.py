@@ -1,4 +1,4 @@
-"""The classical detector: what is not background, in clusters, each given the rectangle and the size that fit it best.
+"""The classical detector: clusters of foreground points, with fitted rectangles.
 
 It needs no labels and no training, only a look at the empty site, and is the baseline that a trained one must beat:
 
@@ -39,10 +39,11 @@ OVERLAP = 0.1  # IoU above which the worse of two cars goes
 
 @dataclass(frozen=True)
 class ClusterDetector:
-    """Turns points, world frame, into detections of all classes, with what `learn` knows of the empty site.
+    """Detector of all classes that needs only points of the empty site.
 
-    cell: edge of the cells that are clustered (m); reach: greatest distance between neighbouring cells of a cluster,
-    tried from the first to the last while the cluster is too large for a car (m); fewest: points of a cluster.
+    Points are in the world frame. cell: edge of the cells that are clustered (m); reach: greatest distance between
+    neighbouring cells of a cluster, tried from the first to the last while the cluster is too large for a car (m);
+    fewest: points of a cluster.
     """
 
     background: Background
@@ -52,28 +53,30 @@ class ClusterDetector:
 
     @staticmethod
     def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
-        """From clouds (n, 3) of the empty site, world frame, cropped as the points to detect in will be: what the same
-        sensors measure, a few times over, so that their noise is known."""
+        """Learn from clouds (n, 3) of the empty site, world frame.
+
+        Crop them as the points to detect in; several sweeps of the same sensors show their noise.
+        """
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     @staticmethod
     def of(recording: CoopDataset) -> ClusterDetector:
-        """Having seen the site of a recording empty, as its sensors measure it, four times over with their noise."""
+        """Learn the empty site of a recording, from four noisy sweeps of its sensors."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The classes it knows: all, by their size."""
+        """Known classes: all of them, by size."""
         return LABELS
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what its detections depend on: the empty site and its settings."""
+        """SHA-256 of the empty site and the settings."""
         return self.background.digest_with(repr((self.cell, self.reach, self.fewest)).encode())
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detect; points: (n, 3), world frame. Those that are not finite are left out."""
+        """Detect in points (n, 3), world frame; points that are not finite are left out."""
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
         clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
@@ -115,8 +118,11 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """A rectangle round points: along its own axes from `low` to `high` (m), the longer first; share of points within
-    0.2 m of each side, `at_low` and `at_high`."""
+    """Rectangle round points.
+
+    low, high: ends along its own axes (m), the longer axis first; at_low, at_high: share of points within 0.2 m of each
+    side.
+    """
 
     yaw: float
     low: np.ndarray
@@ -134,7 +140,7 @@ class _Rectangle(NamedTuple):
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turned(self) -> _Rectangle:
-        """The same by its other axes: the second becomes the first, and the first one backwards the second."""
+        """Swap its axes: the second becomes the first, and the reversed first the second."""
         second_first = np.array([1, 0])
         low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
         (low[1], high[1]), at_low, at_high = (high[1], low[1]), self.at_low[second_first], self.at_high[second_first]
@@ -147,7 +153,7 @@ class _Rectangle(NamedTuple):
 
 
 def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, " n"]:
-    """Cluster number of each point, by DBSCAN of the cells it occupies seen from above."""
+    """Cluster number of each point, by DBSCAN of its cells seen from above."""
     index = ((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.int64)
     keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
     centres = np.column_stack([(keys >> 32) * cell, (keys & 0xFFFFFFFF) * cell, np.zeros(len(keys))])
@@ -156,8 +162,10 @@ def _dbscan(points: np.ndarray, cell: float, reach: float) -> Int64[np.ndarray, 
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
-    """The rectangle whose sides the points are closest to: the yaw in 0..90° with the greatest Σ 1 / distance to the
-    nearest side, distances under 0.1 m counting as 0.1 m."""
+    """Fit the rectangle with sides closest to the points.
+
+    Its yaw in 0..90° has the greatest Σ 1 / distance to the nearest side; distances under 0.1 m count as 0.1 m.
+    """
     some = xy[:: 1 + len(xy) // 150]
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
     along = np.outer(np.cos(yaws), some[:, 0]) + np.outer(np.sin(yaws), some[:, 1])
@@ -187,8 +195,10 @@ def _label(rectangle: _Rectangle, height: float) -> int:
 
 
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
-    """Rectangles of cars made up to the usual size, each in the way that covers least of the background seen just now:
-    where that is seen, no car is."""
+    """Complete rectangles of cars to the usual size.
+
+    Each grows in the way that covers least of the background seen just now: no car stands where that is seen.
+    """
     ways = [_ways_to_complete(car) for car in cars]
     flat = [way for some in ways for way in some]
     columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way, _ in flat]
@@ -198,8 +208,11 @@ def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> l
 
 
 def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
-    """What is too short grows on one side or the other; if the longer side may be a car's width, it is tried as such.
-    Each with its doubt: the share of points on the sides that grow, for a side with many points was seen as it is."""
+    """Return possible completions of a rectangle, each with its doubt.
+
+    A short side grows to one end or the other; a longer side that may be a car's width is tried as such. The doubt is
+    the share of points on the sides that grow: a side with many points was seen as it is.
+    """
     ways = []
     for rectangle in [seen, seen.turned()] if seen.size[0] < WIDEST_CAR else [seen]:
         missing = np.where(rectangle.size < [LENGTH_SEEN, CAR[1]], CAR - rectangle.size, 0.0)

@@ -1,11 +1,11 @@
-"""`Codec`: how points and boxes are encoded, what arrives of them at the fusion centre, and how many bits that takes.
+"""`Codec`: messages of points and boxes, their arrival, and their bits.
 
 A codec of your own is a class with the members of `Codec`; it is passed as an object, `codec=MyCodec()`, and nothing
-else needs to know of it. `PAPER` is the paper's counting (section IV-A): a point costs 3 float32, a box 8, its 7
-numbers and a score, and nothing is lost on the way.
+else needs to know of it. `PAPER` is the paper's counting (section IV-A): a point costs 3 float32, a box 8 (its 7
+numbers and a score), and nothing is lost on the way.
 
-A codec may code images in place of points: one that is an `ImageCodec` too gets the image that the points were measured
-in, wherever that is known, and the centre makes points of the image that arrives.
+A codec may code images in place of points: one that is an `ImageCodec` too gets the image behind the points, wherever
+it is known, and the centre makes points of the image that arrives.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from toolkit.sensors.sensor import Sensor
 
 
 class Message(NamedTuple):
-    """What travels from a sensor to the fusion centre. content: bytes, or whatever the codec decodes again."""
+    """Message from a sensor to the fusion centre.
+
+    content: bytes, or anything else that the codec decodes again.
+    """
 
     content: Any
     bits: int
@@ -30,39 +33,47 @@ class Message(NamedTuple):
 
 @runtime_checkable
 class Codec(Protocol):
-    """Turns points and boxes into messages and back. A codec that loses nothing hands back the very array it was given,
-    so that what was detected in it is shared."""
+    """Turn points and boxes into messages and back.
+
+    A lossless codec hands back the very array that it was given, so that its detections are shared.
+    """
 
     @property
     def digest(self) -> str:
-        """Name and parameters: what is kept on disk is kept under it."""
+        """Name and parameters, the key of cached results."""
         ...
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Points of one sensor in one frame (m, world frame)."""
+        """Encode the points of one sensor in one frame (m, world frame)."""
         ...
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
-        """What of them the fusion centre gets."""
+        """Decode the points that arrive at the fusion centre."""
         ...
 
     def encode_boxes(self, detections: Detections, /) -> Message:
-        """What one sensor detected in one frame."""
+        """Encode the detections of one sensor in one frame."""
         ...
 
     def decode_boxes(self, message: Message, /) -> Detections:
-        """What of it the fusion centre gets."""
+        """Decode the detections that arrive at the fusion centre."""
         ...
 
     def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Any:
-        """Expected bits of so many messages that hold so many points and boxes together: numbers, or arrays of one
-        shape. For fidelities that count points and do not see them; an estimate where the size depends on content."""
+        """Expected bits of messages that hold these points and boxes together.
+
+        Numbers, or arrays of one shape. For fidelities that count points without seeing them; an estimate if the size
+        depends on content.
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """What one sensor sends of an image: measurements (m), 0 where it sends none; time (s) and number of the frame."""
+    """Pixels that one sensor sends of an image.
+
+    measurement: m, 0 for pixels that are not sent; time (s) and number of the frame.
+    """
 
     sensor: Sensor
     measurement: Float32[np.ndarray, "rows columns"]
@@ -72,20 +83,20 @@ class RangeImage:
 
 @runtime_checkable
 class ImageCodec(Protocol):
-    """Turns range images into messages and back."""
+    """Turn range images into messages and back."""
 
     def encode_image(self, image: RangeImage, /) -> Message:
-        """Some pixels of one sensor in one frame."""
+        """Encode pixels of one sensor in one frame."""
         ...
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
-        """What of them the fusion centre gets: an image of the sensor, 0 where nothing arrived."""
+        """Decode an image of the sensor, 0 where nothing arrived."""
         ...
 
 
 @dataclass(frozen=True)
 class PaperCodec:
-    """So many bits for each point and box; all arrives as it was sent.
+    """Codec with a fixed number of bits for each point and box; nothing is lost.
 
     Raises ValueError for a cost that is not finite or below 0.
 
@@ -109,23 +120,23 @@ class PaperCodec:
         return repr(self)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Points as they are."""
+        """Return the points as they are."""
         return Message(points, round(len(points) * self.bits_per_point))
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "n 3"]:
-        """The very points."""
+        """Return the very points."""
         return message.content
 
     def encode_boxes(self, detections: Detections, /) -> Message:
-        """Boxes as they are."""
+        """Return the boxes as they are."""
         return Message(detections, round(len(detections) * self.bits_per_box))
 
     def decode_boxes(self, message: Message, /) -> Detections:
-        """The very boxes."""
+        """Return the very boxes."""
         return message.content
 
     def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Float64[np.ndarray, "*shape"]:
-        """Bits of so many points and boxes, in however many messages."""
+        """Bits of points and boxes, in any number of messages."""
         bits = np.asarray(points, np.float64) * self.bits_per_point + np.asarray(boxes) * self.bits_per_box
         return np.asarray(bits)
 
@@ -134,7 +145,7 @@ PAPER = PaperCodec()
 
 
 def check_codec(codec: Codec) -> Codec:
-    """The codec, or ValueError where it is none."""
+    """Return the codec, or raise ValueError if it is none."""
     if isinstance(codec, type) or not isinstance(codec, Codec):
         raise ValueError(f"codec must be an object with the members of toolkit.detection.codec.Codec, got {codec!r}")
     return codec

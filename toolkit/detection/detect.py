@@ -20,7 +20,7 @@ from toolkit.calibration.ground import Ground, level, level_warning
 from toolkit.calibration.scenes import SampleScenes
 from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec, ImageCodec
-from toolkit.detection.scheme import Scheme, codec_for
+from toolkit.detection.scheme import Scheme, scheme_codec
 from toolkit.detection.view import CROP_HEIGHT, LinkMemory, sample_view
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.points import inside
@@ -112,7 +112,7 @@ def detect_samples(
 
 def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
     """Whether sensors send pixels of their images."""
-    return scheme is not None and scheme.sends_points and isinstance(codec_for(scheme, codec), ImageCodec)
+    return scheme is not None and scheme.sends_points and isinstance(scheme_codec(scheme, codec), ImageCodec)
 
 
 def middle_of(sample: Sample) -> Float64[np.ndarray, "2"]:

@@ -36,7 +36,7 @@ from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, DetectionScor
 from toolkit.detection.metrics import Protocol as Scoring
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Fused, Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects, check_known, label_index
@@ -345,7 +345,7 @@ def _truth(objects: Objects, site: Site, protocol: Scoring) -> tuple[Objects, Bo
 def _named(schemes: Sequence[Scheme | str]) -> dict[str, Scheme]:
     """The schemes by their names. Raises ValueError where two share one."""
     named: dict[str, Scheme] = {}
-    for scheme in map(scheme_of, schemes):
+    for scheme in map(find_scheme, schemes):
         if named.setdefault(scheme.name, scheme) != scheme:
             raise ValueError(f"two schemes are called {scheme.name!r}, {named[scheme.name]} and {scheme}: rename one")
     return named

@@ -1,8 +1,8 @@
-"""`Scheme`: what each sensor of a set computes and sends, and what the fusion centre makes of it.
+"""`Scheme`: the messages of each sensor of a set, and their fusion at the centre.
 
 A scheme of your own is a class with the members of `Scheme`, in a file of its own; it is passed as an object,
-`scheme=MyScheme()`, and nothing else needs to know of it. `fuse` works on the points themselves; the other members tell
-the fidelities that only count points what is sent and how evidence adds up.
+`scheme=MyScheme()`, and nothing else needs to know of it. `fuse` works on the points themselves; the other members
+serve fidelities that only count points: they say how much is sent and how evidence adds up.
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ from toolkit.objects import Detections
 
 @dataclass(frozen=True)
 class Fused:
-    """What the fusion centre reports for a frame, and the bits that each sensor sent, in the order they were named. ms:
-    from measurement to fused boxes, the sensors working side by side."""
+    """Detections of a frame at the fusion centre, and the bits of each sensor.
+
+    bits: in the order in which the sensors were named; ms: from measurement to fused boxes, with the sensors working
+    side by side.
+    """
 
     detections: Detections
     bits: Int64[np.ndarray, " sensors"]
@@ -34,14 +37,17 @@ class Fused:
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
-def fused(boxes: Boxes, bits: Sequence[int]) -> Fused:
-    """What the centre has in the end, and what each sensor sent."""
+def make_fused(boxes: Boxes, bits: Sequence[int]) -> Fused:
+    """Return the centre's final boxes and each sensor's bits."""
     return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
 
 @runtime_checkable
 class Counts(Protocol):
-    """What C candidates see in F frames, counted: such as `placement_env.fidelity.visibility.Visibility`."""
+    """Counts of the points that C candidates have in F frames.
+
+    `placement_env.fidelity.visibility.Visibility` is one.
+    """
 
     @property
     def sent(self) -> Float32[np.ndarray, "C F"]:
@@ -50,83 +56,101 @@ class Counts(Protocol):
 
     @property
     def on_objects(self) -> Float32[np.ndarray, "C F"]:
-        """Those of them on objects that count, noise-free."""
+        """Points on objects that count, without noise."""
         ...
 
     @property
     def far(self) -> Float32[np.ndarray, "C F"]:
-        """Those of them beyond the site's hybrid radius."""
+        """Points beyond the site's hybrid radius."""
         ...
 
 
 @runtime_checkable
 class Scheme(Protocol):
-    """How a set of sensors fuses what it sees."""
+    """Fusion of the views of a set of sensors."""
 
     @property
     def name(self) -> str:
-        """In tables and files."""
+        """Name in tables and files."""
         ...
 
     @property
     def digest(self) -> str:
-        """Name and parameters: what is kept on disk is kept under it."""
+        """Name and parameters, the key of cached results."""
         ...
 
     @property
     def sends_points(self) -> bool:
-        """Whether sensors send points: a mount's link limits who can; boxes alone always fit."""
+        """True if sensors send points.
+
+        A mount's link limits the points that it can carry; boxes always fit.
+        """
         ...
 
     @property
     def sends_boxes(self) -> bool:
-        """Whether each sensor detects by itself and sends boxes."""
+        """True if each sensor detects by itself and sends boxes."""
         ...
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """What a set of sensors (indices, ascending) detects together in a frame, and what each of them sent."""
+        """Detect together with a set of sensors (indices, ascending) in one frame."""
         ...
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """How many points each candidate sends in each frame."""
+        """Number of points that each candidate sends in each frame."""
         ...
 
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
-        """Where a sensor's points on an object reach the centre beside the boxes of its own; None where the centre
-        works with points alone or boxes alone. radius: the site's hybrid radius (m)."""
+        """Mark objects with points that reach the centre beside the sensor's own boxes.
+
+        None if the centre works with points alone or boxes alone. radius: the site's hybrid radius (m).
+        """
         ...
 
 
 @runtime_checkable
 class Chained(Protocol):
-    """What a `Scheme` has besides whose messages can only be read after others: a lost one takes more with it."""
+    """Extra members of a `Scheme` with messages that depend on earlier ones.
+
+    A lost message makes those that depend on it unreadable.
+    """
 
     def needed(self, number: int, /) -> Sequence[int]:
-        """Which messages of a sensor, counted from 0, must have arrived for one to be read, itself the last."""
+        """Numbers of the messages needed to read one of them, itself the last.
+
+        Messages of a sensor count from 0.
+        """
         ...
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
-        """The bits that sensors send of a frame, whether or not they arrive; views share a memory, frame by frame."""
+        """Bits that sensors send of a frame, arrived or not.
+
+        Views share a memory, frame by frame.
+        """
         ...
 
 
-def codec_for(scheme: Scheme, codec: Codec) -> Codec:
-    """By which a scheme sends: its own, its attribute `codec`, where it has one, else the one given."""
+def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:
+    """Return the scheme's own `codec` attribute, else the given codec."""
     return getattr(scheme, "codec", codec)
 
 
-def predicted_as(scheme: Scheme) -> str:
-    """The name of the scheme whose surrogate predicts the AP of this one: its attribute `predicted_as`, where it
-    detects in the same points as that, else its own."""
+def surrogate_name(scheme: Scheme) -> str:
+    """Name of the scheme whose surrogate predicts this one's AP.
+
+    Its attribute `predicted_as`, for schemes that detect in the same points as another, else its own name.
+    """
     return getattr(scheme, "predicted_as", scheme.name)
 
 
-def bits_sent(
+def expected_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits that each candidate sends in all frames together, a whole number; boxes: how many it detects in
-    them all."""
-    codec = codec_for(scheme, codec)
+    """Expected bits that each candidate sends in all frames, a whole number.
+
+    boxes: detections of each candidate in all frames.
+    """
+    codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
     return np.rint(codec.bits(points=points, boxes=boxes, messages=counts.sent.shape[1]))

@@ -1,6 +1,15 @@
-"""Early fusion: every sensor sends its points, and the points together go through the detector (paper section II-C).
+"""The built-in fusion schemes: early, late, hybrid, foreground and differences.
 
-It is ready when the slowest sensor has cropped and the detector has run.
+    early    every sensor sends its points; all points go through the detector together   (paper section II-C)
+    late     every sensor detects in its own points and sends boxes                                    (II-D)
+    hybrid   every sensor sends its boxes, and its points beyond a radius, which go through the
+             detector together as well                                                                 (II-E)
+
+Finally, of overlapping boxes of one class the surest stays (non-maximum suppression at BEV IoU 0.1, as in the published
+code, which knows vehicles only), so that one sensor gives the same early and late. Classes do not suppress each other:
+a pedestrian beside a cyclist and a car below a bus's overhang are two objects. Early fusion is ready when the slowest
+sensor has cropped and the detector has run, late fusion when the slowest sensor has detected, hybrid after the slower
+of both.
 """
 
 from __future__ import annotations
@@ -15,7 +24,7 @@ from toolkit.arrays import Bool, Float32
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.scheme import Counts, Fused, Scheme, fused
+from toolkit.detection.scheme import Counts, Fused, Scheme, make_fused
 from toolkit.detection.view import NMS_IOU, View, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
@@ -41,14 +50,14 @@ class Early:
         """Detect once in the points of all sensors together."""
         sent = [view.send_points(view.cloud(sensor)) for sensor in sensors]
         centre = view.detect([each.arrived for each in sent])
-        return fused(view.suppressed([centre]), [each.bits for each in sent])
+        return make_fused(view.suppressed([centre]), [each.bits for each in sent])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """All points in the crop."""
+        """Return all points in the crop."""
         return counts.sent
 
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
-        """No boxes are sent."""
+        """Return None: no boxes are sent."""
 
 
 @dataclass(frozen=True)
@@ -67,20 +76,23 @@ class Late:
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Detect in the points of each sensor and fuse the boxes."""
         sent = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
-        return fused(view.suppressed([each.arrived for each in sent]), [each.bits for each in sent])
+        return make_fused(view.suppressed([each.arrived for each in sent]), [each.bits for each in sent])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """None."""
+        """Return zeros: no points are sent."""
         return np.zeros_like(counts.sent)
 
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
-        """No points are sent."""
+        """Return None: no points are sent."""
 
 
 @dataclass(frozen=True)
 class Hybrid:
-    """Hybrid fusion. radius: within which no points are sent (m), None for the site's own; metric: how it is measured,
-    see `toolkit.points.beyond`."""
+    """Hybrid fusion.
+
+    radius: within which no points are sent (m), None for the site's own; metric: how it is measured, see
+    `toolkit.points.beyond`.
+    """
 
     radius: float | None = None
     metric: Distance = "horizontal"
@@ -98,7 +110,7 @@ class Hybrid:
         return repr(self)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Late fusion, joined by what is detected in the far points."""
+        """Fuse boxes as in late fusion, with detections in the far points."""
         radius = self.radius_at(view.site)
 
         def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
@@ -109,10 +121,13 @@ class Hybrid:
         centre = view.suppressed([view.detect([each.arrived for each in points])])
         boxes = [view.send_boxes(view.detect([view.cloud(sensor)])) for sensor in sensors]
         everything = view.suppressed([*(each.arrived for each in boxes), centre])
-        return fused(everything, [box.bits + point.bits for box, point in zip(boxes, points, strict=True)])
+        return make_fused(everything, [box.bits + point.bits for box, point in zip(boxes, points, strict=True)])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """The far points. Raises ValueError for a radius or metric of its own: these are counted by the site's."""
+        """Return the far points.
+
+        Raises ValueError for a radius or metric of its own: far points are counted by the site's.
+        """
         if self.radius is not None or self.metric != "horizontal":
             raise ValueError(
                 f"far points are counted by the site's hybrid radius, not by {self}: take Hybrid() at "
@@ -121,11 +136,11 @@ class Hybrid:
         return counts.far
 
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
-        """Objects beyond the radius."""
+        """Mark objects beyond the radius."""
         return distance > (radius if self.radius is None else self.radius)
 
     def radius_at(self, site: Area) -> float:
-        """The radius at a site or, for a bare area, the paper's usual one."""
+        """Radius at a site, or the paper's usual one for a bare area."""
         if self.radius is not None:
             return self.radius
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
@@ -138,14 +153,20 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m). || refers_to, key_every: of differences."""
+    """Return the schemes by name, with messages in steps of `step` (m).
+
+    refers_to, key_every: of differences.
+    """
     differences = ForegroundDifferences(step, refers_to, key_every)
     stepped: dict[str, Scheme] = {"foreground": Foreground(step), "differences": differences}
     return SCHEMES | stepped
 
 
-def scheme_of(scheme: Scheme | str) -> Scheme:
-    """A scheme by its name, or itself. Raises ValueError where there is none of that name."""
+def find_scheme(scheme: Scheme | str) -> Scheme:
+    """Return a scheme by its name, or itself.
+
+    Raises ValueError for an unknown name.
+    """
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
@@ -167,14 +188,14 @@ def fuse_frame(
     codec: Codec = PAPER,
     iou_threshold: float = NMS_IOU,
 ) -> Fused:
-    """Fuse what the sensors of a frame measured, by a scheme or its name.
+    """Fuse the measurements of a frame by a scheme or its name.
 
     sensors: indices or names, None for all; their order does not matter. site: a site, or its area xmin, ymin, xmax,
-    ymax (m); height: of the crop (m), else the site's own, else 4; codec: of what is sent. The frame is taken as it is:
-    draw noise first with `toolkit.datasets.dataset.noisy`.
-    Raises ValueError for a sensor the frame does not have, or one that is named twice.
+    ymax (m); height: of the crop (m), else the site's own, else 4; codec: of the messages. The frame is taken as it is:
+    draw noise first with `toolkit.datasets.dataset.noisy`. Raises ValueError for a sensor that the frame does not have
+    or that is named twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)
-    fused = scheme_of(scheme).fuse(view, sorted(chosen))
+    fused = find_scheme(scheme).fuse(view, sorted(chosen))
     return Fused(fused.detections, fused.bits[np.argsort(np.argsort(chosen))], fused.ms)

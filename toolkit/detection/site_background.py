@@ -1,4 +1,4 @@
-"""The background of a site: of its scenery, or of what the sensors of a recording see behind all that moves."""
+"""Background of a site's scenery, or of a recording behind all that moves."""
 
 from __future__ import annotations
 
@@ -25,55 +25,64 @@ _MOST = 1 << 26  # voxels
 
 
 def recording_background(recording: CoopDataset) -> Background:
-    """Of the scenery of a recording's site, where it has any; else what its sensors measure behind all that moves in
-    it, four times over with their noise: who parks there all the time is background then."""
+    """Learn the background of a recording.
+
+    From the scenery of its site if known, else from what its sensors measure behind all that moves, four times over
+    with noise; objects that park throughout become background.
+    """
     if recording.site.solids:
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))
 
 
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """The points in the crop of each sensor of a recording where nobody is, four times over with noise; as if the
-    ground were level."""
+    """Yield cropped points of each sensor with nobody there, four times over with noise.
+
+    The ground is levelled.
+    """
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
             yield levelled(points, recording.site.relief.slope)
 
 
-def knowing(detector: Detector, site: Site) -> KnownBackground:
-    """A detector that knows a site empty, by its scenery."""
+def add_background(detector: Detector, site: Site) -> KnownBackground:
+    """Return a detector that knows a site's scenery."""
     return KnownBackground(detector, site_background(site))
 
 
 def site_background(site: Site) -> Background:
-    """Of all that stands still at a site, in its area and up to its height, seen or unseen; as if the ground were
-    level. The same site gives the same."""
+    """Return the background of everything that stands still at a site.
+
+    In its area and up to its height, seen or unseen, with the ground levelled. The same site gives the same background.
+    """
     crop, slope = Crop.of(site), site.relief.slope
-    voxel, mesh = voxel_for(crop), scenery(site)
-    near = _near(levelled(mesh.vertices, slope)[mesh.triangles], crop)
+    voxel, mesh = choose_voxel(crop), scenery(site)
+    near = _reaches_crop(levelled(mesh.vertices, slope)[mesh.triangles], crop)
     surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]), voxel)
     points = [levelled(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
     return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), voxel)
 
 
-def voxel_for(crop: Crop) -> float:
-    """Edge of the voxels (m) of a background: coarser than `VOXEL` where an area is so large that the grid would take
-    more than 64 MB."""
+def choose_voxel(crop: Crop) -> float:
+    """Edge of a background's voxels (m).
+
+    Coarser than `VOXEL` for an area so large that the grid would take more than 64 MB.
+    """
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _FLOOR)
     return max(VOXEL, float(np.cbrt(volume / _MOST)))
 
 
-def _near(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
-    """Which triangles may reach into a crop; corners: as if the ground were level."""
+def _reaches_crop(corners: Float64[np.ndarray, "m 3 3"], crop: Crop) -> Bool[np.ndarray, " m"]:
+    """Mark triangles that may reach into a crop; corners: with the ground levelled."""
     lowest, highest = corners.min(axis=1), corners.max(axis=1)
     xmin, ymin, xmax, ymax = crop.area
     return np.asarray((highest >= [xmin, ymin, _FLOOR]).all(axis=1) & (lowest <= [xmax, ymax, crop.height]).all(axis=1))
 
 
 def _on_surfaces(mesh: Mesh, voxel: float) -> Iterator[Float[np.ndarray, "n 3"]]:
-    """Points spread at random over all triangles of a mesh, `PER_VOXEL` on a voxel's side in the mean."""
+    """Yield random points on all triangles of a mesh, `PER_VOXEL` per voxel side on average."""
     rng = np.random.default_rng(0)
     corners = mesh.vertices[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]

@@ -112,7 +112,7 @@ def evaluate(
         save_evaluation,
     )
     from toolkit.detection.link.load import format_loads
-    from toolkit.detection.link.range_images import codec_named
+    from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import schemes_in_steps
     from toolkit.objects import check_known, known_labels
     from toolkit.points import select_sensors
@@ -124,7 +124,7 @@ def evaluate(
     check_positive("--rate", rate)
     check_least("--key-every", key_every, 1)
     sent_by, named = (
-        codec_named(codec, step=step),
+        find_codec(codec, step=step),
         schemes_in_steps(step, refers_to=refers_to, key_every=key_every),
     )
     if layout is not None:

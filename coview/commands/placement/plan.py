@@ -106,7 +106,7 @@ def plan(
     from placement_env.report.planning.files import write_plan
     from placement_env.report.planning.planning import plan as make_plan
     from placement_env.report.planning.question import Question
-    from toolkit.detection.link.range_images import codec_named
+    from toolkit.detection.link.range_images import find_codec
     from toolkit.sites.files import load_site
 
     for option, value, least in (
@@ -137,7 +137,7 @@ def plan(
         capacity_kbit=capacity,
         classes=counted,
         scheme=scheme,
-        codec=codec_named(codec),
+        codec=find_codec(codec),
         iou=thresholds,
         failing=Failing(failing, failures),
         levels=TrafficLevels(levels, levels_by),

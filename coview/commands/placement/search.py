@@ -136,7 +136,7 @@ def search(
     from placement_env.report.searching import SearchOrder, answered
     from placement_env.search.methods import usual_method
     from placement_env.setting import Weights
-    from toolkit.detection.link.range_images import codec_named
+    from toolkit.detection.link.range_images import find_codec
     from toolkit.sites.files import load_site
 
     for option, value in (("--budget", budget), ("--frames", frames), ("--workers", workers), ("--parts", parts)):
@@ -187,7 +187,7 @@ def search(
         settings={
             "most_price": math.inf if money is None else money, "iou": thresholds, "seed": seed, "cache": cache,
             "failing": Failing(0 if demand else failing, failures), "workers": workers, "ray": ray, "classes": counted,
-            "levels": TrafficLevels(1 if demand else levels, levels_by), "codec": codec_named(codec),
+            "levels": TrafficLevels(1 if demand else levels, levels_by), "codec": find_codec(codec),
         },
     )  # fmt: skip
     with progress_bar("", hidden=json) as bar:

@@ -29,7 +29,7 @@ from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import Curve, average_precision, match, precision_recall
 from toolkit.detection.scheme import Fused
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import View, together
 from toolkit.geometry import invert, transform
 from toolkit.objects import Detector, Objects
@@ -194,7 +194,7 @@ class _FrameJob:
         return [len(cloud), *far]
 
     def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Bool[np.ndarray, " n"]) -> Arrays:
-        fused: Fused = scheme_of(run.scheme).fuse(view, run.sensors)
+        fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
         found = fused.detections
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
         there = objects[centred_in(objects.boxes, self.renders.site.area)]

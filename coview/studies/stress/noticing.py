@@ -21,7 +21,7 @@ from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
 from toolkit.detection.link.channel import PERFECT, LinkChannel, lagged_frames
-from toolkit.detection.link.foreground import Foreground, drawn_scene, standing_out
+from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.detection.view import frame_view
@@ -146,7 +146,7 @@ class _Centre:
         """Monitor of a sensor that should send from `start` on; frame: any one with that sensor."""
         captured, scene = frame_view(frame, self._detector, self._site).captured(sensor), self.scenes(sensor)
         view = np.zeros(scene.first.size, bool)
-        view[drawn_scene(captured, scene).pixels] = True
+        view[draw_scene(captured, scene).pixels] = True
         return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
 
     def covered(self, frame: Frame, sensor: int) -> Bool[np.ndarray, "rows columns"]:

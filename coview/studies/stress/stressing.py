@@ -33,7 +33,7 @@ from toolkit.detection.link.channel import STALE, Lagged, lagged_frames
 from toolkit.detection.link.tracks import Tracks
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Chained, Scheme
-from toolkit.detection.schemes import SCHEMES, scheme_of
+from toolkit.detection.schemes import SCHEMES, find_scheme
 from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, known_labels, label_index
@@ -66,7 +66,7 @@ class StressQuestion:
         if not (self.schemes and self.ious):
             raise ValueError(f"name at least one IoU and one scheme of {', '.join(SCHEMES)}")
         for scheme in self.schemes:
-            scheme_of(scheme)
+            find_scheme(scheme)
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class _ConditionJob:
     def __call__(self, task: tuple[int, Condition]) -> list[StressRow]:
         number, condition = task
         settled = STALE if _frame_spacing(self.recording) <= MOST_APART else 0.0
-        systems = make_systems([scheme_of(each) for each in self.question.schemes], condition.kind)
+        systems = make_systems([find_scheme(each) for each in self.question.schemes], condition.kind)
         trials = [Trial(system, self.question.label, self.question.ious) for system in systems]
         groups = _group_by_needed(trials)
         for part, (some, needed) in enumerate(groups):

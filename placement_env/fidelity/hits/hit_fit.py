@@ -17,7 +17,7 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector, check_known
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS, Site
@@ -74,7 +74,7 @@ def fit(
     hits = sum(int(each.hits.sum()) for each in observed)
     if not 0 < hits < sum(each.hits.size for each in observed):
         raise ValueError(f"a fit needs hits and misses, got {hits} hits of {sum(e.hits.size for e in observed)}")
-    scheme = scheme_of(scheme)
+    scheme = find_scheme(scheme)
     fitting = _Fitting(observed, scheme, iou, source, label)
     norm = NORM_OF_BOXES if scheme.sends_boxes else NORM_OF_POINTS
     starts = [(-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(FLOOR))) for reach in (0.0, 1.0)]
@@ -255,7 +255,7 @@ def fit_sites(
         if not any((seen.labels == label).any() for seen, *_ in observed):
             raise ValueError(f"there is no {name} in {frames} frames of traffic: say more --frames, or other --classes")
     fitted: list[Fitted] = []
-    for scheme in map(scheme_of, schemes):
+    for scheme in map(find_scheme, schemes):
         found = []
         for place, (seen, chosen, detector, renders) in enumerate(observed):
             detected = Detected(renders, detector, scheme, memo=cache, workers=workers, classes=classes)

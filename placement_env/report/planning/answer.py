@@ -20,7 +20,7 @@ from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Selection, judged_front, near_optimal
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.detection.provenance import detector_origin
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
 
 
@@ -103,7 +103,7 @@ def answer(
         class_ap=final.by_class(members),
         worth=worth,
         failures=failures,
-        links=link_loads(planned, limited=scheme_of(question.scheme).sends_points),
+        links=link_loads(planned, limited=find_scheme(question.scheme).sends_points),
         materials=bill_of_materials(planned),
         order=figures.build_order(final, objective, chosen, stage("order of building")),
         ground=ground_shares(ground, [sensor.name for sensor in planned]),

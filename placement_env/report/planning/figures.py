@@ -16,7 +16,7 @@ from placement_env.report.content import BuildStep, FailureCase, SchemeFigures, 
 from placement_env.report.planning.judging import Judge
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64
-from toolkit.detection.schemes import PAPER_SCHEMES, scheme_of
+from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 
 ALL_SUBSETS = 6  # sensors of which every subset is judged by the detector
 
@@ -55,7 +55,7 @@ def by_scheme(judge: Judge, chosen: ChosenSet, progress: _Progress | None = None
     for name in PAPER_SCHEMES:
         other = Judge(
             Detected(
-                detected.renders, detected.detector, scheme_of(name), codec=detected.codec, iou=detected.iou,
+                detected.renders, detected.detector, find_scheme(name), codec=detected.codec, iou=detected.iou,
                 memo=detected.memo, workers=detected.workers, ray=detected.ray, classes=detected.classes,
             ).at(detected.iou, detected.ious),
             judge.seed,

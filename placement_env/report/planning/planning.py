@@ -28,7 +28,7 @@ from placement_env.report.planning.moments import moments
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import select
 from placement_env.search.portfolio.entrants import Effort, kept_entrants
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 
@@ -130,7 +130,7 @@ class _Planning:
             site=question.site,
             candidates=candidates,
             frames=frames,
-            scheme=scheme_of(question.scheme),
+            scheme=find_scheme(question.scheme),
             codec=question.codec,
             iou=question.counting.ious[0],
             seed=question.seed + part,

@@ -23,7 +23,7 @@ from placement_env.fidelity.combined.robust import Failing
 from placement_env.fidelity.combined.traffic_levels import TrafficLevels
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import detector_origin
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
@@ -92,7 +92,7 @@ class Question:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
         object.__setattr__(self, "classes", classes_of(self.classes))
         check_codec(self.codec)
-        scheme_of(self.scheme)
+        find_scheme(self.scheme)
         counting = Counting.of(self.iou, self.failing, self.levels)
         for name in ("iou", "failing", "levels"):
             object.__setattr__(self, name, getattr(counting, name))

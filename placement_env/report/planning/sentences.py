@@ -10,8 +10,8 @@ from placement_env.report.content import FailureCase, Judgement, PlanOption, Sch
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.selection import Rule
 from toolkit.detection.codec import PAPER
-from toolkit.detection.scheme import codec_for
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.scheme import scheme_codec
+from toolkit.detection.schemes import find_scheme
 from toolkit.objects import LABELS
 from toolkit.sensors.error_profiles import ErrorProfile, only_own_noise
 
@@ -150,7 +150,7 @@ def _terms(errors: ErrorProfile) -> str:
 
 
 def _of_codec(question: Question) -> str:
-    codec = codec_for(scheme_of(question.scheme), question.codec)
+    codec = scheme_codec(find_scheme(question.scheme), question.codec)
     if codec == PAPER:
         return "count 96 bits for a point and 256 for a box, as the paper does, without headers or compression"
     return f"are of messages as {codec.digest} writes them: in searches by what it expects, in judgements as sent"

@@ -142,10 +142,10 @@ def expected(p: np.ndarray, alarms: np.ndarray, rate: float) -> float:
 def predicted(row: Row, model: Any, rate: float, *, known: bool) -> np.ndarray:
     """AP of each set of a site. known: whether the alarms that stand are."""
     from placement_env.fidelity.surrogate import Evidence
-    from toolkit.detection.schemes import scheme_of
+    from toolkit.detection.schemes import find_scheme
 
     each = observed(row)
-    evidence = Evidence(each.visibility, scheme_of("early"), each.radius)
+    evidence = Evidence(each.visibility, find_scheme("early"), each.radius)
     powers, raw = evidence.joined(each.subsets.astype(np.float32) @ evidence.rows(model), model)
     p = model.probability(powers, raw)
     alarms = [standing(row, members) if known else np.zeros(0) for members in row["sets"]]

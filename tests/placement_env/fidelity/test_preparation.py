@@ -10,8 +10,8 @@ from placement_env.fidelity import preparation, visibility
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.fidelity.preparation import GENERAL, Preparation, check_errors_for, network_for, shipped_detector
 from toolkit.detection.background import KnownBackground
-from toolkit.detection.schemes import scheme_of
-from toolkit.detection.site_background import knowing
+from toolkit.detection.schemes import find_scheme
+from toolkit.detection.site_background import add_background
 from toolkit.objects import Detections
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL
 from toolkit.sites.files import load_site
@@ -31,7 +31,7 @@ def prepared(traffic, candidates, cache, errors=PAPER_ERRORS):
         site=traffic.site,
         candidates=candidates,
         frames=5,
-        scheme=scheme_of("late"),
+        scheme=find_scheme("late"),
         cache=cache,
         detector=Nothing(),
         errors=errors,
@@ -120,7 +120,7 @@ def test_fidelities_that_do_not_know_errors_refuse_them(small_traffic, small_can
 
 
 def test_sensors_are_seen_live_where_panoramas_are_taken(small_traffic, small_candidates):
-    made = {"site": small_traffic.site, "candidates": small_candidates, "frames": 5, "scheme": scheme_of("early")}
+    made = {"site": small_traffic.site, "candidates": small_candidates, "frames": 5, "scheme": find_scheme("early")}
 
     def live(**settings):
         prepared = Preparation(**{**made, **settings})
@@ -140,7 +140,7 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
     own, general = (shipped_detector(name, site) for name in ("tjunction", GENERAL))
     assert isinstance(own, VoxelNetDetector)
     assert isinstance(general, KnownBackground)
-    assert general.digest == knowing(load_detector("general", area=site.area), site).digest
+    assert general.digest == add_background(load_detector("general", area=site.area), site).digest
     assert shipped_detector(GENERAL, load_site("tjunction")) is general
     other = shipped_detector(GENERAL, replace(site, solids=site.solids[1:]))
     assert isinstance(other, KnownBackground)
@@ -150,7 +150,7 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
 
 
 def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, monkeypatch):
-    prepared = Preparation(site=small_traffic.site, candidates=small_candidates, frames=5, scheme=scheme_of("early"))
+    prepared = Preparation(site=small_traffic.site, candidates=small_candidates, frames=5, scheme=find_scheme("early"))
     vars(prepared)["traffic"] = small_traffic
     first, second = (prepared.at(small_candidates, seen) for _ in range(2))
     models = first.hit_models

@@ -12,7 +12,7 @@ from placement_env.objective import Objective
 from placement_env.report.search_answer import ANSWER_FILES, check_georeference, kbit_per_frame, write_answer
 from placement_env.search.exact import exhaustive
 from placement_env.search.result import Result
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.sites.files import load_site
 
 SEEN = Visibility(
@@ -47,7 +47,7 @@ def result(objective) -> Result:
 )
 def test_what_is_sent_in_each_frame(scheme, kbit, objective, result, monkeypatch):
     monkeypatch.setattr(objective, "visibility", SEEN)
-    monkeypatch.setattr(objective, "scheme", scheme_of(scheme))
+    monkeypatch.setattr(objective, "scheme", find_scheme(scheme))
     assert kbit_per_frame(objective, (0, 1), result) == pytest.approx(np.array(kbit))
     assert kbit_per_frame(objective, (1,), result) == pytest.approx(np.array(kbit)[1:])
 

@@ -15,7 +15,7 @@ from toolkit.detection.schemes import (
     Early,
     Hybrid,
     Late,
-    scheme_of,
+    find_scheme,
     schemes_in_steps,
 )
 from toolkit.detection.view import View, together
@@ -125,10 +125,10 @@ def test_boxes_are_sent_and_no_points():
 
 @pytest.mark.parametrize("name", SCHEMES)
 def test_each_goes_by_its_name(name):
-    scheme = scheme_of(name)
+    scheme = find_scheme(name)
     assert isinstance(scheme, Scheme)
     assert scheme.name == name
-    assert scheme_of(scheme) is scheme
+    assert find_scheme(scheme) is scheme
     assert scheme.sends_points or scheme.sends_boxes
 
 
@@ -146,7 +146,7 @@ def test_the_papers_are_there_in_its_order():
 @pytest.mark.parametrize("scheme", ["middle", "", None, 3, Early])
 def test_what_is_none_is_refused(scheme):
     with pytest.raises((ValueError, TypeError), match="scheme"):
-        scheme_of(scheme)
+        find_scheme(scheme)
 
 
 def test_parameters_are_in_the_digest():

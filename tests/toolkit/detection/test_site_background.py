@@ -6,7 +6,7 @@ import pytest
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection import site_background as module
 from toolkit.detection.background import MOST_VOXELS, VOXEL, Background
-from toolkit.detection.site_background import empty_sweeps, recording_background, site_background, voxel_for
+from toolkit.detection.site_background import choose_voxel, empty_sweeps, recording_background, site_background
 from toolkit.frame import Frame
 from toolkit.geometry import LEVEL, levelled
 from toolkit.objects import Objects
@@ -56,7 +56,7 @@ def test_the_same_site_gives_the_same_and_some_of_them_slope(place):
 
 @pytest.mark.parametrize("side", [200.0, 500.0, 1000.0, 10_000.0])
 def test_a_large_area_has_coarser_voxels_and_as_many_as_memory_holds(side):
-    voxel = voxel_for(Crop((0.0, 0.0, side, side), 4.0))
+    voxel = choose_voxel(Crop((0.0, 0.0, side, side), 4.0))
     assert (voxel == VOXEL) == (side == 200.0)
     assert np.prod(np.array([side, side, 5.0]) / voxel + 5.0) < MOST_VOXELS
 

@@ -1,1 +1,1 @@
-"""What travels from sensors to the fusion centre: messages as bytes, and what they take of a link."""
+"""Links from sensors to the fusion centre: messages as bytes, their delays and load."""

@@ -1,8 +1,13 @@
-"""`LinkChannel`: delay, jitter, losses and rate of the messages of one sensor, drawn one after another.
+"""Channels: delay, jitter, loss and rate of messages, and frames as they arrive.
 
 Losses come singly or in bursts: the two states of Gilbert and Elliott, of which one loses every message and the other
 none (Gilbert: Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960). With a share l lost in bursts
-of b messages in the mean, the bad state ends after a message with probability 1 / b and begins with l / (b (1 - l)).
+of b messages on average, the bad state ends after a message with probability 1 / b and begins with l / (b (1 - l)).
+
+At each instant the centre has the newest frame of every sensor whose message has arrived. The combined frame holds
+measurements of different instants and the truth of now, so every scheme fuses it and is scored as usual. A message
+older than `STALE` is not shown; a sensor without one measures nothing. Traffic starts anew where no track continues
+from one frame to the next (as recordings of `coview simulate` do after each block), and so do the messages.
 """
 
 from __future__ import annotations
@@ -25,12 +30,14 @@ STALE = 1.0  # s, from which on a message is too old to be shown
 
 @dataclass(frozen=True)
 class LinkChannel:
-    """delay: of every message (s); jitter: standard deviation of what comes on top, never below 0 (s); loss: share of
-    messages that are lost; burst: of how many in the mean a loss consists, None for losses that are independent; every:
-    the sensor sends each so-many-th frame.
+    """Channel of one sensor's messages.
 
-    Raises ValueError for times below 0, a share outside 0..1 or 1 itself, bursts that are shorter than losses that are
-    independent make them, and every below 1.
+    delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s); loss: share of lost
+    messages; burst: mean number of messages lost in a row, None for independent losses; every: the sensor sends each
+    n-th frame.
+
+    Raises ValueError for times below 0, a share outside 0..1 or equal to 1, bursts shorter than independent losses
+    have, and every below 1.
     """
 
     delay: float = 0.0
@@ -55,7 +62,7 @@ class LinkChannel:
 
     @property
     def mean_burst(self) -> float:
-        """Messages that are lost one after another, in the mean."""
+        """Mean number of messages lost in a row."""
         return 1 / (1 - self.loss) if self.burst is None else self.burst
 
 
@@ -63,14 +70,17 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """The messages of one sensor through a channel, in the order they are sent; seed: of all that is drawn."""
+    """Messages of one sensor through a channel, in the order of sending.
+
+    seed: of all random draws.
+    """
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel, self._rng, self._sent = channel, np.random.default_rng(seed), 0
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """When a message arrives that was measured at a time (s); infinite where it is lost or not sent."""
+        """Arrival of a message measured at a time (s); infinite if it is lost or not sent."""
         channel, number = self.channel, self._sent
         self._sent += 1
         jitter, change = self._rng.standard_normal() * channel.jitter, self._rng.random()
@@ -83,8 +93,11 @@ class Line:
 
 
 class Lagged(NamedTuple):
-    """frame: what the centre has; ages: of each sensor's measurement (s), NaN where there is none; since: seconds since
-    traffic began anew; sent: what the sensors measure now."""
+    """A frame as the centre has it.
+
+    frame: the combined frame; ages: of each sensor's measurement (s), NaN without one; since: seconds since traffic
+    started anew; sent: current measurements of the sensors.
+    """
 
     frame: Frame
     ages: Float64[np.ndarray, " sensors"]
@@ -103,14 +116,14 @@ def lagged_frames(
     frozen: Sequence[int] = (),
     needed: Callable[[int], Sequence[int]] | None = None,
 ) -> Iterator[Lagged]:
-    """What the centre has at the time of each frame.
+    """Yield the centre's frame at the time of each frame.
 
-    channels: one for each sensor, or one that they all have, drawn apart; frames: only the first so many; seed: of the
-    channels; errors, noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that send, with
-    the time of now, what they measured when traffic began; needed: which of a sensor's messages, counted from 0 since
-    traffic began, must have arrived for one to be read, None for itself alone.
+    channels: one for each sensor, or one for all, drawn apart; frames: only the first ones; seed: of the channels;
+    errors, noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that keep sending, with
+    current times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have
+    arrived to read one, None for itself alone.
 
-    Raises ValueError for channels that do anything where frames are more than `MOST_APART` from each other.
+    Raises ValueError for channels with any effect if frames are more than `MOST_APART` from each other.
     """
     count = min(len(recording), len(recording) if frames is None else frames)
     history: list[Frame] = []
@@ -143,7 +156,7 @@ def _newest(
     now: float,
     needed: Callable[[int], Sequence[int]] | None,
 ) -> int | None:
-    """The newest frame that has arrived, with all that it takes to read it, and is not too old."""
+    """Number of the newest readable frame that is not too old."""
     for k in range(len(arrivals) - 1, -1, -1):
         if now - history[k].time > STALE + 1e-9:
             return None
@@ -155,7 +168,7 @@ def _newest(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """The frame of these instants, and how old each of its measurements seems."""
+    """Combine these instants into a frame, with the apparent age of each measurement."""
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):

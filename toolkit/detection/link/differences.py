@@ -1,17 +1,31 @@
-"""`DifferenceSender` and `DifferenceReader`: foreground messages of one sensor, most of which say only what
-differs from an image that arrived before.
+"""Differences: foreground messages that say what changed since an earlier one.
 
-A whole image, a foreground message as any other, comes at least every so-many messages; those between are differences.
-Each names the message that it refers to, and a checksum of what sender and reader must know after that one: whoever
-does not know it, having missed it or another before it, refuses the difference (`MissedReference`) and waits for the
-next whole image. A difference refers to
+A whole image, an ordinary foreground message, comes at least every `key_every` messages; those between are differences.
+Each names the message that it refers to, and a checksum of the state that sender and reader share after it. A reader
+without that state, having missed a message, refuses the difference (`MissedReference`) and waits for the next whole
+image. A difference refers to
 
     previous   the message before it: the smallest, but a lost message makes all useless up to the next whole image
     key        the last whole image: a lost difference is lost alone; for links that lose messages
 
-On the wire a difference is, after the header, how many messages back the one lies that it refers to (uint8, from 1),
-whether the next difference refers to this one (uint8: 1) or to the same as this (0), the checksum (uint32, CRC-32 of
-`Reference`), the pixels (`toolkit.detection.link.differences`), and missing pixels as in a foreground message.
+On the wire a difference is, after the header, the number of messages back to its reference (uint8, from 1), whether the
+next difference refers to this one (uint8: 1) or to the same as this (0), the checksum (uint32, CRC-32 of `Reference`),
+the pixels, and missing pixels as in a foreground message.
+
+Sender and reader both keep a `Reference`: for every pixel of the last message the mean of its measurements since it
+last changed, over 8 images at most, in 16ths of a step, so that noise averages out. Moving surfaces are better
+predicted from their neighbours as in a single image, still ones from the reference; the sender chooses by squares of 8
+x 8 pixels. The pixels on the wire:
+
+    squares    a bit for each square that holds a pixel of the reference, row after row, filled with zeros to a whole
+               byte: 1 where it stands still
+    mask       pixels sent otherwise than the reference says: those of the squares that stand still
+    still      packed: measured less the reference, rounded (half up), of the sent pixels that it knows in these
+               squares, as 2r for r >= 0 and -2r - 1 below, r counted towards where the reference was rounded from
+    others     packed: the other sent pixels, predicted from known neighbours
+
+Mask and packed numbers are those of `toolkit.detection.link.image_coding`. All arithmetic is in whole numbers, so that
+sender and reader agree on every machine.
 """
 
 from __future__ import annotations
@@ -32,13 +46,13 @@ from toolkit.detection.link.foreground import (
     Foreground,
     Restored,
     SendsForeground,
-    checked_pixels,
+    check_pixels,
     decode_missing,
-    drawn_about,
+    draw_about,
     encode_missing,
     expected_header,
     read_foreground,
-    restored_points,
+    restore_points,
     scene_number,
     standing_out,
 )
@@ -49,10 +63,10 @@ from toolkit.detection.link.image_coding import (
     encode_mask,
     encode_pixels,
     encode_values,
-    folded,
+    fold,
     pack_integers,
     read_fixed,
-    unfolded,
+    unfold,
     unpack_integers,
     write_fixed,
 )
@@ -69,21 +83,26 @@ _REFERS = struct.Struct("<BBI")
 
 
 class MissedReference(ValueError):
-    """A difference that refers to a message which the reader does not have: the next whole image can be read again."""
+    """Difference from a message that the reader does not have.
+
+    The next whole image can be read again.
+    """
 
 
 class _Difference(NamedTuple):
-    """The content of a message, and how many pixels stand in it."""
+    """Content of a message, and the number of its still pixels."""
 
     content: bytes
     stands: int
 
 
 class DifferenceSender:
-    """The messages of one sensor. scene: its empty scene; step: of what is measured (m); refers_to: see above;
-    key_every: messages from one whole image to the next at most; 1 sends whole images only.
+    """Sender of one sensor's messages.
 
-    Raises ValueError where it refers to anything else, and for key_every below 1 or above 255.
+    scene: its empty scene; step: of measurements (m); refers_to: see above; key_every: most messages from one whole
+    image to the next; 1 sends whole images only.
+
+    Raises ValueError for another refers_to, and for key_every below 1 or above 255.
     """
 
     def __init__(
@@ -95,9 +114,12 @@ class DifferenceSender:
         self._key = 0
 
     def write(self, image: RangeImage, missing: Bool[np.ndarray, "rows columns"] | None = None) -> bytes:
-        """The next message, of what `toolkit.detection.link.foreground.encode_foreground` takes: whole where a whole
-        image is due, where few pixels stand and it is smaller, and where the numbers of images do not go on."""
-        sent, missing = checked_pixels(image, self.scene, missing)
+        """Write the next message.
+
+        Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due, when it
+        is smaller because few pixels stand still, and when image numbers do not continue.
+        """
+        sent, missing = check_pixels(image, self.scene, missing)
         steps, mm = to_steps(image.measurement, sent, self.step), step_in_mm(self.step)
         less = self._difference(image, steps, sent)
         content = encode_pixels(steps, sent) if less is None or less.stands < FEW_PIXELS else b""
@@ -112,7 +134,7 @@ class DifferenceSender:
         return write_message(header, content + encode_missing(missing))
 
     def _difference(self, image: RangeImage, steps: np.ndarray, sent: np.ndarray) -> _Difference | None:
-        """What an image differs in, None where it is to be sent whole."""
+        """Difference of an image, None if it must be sent whole."""
         reference = self._reference
         if reference is None or not reference.number < image.number < self._key + self.key_every:
             return None
@@ -125,20 +147,23 @@ class DifferenceSender:
 
 
 class DifferenceReader:
-    """Reads what a `DifferenceSender` with the same empty scene writes, message after message."""
+    """Reader of a `DifferenceSender`'s messages, with the same empty scene."""
 
     def __init__(self, scene: EmptyScene) -> None:
         self.scene = scene
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """The image of a message. Raises `MissedReference` for a difference from what never arrived; ValueError as
-        `toolkit.detection.link.foreground.decode_foreground`; the reader stays as it was."""
+        """Read the image of a message.
+
+        Raises `MissedReference` for a difference from a message that never arrived, and ValueError as
+        `toolkit.detection.link.foreground.decode_foreground`; the reader then stays as it was.
+        """
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
             header, steps, sent, missing = read_foreground(message, self.scene)
             self._reference = Reference.of(header.number, header.step_mm, steps, sent)
-            return drawn_about(header, self.scene, steps, sent, missing)
+            return draw_about(header, self.scene, steps, sent, missing)
         check_header(header, MessageKind.DIFFERENCE, **expected_header(self.scene))
         if len(content) < _REFERS.size:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
@@ -159,14 +184,14 @@ class DifferenceReader:
                 f"a difference has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm"
             )
         steps, sent, end = decode_difference(content, _REFERS.size, reference)
-        restored = drawn_about(header, self.scene, steps, sent, decode_missing(content, end, sent))
+        restored = draw_about(header, self.scene, steps, sent, decode_missing(content, end, sent))
         if goes_on:
             self._reference = reference.after(header.number, steps, sent)
         return restored
 
 
 def check_differences(refers_to: str, key_every: int) -> None:
-    """ValueError where these are none of a `DifferenceSender`."""
+    """Raise ValueError unless a `DifferenceSender` takes these."""
     if refers_to not in REFERS_TO:
         raise ValueError(f"differences refer to {' or '.join(REFERS_TO)}, got {refers_to!r}")
     whole = isinstance(key_every, int | np.integer) and not isinstance(key_every, bool)
@@ -184,8 +209,11 @@ _FINE = 1 << _FINE_BITS  # parts of a step
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What sender and reader know. number: of the last message in it; step_mm: of its numbers; fine: mean measurement
-    of every pixel in 16ths of a step; images: that it is the mean of, 0 where the last message sent nothing."""
+    """Shared state of sender and reader.
+
+    number: of the last message in it; step_mm: of its numbers; fine: mean measurement of every pixel in 16ths of a
+    step; images: number of images in the mean, 0 for pixels that the last message did not send.
+    """
 
     number: int
     step_mm: int
@@ -196,30 +224,33 @@ class Reference:
     def of(
         number: int, step_mm: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Reference:
-        """After an image that was sent whole."""
+        """Start from an image that was sent whole."""
         return Reference(number, step_mm, np.where(sent, _FINE * steps, 0), sent.astype(np.int64))
 
     @cached_property
     def checksum(self) -> int:
-        """CRC-32 of all it holds: sender and reader have the same reference where it is equal."""
+        """CRC-32 of the state: equal if sender and reader share it."""
         pixels = np.flatnonzero(self.images)
         parts = (np.array([self.number, self.step_mm]), pixels, self.fine.ravel()[pixels], self.images.ravel()[pixels])
         return zlib.crc32(np.concatenate(parts).astype("<i8").tobytes())
 
     @cached_property
     def known(self) -> Bool[np.ndarray, "rows columns"]:
-        """The pixels it has."""
+        """Mask of the pixels it has."""
         return self.images > 0
 
     @cached_property
     def rounded(self) -> Int64[np.ndarray, "rows columns"]:
-        """In whole steps."""
-        return _rounded(self.fine)
+        """Mean measurements in whole steps."""
+        return _round_steps(self.fine)
 
     def after(
         self, number: int, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Reference:
-        """After one more image: means go on where pixels stand, and begin anew where they do not."""
+        """State after one more image.
+
+        Means continue where pixels stand still, and start anew where they do not.
+        """
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
         before = self.fine[sent]
@@ -231,20 +262,20 @@ class Reference:
     def standing(
         self, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
     ) -> Bool[np.ndarray, "rows columns"]:
-        """The sent pixels that measure what it says."""
+        """Mask of sent pixels that measure what it says."""
         most = max(1, (STILL_MM + self.step_mm // 2) // self.step_mm)
         both = sent & self.known
         stands = both.copy()
-        stands[both] = np.abs(steps[both] - _rounded(self.fine[both])) <= most
+        stands[both] = np.abs(steps[both] - _round_steps(self.fine[both])) <= most
         return stands
 
 
 def still_squares(
     reference: Reference, steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"]
 ) -> Bool[np.ndarray, "down across"]:
-    """In which squares the reference predicts better than neighbours do."""
-    stands = _counted(reference.standing(steps, sent))
-    return (stands > 0) & (stands > STILL_SHARE * _counted(reference.known))
+    """Mark squares that the reference predicts better than neighbours do."""
+    stands = _count_pixels(reference.standing(steps, sent))
+    return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
 
 
 def encode_difference(
@@ -253,11 +284,14 @@ def encode_difference(
     reference: Reference,
     squares: Bool[np.ndarray, "down across"],
 ) -> bytes:
-    """The sent pixels as bytes; squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on,
-    and for an image of another shape."""
+    """Encode the sent pixels.
+
+    squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and for an image of another
+    shape.
+    """
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
-    there = _counted(reference.known) > 0
+    there = _count_pixels(reference.known) > 0
     still = reference.known & _spread(squares & there, steps.shape)
     by_reference = sent & still
     whole, towards = _predictions(reference, by_reference)
@@ -265,7 +299,7 @@ def encode_difference(
     return (
         write_fixed(squares[there].astype(np.int64), 1)
         + encode_mask(sent ^ still)
-        + pack_integers(folded(residuals))
+        + pack_integers(fold(residuals))
         + encode_values(steps, sent & ~still, by_reference)
     )
 
@@ -273,10 +307,13 @@ def encode_difference(
 def decode_difference(
     content: bytes, start: int, reference: Reference
 ) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], int]:
-    """Steps, 0 where none is sent, and which pixels are, that begin at `start`, and where they end. Raises ValueError
-    for bytes that `encode_difference` does not write."""
+    """Decode pixels that begin at `start`.
+
+    Returns steps (0 for pixels that are not sent), the mask of sent pixels, and the end. Raises ValueError for bytes
+    that `encode_difference` does not write.
+    """
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
-    there = _counted(reference.known) > 0
+    there = _count_pixels(reference.known) > 0
     chosen, start = read_fixed(content, start, int(there.sum()), 1)
     squares = np.zeros(there.shape, bool)
     squares[there] = chosen.astype(bool)
@@ -289,27 +326,27 @@ def decode_difference(
         raise ValueError(f"{by_reference.sum()} pixels stand still, got {len(residuals)} residuals")
     steps = np.zeros(shape, np.int64)
     whole, towards = _predictions(reference, by_reference)
-    measured = steps[by_reference] = whole + towards * unfolded(residuals)
+    measured = steps[by_reference] = whole + towards * unfold(residuals)
     if len(measured) and not (measured.min() >= 0 and measured.max() < MOST_STEPS):
         raise ValueError("measurements of steps that cannot be: the message is damaged")
     others, end = decode_values(content, start, sent & ~still, (steps, by_reference))
     return steps + others, sent, end
 
 
-def _rounded(fine: np.ndarray) -> np.ndarray:
-    """In whole steps, halves up."""
+def _round_steps(fine: np.ndarray) -> np.ndarray:
+    """Round to whole steps, halves up."""
     return (fine + _FINE // 2) >> _FINE_BITS
 
 
 def _predictions(reference: Reference, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of some pixels the reference in whole steps, and 1 where it was rounded down, else -1."""
+    """Reference of pixels in whole steps, and 1 where it was rounded down, else -1."""
     fine = reference.fine[pixels]
-    whole = _rounded(fine)
+    whole = _round_steps(fine)
     return whole, np.where(fine >= _FINE * whole, 1, -1)
 
 
-def _counted(mask: np.ndarray) -> np.ndarray:
-    """How many pixels of a mask lie in each square."""
+def _count_pixels(mask: np.ndarray) -> np.ndarray:
+    """Count the pixels of a mask in each square."""
     (rows, columns), (row, column) = mask.shape, np.nonzero(mask)
     down, across = -(-rows // SQUARE), -(-columns // SQUARE)
     counts = np.bincount(row // SQUARE * across + column // SQUARE, minlength=down * across)
@@ -317,13 +354,18 @@ def _counted(mask: np.ndarray) -> np.ndarray:
 
 
 def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The mask of all pixels of some squares."""
+    """Mask of all pixels of some squares."""
     return squares.repeat(SQUARE, axis=0).repeat(SQUARE, axis=1)[: shape[0], : shape[1]]
 
 
 @dataclass(frozen=True)
 class ForegroundDifferences(SendsForeground):
-    """step, sigmas: as of `Foreground`; refers_to, key_every: as of `DifferenceSender`. Raises ValueError as these."""
+    """`Foreground` with messages that say what changed.
+
+    The same points arrive, so the detections are the same; only the bytes differ. Pass a memory from view to view
+    (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent whole. step, sigmas: as
+    of `Foreground`; refers_to, key_every: as of `DifferenceSender`. Raises ValueError as these.
+    """
 
     step: float = 0.02
     refers_to: RefersTo = "previous"
@@ -336,7 +378,7 @@ class ForegroundDifferences(SendsForeground):
         check_differences(self.refers_to, self.key_every)
 
     def needed(self, number: int, /) -> range:
-        """Which messages, counted from a whole image, must have arrived for one to be read, itself the last.
+        """Numbers of the messages needed to read one, itself the last.
 
         >>> ForegroundDifferences(key_every=10).needed(12), ForegroundDifferences(refers_to="key").needed(12)
         (range(10, 13), range(10, 13, 2))
@@ -345,16 +387,16 @@ class ForegroundDifferences(SendsForeground):
         return range(whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1))
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> list[int]:
-        """The bits that sensors send of a frame, whether or not they arrive."""
+        """Bits that sensors send of a frame, arrived or not."""
         return [self._transmitted(view, sensor).bits for sensor in sensors]
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
-        """The restored cloud of a sensor, and the bits of its message."""
+        """Restored cloud of a sensor, and the bits of its message."""
         captured, scene = view.captured(sensor), view.scene(sensor)
         sender, reader = view.remembered(sensor, self.digest, lambda: self._begun(view, sensor))
         out = standing_out(captured, scene, self.sigmas)
         message = sender.write(captured.sending(out.pixels), out.missing)
-        return restored_points(captured, scene, reader.read(message))[0], 8 * len(message)
+        return restore_points(captured, scene, reader.read(message))[0], 8 * len(message)
 
     def _begun(self, view: View, sensor: int) -> tuple[DifferenceSender, DifferenceReader]:
         scene = view.scene(sensor)

@@ -1,12 +1,21 @@
-"""Whole numbers from 0 on as few bytes: small ones and the sizes of large ones deflated, the lower bits as they are.
+"""Lossless coding of whole numbers and of the pixels of range images.
 
-A number below 8 is its own symbol; one of e > 3 bits has the symbol 8 + 2 (e - 4) + its second bit, and its lower e - 2
-bits follow apart. On the wire:
+Numbers: a number below 8 is its own symbol; one of e > 3 bits has the symbol 8 + 2 (e - 4) + its second bit, and its
+lower e - 2 bits follow apart. On the wire:
 
     count     variable length, 7 bits a byte, lowest first
     length    variable length: of the next part
     symbols   a byte for each number, raw deflate (RFC 1951), by the strategy that makes it the shortest
     bits      the lower bits of all large numbers, highest first, filled with zeros to a whole byte
+
+Pixels in whole steps: the mask is coded by the places where it changes along the rows, or by those where it differs
+from its left and upper neighbours, whichever takes less; their distances are packed. Measurements are predicted from
+earlier pixels (left, up, upper left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on
+Image Processing 9, 2000) if these are in the mask, else from those that are. On the wire:
+
+    way        uint8: 0 changes along the rows, 1 changes against left and up
+    mask       packed: distance from each change to the next, the first from the pixel before the first
+    residuals  packed: measured less predicted, as 2r for r >= 0 and -2r - 1 below, pixel after pixel of the mask
 """
 
 from __future__ import annotations
@@ -23,25 +32,30 @@ _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
-    """Numbers as bytes. Raises ValueError for one below 0 or above 2^32 - 1."""
+    """Pack numbers as bytes.
+
+    Raises ValueError for a number below 0 or above 2^32 - 1.
+    """
     if len(values) and not (values.min() >= 0 and values.max() <= LARGEST):
         raise ValueError(f"numbers from 0 to {LARGEST} are packed, got {values.min()} to {values.max()}")
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
     low = np.where(values < _SMALL, 0, size - 2)
     second = (values >> low) & 1
     symbols = np.where(values < _SMALL, values, _SMALL + 2 * (size - _FIRST_SIZE) + second)
-    deflated = _deflated(symbols.astype(np.uint8).tobytes())
-    return _variable(len(values)) + _variable(len(deflated)) + deflated + _written(values, low)
+    deflated = _deflate(symbols.astype(np.uint8).tobytes())
+    return _variable(len(values)) + _variable(len(deflated)) + deflated + _write_bits(values, low)
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Numbers that begin at `start`, and where they end. Raises ValueError where there are more than `most`, or bytes
-    that `pack_integers` does not write."""
+    """Unpack numbers that begin at `start`, and return their end.
+
+    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write.
+    """
     count, start = _read_variable(data, start)
     if count > most:
         raise ValueError(f"there are {count} packed numbers where at most {most} can be")
     length, start = _read_variable(data, start)
-    symbols = _inflated(data[start : start + length], count).astype(np.int64)
+    symbols = _inflate(data[start : start + length], count).astype(np.int64)
     if len(symbols) and symbols.max() > _SMALL + 2 * (32 - _FIRST_SIZE) + 1:
         raise ValueError(f"packed numbers have symbols up to {_SMALL + 57}, got {symbols.max()}")
     half, second = np.divmod(np.maximum(symbols - _SMALL, 0), 2)
@@ -51,19 +65,25 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
 
 
 def write_fixed(values: Int64[np.ndarray, " n"], width: int) -> bytes:
-    """Numbers of `width` bits each, highest first, filled with zeros to a whole byte."""
-    return _written(values, np.full(len(values), width))
+    """Write numbers of `width` bits each, highest first.
+
+    Zeros fill the last byte.
+    """
+    return _write_bits(values, np.full(len(values), width))
 
 
 def read_fixed(data: bytes, start: int, count: int, width: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """What `write_fixed` wrote, and where it ends. Raises ValueError where bytes are missing or filled otherwise."""
+    """Read numbers of `write_fixed`, and return their end.
+
+    Raises ValueError if bytes are missing or filled otherwise.
+    """
     if count * width > 8 * (len(data) - start):
         raise ValueError(f"{count} numbers of {width} bits do not fit the {len(data) - start} bytes that follow")
     return _read_bits(data, start, np.full(count, width))
 
 
-def _written(values: np.ndarray, width: np.ndarray) -> bytes:
-    """The lower bits of each number, so many of each."""
+def _write_bits(values: np.ndarray, width: np.ndarray) -> bytes:
+    """Write the lower `width` bits of each number."""
     place = _places(width)
     return np.packbits((np.repeat(values, width) >> place) & 1).tobytes()
 
@@ -82,12 +102,12 @@ def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """The place of every bit in its number, from the highest down."""
+    """Place of every bit in its number, from the highest down."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
 
-def _deflated(data: bytes) -> bytes:
+def _deflate(data: bytes) -> bytes:
     made = []
     for strategy in _STRATEGIES:
         packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
@@ -95,8 +115,11 @@ def _deflated(data: bytes) -> bytes:
     return min(made, key=len)
 
 
-def _inflated(data: bytes, count: int) -> np.ndarray:
-    """So many bytes. Raises ValueError where there are others."""
+def _inflate(data: bytes, count: int) -> np.ndarray:
+    """Inflate `count` bytes.
+
+    Raises ValueError for any other number of bytes.
+    """
     opener = zlib.decompressobj(-15)
     try:
         content = opener.decompress(data, count + 1)
@@ -108,7 +131,7 @@ def _inflated(data: bytes, count: int) -> np.ndarray:
 
 
 def _variable(number: int) -> bytes:
-    """7 bits a byte, lowest first; the highest bit says that more follow."""
+    """Write 7 bits a byte, lowest first; the highest bit says that more follow."""
     out = bytearray()
     while number > 127:
         out.append(number & 127 | 128)
@@ -133,14 +156,20 @@ _ALONG_ROWS, _LEFT_AND_UP = 0, 1
 
 
 def encode_pixels(steps: Int64[np.ndarray, "rows columns"], mask: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """The pixels of the mask as bytes. Raises ValueError for steps below 0 or from 2^24 on."""
+    """Encode the pixels of the mask.
+
+    Raises ValueError for steps below 0 or from 2^24 on.
+    """
     return encode_mask(mask) + encode_values(steps, mask)
 
 
 def decode_pixels(
     content: bytes, shape: tuple[int, int]
 ) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
-    """Steps, 0 outside the mask, and the mask. Raises ValueError for bytes that `encode_pixels` does not write."""
+    """Decode steps (0 outside the mask) and the mask.
+
+    Raises ValueError for bytes that `encode_pixels` does not write.
+    """
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
         raise ValueError(
@@ -152,21 +181,23 @@ def decode_pixels(
 def read_pixels(
     content: bytes, start: int, shape: tuple[int, int]
 ) -> tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], int]:
-    """The same of pixels that begin at `start`, and where they end."""
+    """Decode pixels that begin at `start`, and return their end."""
     mask, start = decode_mask(content, start, shape)
     steps, end = decode_values(content, start, mask)
     return steps, mask, end
 
 
 def encode_mask(mask: Bool[np.ndarray, "rows columns"]) -> bytes:
-    """Which pixels are marked, in the shorter of both ways."""
+    """Encode a mask in the shorter of both ways."""
     ways = [bytes([way]) + pack_integers(_distances(_changes(mask, way))) for way in (_ALONG_ROWS, _LEFT_AND_UP)]
     return min(ways, key=len)
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Bool[np.ndarray, "rows columns"], int]:
-    """The mask that begins at `start`, and where it ends. Raises ValueError for bytes that `encode_mask` does not
-    write."""
+    """Decode the mask that begins at `start`, and return its end.
+
+    Raises ValueError for bytes that `encode_mask` does not write.
+    """
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
         raise ValueError("the content of an image begins with 0 or 1: it is damaged or none")
@@ -176,7 +207,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Boo
     if len(distances) and not (distances.min() > 0 and places[-1] < len(changes)):
         raise ValueError(f"changes of the mask lie outside its {rows} x {columns} pixels")
     changes[places] = True
-    return _from_changes(changes.reshape(shape), content[start]), end
+    return _undo_changes(changes.reshape(shape), content[start]), end
 
 
 def encode_values(
@@ -184,12 +215,14 @@ def encode_values(
     mask: Bool[np.ndarray, "rows columns"],
     given: Bool[np.ndarray, "rows columns"] | None = None,
 ) -> bytes:
-    """What the pixels of a mask measure; given: other pixels, which the reader knows already. Raises ValueError for
-    steps below 0 or from 2^24 on."""
+    """Encode measurements of the pixels of a mask.
+
+    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on.
+    """
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
         raise ValueError(f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to {values.max()}")
-    return pack_integers(folded(values - _predicted(steps, mask, given)))
+    return pack_integers(fold(values - _predict(steps, mask, given)))
 
 
 def decode_values(
@@ -198,25 +231,27 @@ def decode_values(
     mask: Bool[np.ndarray, "rows columns"],
     given: tuple[Int64[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]] | None = None,
 ) -> tuple[Int64[np.ndarray, "rows columns"], int]:
-    """Steps of the pixels of a mask, 0 elsewhere, that begin at `start`, and where they end; given: steps and mask of
-    other pixels, which are known. Raises ValueError for bytes that `encode_values` does not write."""
+    """Decode steps of the pixels of a mask (0 elsewhere) that begin at `start`, and return their end.
+
+    given: steps and mask of other known pixels. Raises ValueError for bytes that `encode_values` does not write.
+    """
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
-    return _added_up(mask, unfolded(residuals), given), end
+    return _add_up(mask, unfold(residuals), given), end
 
 
-def folded(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Whole numbers as such from 0 on, those near 0 first.
+def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+    """Map whole numbers to those from 0 on, small absolute values first.
 
-    >>> folded(np.array([0, -1, 1, -2]))
+    >>> fold(np.array([0, -1, 1, -2]))
     array([0, 1, 2, 3])
     """
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
-def unfolded(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """What `folded` made these of."""
+def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+    """Inverse of `fold`."""
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
@@ -230,7 +265,7 @@ def _changes(mask: np.ndarray, way: int) -> np.ndarray:
     return changed.ravel()
 
 
-def _from_changes(changes: np.ndarray, way: int) -> np.ndarray:
+def _undo_changes(changes: np.ndarray, way: int) -> np.ndarray:
     if way == _ALONG_ROWS:
         return np.logical_xor.accumulate(changes.ravel()).reshape(changes.shape)
     return np.logical_xor.accumulate(np.logical_xor.accumulate(changes, axis=1), axis=0)
@@ -240,8 +275,8 @@ def _distances(changes: np.ndarray) -> np.ndarray:
     return np.diff(np.flatnonzero(changes), prepend=-1)
 
 
-def _predicted(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
-    """Of every pixel of the mask; see `_added_up`, which does the same one after another."""
+def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
+    """Predict every pixel of the mask, as `_add_up` does one after another."""
     at, wide = _padded_places(mask)
     known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
     if given is not None:
@@ -257,10 +292,8 @@ def _predicted(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = N
     return np.where(less >= 0, both, np.where(more >= 0, single, corner))
 
 
-def _added_up(
-    mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None
-) -> np.ndarray:
-    """Steps from what they differ by from their prediction: each pixel needs those before it."""
+def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+    """Add residuals to predictions, pixel after pixel."""
     at, wide = _padded_places(mask)
     known = [-1] * ((mask.shape[0] + 1) * wide)
     if given is not None:
@@ -299,7 +332,9 @@ def _added_up(
 
 
 def _padded_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Where the pixels of a mask stand, row after row, in an image with a row before and a column on either side, and
-    how wide that is."""
+    """Places of a mask's pixels in an image padded by a row before and a column on either side.
+
+    Returns its width too.
+    """
     pixels, columns = np.flatnonzero(mask), mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

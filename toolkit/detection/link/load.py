@@ -1,4 +1,4 @@
-"""What messages take of a link: rate, packets, and the share of the capacity of usual links.
+"""Load of messages on a link: rate, packets, and share of usual capacities.
 
 A packet carries at most 1400 bytes of a message, so that with the headers of IP and UDP it fits an Ethernet frame, and
 a message of up to that size arrives whole or not at all. Capacities are nominal, shared by all who send, and hold what
@@ -27,9 +27,11 @@ CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """What some sensors put on a link together. rate: frames per second of each (Hz); mbit_per_s: of all of them;
-    packets: per message, in the mean; one_packet: share of the messages that fit one; shares: of the capacity of each
-    link, by its name."""
+    """Load of some sensors on a shared link.
+
+    rate: frames per second of each (Hz); mbit_per_s: of all of them; packets: mean number per message; one_packet:
+    share of messages that fit one packet; shares: of the capacity of each link, by its name.
+    """
 
     rate: float
     mbit_per_s: float
@@ -38,47 +40,52 @@ class LinkLoad:
     shares: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return dict(vars(self))
 
 
 @dataclass(frozen=True)
 class SetLoad:
-    """The load of one scheme and sensor set (indices)."""
+    """Load of one scheme and sensor set (indices)."""
 
     scheme: str
     sensors: tuple[int, ...]
     load: LinkLoad
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return {"scheme": self.scheme, "sensors": self.sensors, **self.load.as_dict()}
 
 
-def packets_of(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shape"]:
-    """Packets that messages of so many bits take.
+def count_packets(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shape"]:
+    """Number of packets for messages of these bits.
 
-    >>> packets_of(np.array([0, 8, 11200, 11201]))
+    >>> count_packets(np.array([0, 8, 11200, 11201]))
     array([0, 1, 1, 2])
     """
     return -(-np.asarray(bits, np.int64) // (8 * PACKET))
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """The load of what every sensor sent in every frame, sent at a rate (Hz). Raises ValueError for a rate not above 0
-    and without messages."""
+    """Load of the messages of every sensor in every frame, at a rate (Hz).
+
+    Raises ValueError for a rate not above 0 and without messages.
+    """
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:
         raise ValueError(f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} sensors")
-    packets: Float64[np.ndarray, "..."] = packets_of(bits).astype(np.float64)
+    packets: Float64[np.ndarray, "..."] = count_packets(bits).astype(np.float64)
     mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
     shares = {name: mbit / capacity for name, capacity in CAPACITIES.items()}
     return LinkLoad(float(rate), mbit, float(packets.mean()), float((packets <= 1).mean()), shares)
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
-    """What schemes and sensor sets put on a link: a line for each, a column of the share of each link's capacity."""
+    """Format the load of schemes and sensor sets.
+
+    A line for each, a column with the share of each link's capacity.
+    """
     table = [["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES]]
     for each in loads:
         load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]

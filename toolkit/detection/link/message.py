@@ -1,4 +1,4 @@
-"""The frame of every message from a sensor to the fusion centre: a header, a content, a checksum. All little-endian.
+"""Messages from a sensor to the fusion centre: header, content, checksum.
 
     offset  bytes  type    field
     0       2      bytes   "cv"
@@ -34,7 +34,7 @@ _LARGEST = {"sensor": 32, "number": 32, "time_us": 64, "step_mm": 16, "rows": 16
 
 
 class MessageKind(IntEnum):
-    """What a message holds."""
+    """Kind of a message's content."""
 
     RANGE_IMAGE = 1
     FOREGROUND = 2
@@ -44,8 +44,10 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class MessageHeader:
-    """What is said of a message beside its content; fields as in the table above. Raises ValueError for a number that
-    does not fit its field."""
+    """Header of a message; fields as in the table above.
+
+    Raises ValueError for a number that does not fit its field.
+    """
 
     kind: MessageKind
     sensor: int = 0
@@ -64,17 +66,17 @@ class MessageHeader:
 
     @property
     def time(self) -> float:
-        """When it was measured (s)."""
+        """Time of measurement (s)."""
         return self.time_us / 1e6
 
     @property
     def step(self) -> float:
-        """Of the numbers in it (m)."""
+        """Step of the numbers (m)."""
         return self.step_mm / 1000
 
 
 def sensor_number(name: str) -> int:
-    """By which messages say whose they are.
+    """Number of a sensor in messages.
 
     >>> sensor_number("d0")
     1720814832
@@ -83,7 +85,10 @@ def sensor_number(name: str) -> int:
 
 
 def step_in_mm(step: float) -> int:
-    """A step (m) as messages hold it. Raises ValueError where it is no whole number of millimetres from 1 to 65535."""
+    """Convert a step (m) for messages.
+
+    Raises ValueError unless it is a whole number of millimetres from 1 to 65535.
+    """
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(f"step must be a whole number of millimetres, 0.001 to 65.535 m, got {step}: such as 0.02")
@@ -91,21 +96,27 @@ def step_in_mm(step: float) -> int:
 
 
 def time_in_us(time: float) -> int:
-    """Seconds as messages hold them. Raises ValueError for a negative time or none."""
+    """Convert seconds for messages.
+
+    Raises ValueError for a negative time or NaN.
+    """
     if not 0 <= time < 2**43:
         raise ValueError(f"time of a message must be seconds from 0 on, got {time}")
     return round(time * 1e6)
 
 
 def write_message(header: MessageHeader, content: bytes) -> bytes:
-    """A message as bytes."""
+    """Write a message as bytes."""
     fields = (header.sensor, header.number, header.time_us, header.step_mm, header.rows, header.columns, header.scene)
     body = _HEADER.pack(MAGIC, MESSAGE_VERSION, header.kind, *fields) + content
     return body + _CHECKSUM.pack(zlib.crc32(body))
 
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
-    """Header and content of a message. Raises ValueError where it is cut off, damaged, none or of another version."""
+    """Read header and content of a message.
+
+    Raises ValueError if it is cut off, damaged, no message or of another version.
+    """
     if len(message) < OVERHEAD:
         raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off or none")
     body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
@@ -126,7 +137,7 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 
 
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
-    """ValueError where a message is of another kind, sensor, shape, scene or step than is expected."""
+    """Raise ValueError for a message of another kind, sensor, shape, scene or step."""
     if header.kind != kind:
         raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
     for name, value in expected.items():
@@ -140,7 +151,7 @@ REMEMBERED = 1024  # numbers of messages that were taken, for telling what is la
 
 
 class Arrival(Enum):
-    """What became of a message."""
+    """Outcome of a message."""
 
     TAKEN = "taken"
     DUPLICATE = "duplicate"
@@ -148,9 +159,12 @@ class Arrival(Enum):
 
 
 class Inbox:
-    """Of the sensor with this number, see `toolkit.detection.link.message.sensor_number`.
+    """Messages of one sensor, each taken once and none after a newer one.
 
-    latest: header of the last message taken, None before the first; taken, duplicates, late: how many.
+    sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
+    duplicates, late: counts. Every arrival is read first, so a damaged message is a ValueError and changes nothing. A
+    message with a number not above the last one is a duplicate, if that number was taken before, or else late; both are
+    counted and not shown. Skipped numbers are lost until they arrive late.
     """
 
     def __init__(self, sensor: int) -> None:
@@ -161,8 +175,11 @@ class Inbox:
         self._first = self._missing = 0
 
     def receive(self, message: bytes) -> Arrival:
-        """Take a message or say why not. Raises ValueError where it is damaged, another sensor's, or its time runs
-        backwards while its number does not; the inbox stays as it was."""
+        """Take a message, or return why not.
+
+        Raises ValueError for a damaged message, another sensor's, or a time that runs backwards while numbers do not;
+        the inbox then stays as it was.
+        """
         header, _ = read_message(message)
         if header.sensor != self.sensor:
             raise ValueError(f"expected a message with sensor {self.sensor}, got {header.sensor}: it is another's")
@@ -190,9 +207,9 @@ class Inbox:
 
     @property
     def lost(self) -> int:
-        """Messages that were numbered between the first and the last one taken and have not arrived."""
+        """Number of messages between the first and the last one taken that have not arrived."""
         return self._missing
 
     def age(self, now: float) -> float:
-        """Seconds since the measurement that is shown, infinite before the first."""
+        """Seconds since the shown measurement, infinite before the first."""
         return float("inf") if self.latest is None else now - self.latest.time

@@ -1,4 +1,7 @@
-"""Boxes as bytes and back: 2 cm, half a degree, 9 bits of score.
+"""`RangeImages`: the codec for images of measurements and boxes, as bytes.
+
+Points are sent as the pixels of their image and arrive within half a step of the measurement, along the pixel's ray.
+Boxes are sent in steps of 2 cm and half a degree with 9 bits of score:
 
     count      uint16
     columns    for x, y, z, length, width, height (steps of 2 cm), yaw (steps of 0.5°, 0 to 719), score (0 to 511),
@@ -6,8 +9,8 @@
     numbers    column after column, each number less the least, filled with zeros to a whole byte after each column
 
 The order of the boxes stays. Yaw arrives between -180° and 180°, a score below 0 as 0 and one above 1 as 1. A score s
-is sent as 511 times the square root of 1 - s: sure ones lie close together, and say which of two boxes of an object
-stays.
+is sent as 511 times the square root of 1 - s: sure scores lie close together, and decide which of two boxes of an
+object stays.
 """
 
 from __future__ import annotations
@@ -45,8 +48,10 @@ MOST_BOXES = 65535
 
 
 def encode_boxes(detections: Detections) -> bytes:
-    """Boxes, scores and labels as bytes. Raises ValueError for more than 65535, and numbers that are not finite or too
-    large."""
+    """Encode boxes, scores and labels.
+
+    Raises ValueError for more than 65535 boxes, and for numbers that are not finite or too large.
+    """
     if len(detections) > MOST_BOXES:
         raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
     if not (np.isfinite(detections.boxes).all() and np.isfinite(detections.scores).all()):
@@ -69,7 +74,10 @@ def encode_boxes(detections: Detections) -> bytes:
 
 
 def decode_boxes(content: bytes) -> Detections:
-    """What `encode_boxes` wrote. Raises ValueError for other bytes."""
+    """Decode the boxes of `encode_boxes`.
+
+    Raises ValueError for other bytes.
+    """
     if len(content) < _COUNT.size:
         raise ValueError("the content of boxes begins with their count: it is cut off")
     (count,) = _COUNT.unpack_from(content)
@@ -107,7 +115,10 @@ STEPS = (0.02, 0.04, 0.08)  # m, those that are usual
 
 @dataclass(frozen=True)
 class RangeImages:
-    """Range images in whole steps (m). Raises ValueError for a step that messages cannot say."""
+    """Codec of range images in whole steps (m).
+
+    Raises ValueError for a step that messages cannot express.
+    """
 
     step: float = 0.02
 
@@ -120,14 +131,17 @@ class RangeImages:
         return repr(self)
 
     def encode_image(self, image: RangeImage, /) -> Message:
-        """The pixels of an image that return something, as bytes."""
+        """Encode the pixels of an image that return something."""
         sent = returned(image.measurement, image.sensor.model.max_range)
         header = image_header(MessageKind.RANGE_IMAGE, image, self.step)
         content = write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> Float32[np.ndarray, "rows columns"]:
-        """The image, 0 where nothing was sent. Raises ValueError for a message that is damaged or of another sensor."""
+        """Decode an image, 0 where nothing was sent.
+
+        Raises ValueError for a message that is damaged or of another sensor.
+        """
         header, content = read_message(message.content)
         rows, columns = sensor.model.shape
         expected = {"sensor": sensor_number(sensor.name), "rows": rows, "columns": columns}
@@ -135,36 +149,39 @@ class RangeImages:
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
-        """Raises ValueError: points alone do not say which pixels they are."""
+        """Raise ValueError: points alone do not say which pixels they are."""
         raise ValueError(
             f"{self} sends images, got {len(points)} points alone: take PaperCodec where there are no images"
         )
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
-        """Raises ValueError, as `encode_points`."""
+        """Raise ValueError, as `encode_points`."""
         raise ValueError(f"{self} sends images, got points of {message.bits} bits")
 
     def encode_boxes(self, detections: Detections, /) -> Message:
-        """Boxes in steps of 2 cm and 0.5°, as bytes."""
+        """Encode boxes in steps of 2 cm and 0.5°."""
         content = write_message(
             MessageHeader(MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP)), encode_boxes(detections)
         )
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, /) -> Detections:
-        """The boxes. Raises ValueError for a message that is damaged."""
+        """Decode boxes.
+
+        Raises ValueError for a damaged message.
+        """
         header, content = read_message(message.content)
         check_header(header, MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP))
         return decode_boxes(content)
 
     def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Float64[np.ndarray, "*shape"]:
-        """Expected bits: an estimate, since the size of a message depends on what it shows."""
+        """Estimate the bits; the size of a message depends on its content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * OVERHEAD)
 
 
 def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int = 0) -> MessageHeader:
-    """The header of a message that holds an image."""
+    """Header of a message that holds an image."""
     rows, columns = image.sensor.model.shape
     return MessageHeader(
         kind,
@@ -181,7 +198,7 @@ def image_header(kind: MessageKind, image: RangeImage, step: float, scene: int =
 def to_steps(
     measurement: Float32[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float
 ) -> Int64[np.ndarray, "rows columns"]:
-    """Measurements in whole steps, 0 where none is sent."""
+    """Convert measurements to whole steps, 0 for pixels that are not sent."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
@@ -190,7 +207,10 @@ def to_steps(
 def from_steps(
     steps: Int64[np.ndarray, "rows columns"], sent: Bool[np.ndarray, "rows columns"], step: float, model: SensorModel
 ) -> Float32[np.ndarray, "rows columns"]:
-    """What the steps of the pixels that were sent measure (m), never nothing and never from the model's range on."""
+    """Convert steps of sent pixels to measurements (m).
+
+    Never 0 and always below the model's range.
+    """
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
     measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
@@ -200,10 +220,12 @@ def from_steps(
 CODECS = ("paper", "range-images")
 
 
-def codec_named(name: str, *, step: float = 0.02) -> Codec:
-    """The codec of that name; step: of measurements (m), where it has one. Raises ValueError that lists what there is.
+def find_codec(name: str, *, step: float = 0.02) -> Codec:
+    """Return the codec of that name.
 
-    >>> codec_named("range-images", step=0.04)
+    step: of measurements (m), if it has one. Raises ValueError that lists the names.
+
+    >>> find_codec("range-images", step=0.04)
     RangeImages(step=0.04)
     """
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))

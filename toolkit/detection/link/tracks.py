@@ -1,4 +1,4 @@
-"""`Tracks`: where what was detected a moment ago is now, at constant velocity.
+"""`Tracks`: current places of earlier detections, at constant velocity.
 
 Each track is a Kalman filter of position and velocity in the ground plane (Bar-Shalom, Li and Kirubarajan: Estimation
 with Applications to Tracking and Navigation, 2001, section 6.2: white noise acceleration). A detection joins the
@@ -26,7 +26,7 @@ FORGOTTEN = 1.0  # s without a detection
 
 
 class Tracks:
-    """None at first; times in s."""
+    """Tracks of detected objects, none at first; times in s."""
 
     def __init__(self) -> None:
         self._time = 0.0
@@ -41,7 +41,10 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """What was detected in measurements of a time. Raises ValueError for a time before the last one."""
+        """Update with detections in measurements of a time.
+
+        Raises ValueError for a time before the last one.
+        """
         if len(self) and time < self._time:
             raise ValueError(f"detections come in the order of their times, got {time} s after {self._time} s")
         again = bool(len(self)) and time == self._time
@@ -63,7 +66,7 @@ class Tracks:
         self._forget()
 
     def at(self, time: float) -> Detections:
-        """What was detected last, where it is at another time."""
+        """Last detections, moved to another time."""
         speed = self._state[self._rows, 2:]
         variance = np.diagonal(self._covariance, axis1=1, axis2=2)[self._rows, 2:].sum(axis=1)
         sure = (speed**2).sum(axis=1) > SURE_SPEED**2 * variance
@@ -82,7 +85,7 @@ class Tracks:
         self._covariance = move @ self._covariance @ move.T + noise
 
     def _joined(self, detections: Detections) -> Int64[np.ndarray, " n"]:
-        """The track of each detection, -1 for none."""
+        """Track of each detection, -1 for none."""
         apart = np.linalg.norm(detections.boxes[:, None, :2] - self._state[None, :, :2], axis=2)
         apart[detections.labels[:, None] != self._labels[None]] = np.inf
         variance = np.diagonal(self._covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
@@ -102,7 +105,7 @@ class Tracks:
         self._covariance[rows] = covariance - gain @ covariance[:, :2, :]
 
     def _forget(self) -> None:
-        """Tracks without a detection for a while are gone."""
+        """Drop tracks without a recent detection."""
         kept = self._time - self._seen <= FORGOTTEN
         place = np.cumsum(kept) - 1
         self._rows = place[self._rows]

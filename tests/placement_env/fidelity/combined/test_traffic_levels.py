@@ -14,7 +14,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.traffic import scored
 from placement_env.fidelity.visibility import of_frames
 from placement_env.objective import Objective
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 
 SETS = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 1]], bool)
 
@@ -22,7 +22,7 @@ SETS = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 1]], bool)
 @pytest.fixture(scope="module")
 def made(small_traffic):
     preparation = Preparation(
-        site=small_traffic.site, candidates=paper_candidates(small_traffic.site), frames=5, scheme=scheme_of("early")
+        site=small_traffic.site, candidates=paper_candidates(small_traffic.site), frames=5, scheme=find_scheme("early")
     )
     vars(preparation)["traffic"] = small_traffic
     return preparation

@@ -8,7 +8,7 @@ import pytest
 from placement_env.fidelity.hits.hit_fit import Observed, fit
 from placement_env.fidelity.surrogate import Evidence, Surrogate
 from placement_env.subsets import MemberSums
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 
 SETS = np.random.default_rng(1).random((60, 12)) < 0.35
 
@@ -45,7 +45,7 @@ def made(made_visibility, model, seed, *, sets=SETS[:20], objects=160):
     seen = made_visibility(12, objects, seed=seed)
     if model.bulk:
         seen.boxes[::3, 3:6] = 6.0, 2.1, 2.6
-    evidence = Evidence(seen, scheme_of("early"), 20.0)
+    evidence = Evidence(seen, find_scheme("early"), 20.0)
     p = model.probability(*evidence.joined(MemberSums(evidence.rows(model, np.float64))(sets), model))
     p *= model.of_size(seen.boxes)
     hits = np.random.default_rng(seed + 50).random(p.shape) < p

@@ -148,10 +148,10 @@ def test_the_ap_is_that_of_an_evaluation(planned, cache):
     """As `Detected` says it, on the traffic of the third seed."""
     from placement_env.candidates.pool import paper_candidates
     from placement_env.fidelity.preparation import Preparation
-    from toolkit.detection.schemes import scheme_of
+    from toolkit.detection.schemes import find_scheme
 
     candidates = paper_candidates(SITE)
-    prepared = Preparation(site=SITE, candidates=candidates, frames=5, scheme=scheme_of("early"), seed=2, cache=cache)
+    prepared = Preparation(site=SITE, candidates=candidates, frames=5, scheme=find_scheme("early"), seed=2, cache=cache)
     detected = prepared.fidelity("detector")
     assert isinstance(detected, Detected)
     names = [sensor.name for sensor in candidates.sensors]

@@ -26,7 +26,7 @@ from placement_env.search.portfolio.evaluators import (
     evaluator_of,
     race_order,
 )
-from toolkit.detection.schemes import scheme_of
+from toolkit.detection.schemes import find_scheme
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 
 SETS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
@@ -38,7 +38,7 @@ def prepared(small_traffic):
         site=small_traffic.site,
         candidates=paper_candidates(small_traffic.site),
         frames=len(small_traffic),
-        scheme=scheme_of("early"),
+        scheme=find_scheme("early"),
     )
     vars(made).update(traffic=small_traffic, network="general")
     return made

@@ -13,7 +13,7 @@ from toolkit.detection.link.foreground import (
     Foreground,
     decode_foreground,
     decode_missing,
-    drawn_scene,
+    draw_scene,
     encode_foreground,
     scene_number,
     standing_out,
@@ -260,7 +260,7 @@ def wide_ground(sensor):
 def out_of(image, sensor=CAMERA, scene=None):
     captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, WIDE)
     scene = EmptyScene.of(sensor, wide_ground(sensor)) if scene is None else scene
-    return standing_out(captured, scene), drawn_scene(captured, scene).pixels
+    return standing_out(captured, scene), draw_scene(captured, scene).pixels
 
 
 def test_the_scene_itself_sends_nothing():

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from toolkit.detection.link.image_coding import (
     LARGEST,
     MOST_STEPS,
-    _added_up,
-    _predicted,
+    _add_up,
+    _predict,
     decode_pixels,
     encode_pixels,
     pack_integers,
@@ -124,9 +124,9 @@ def test_the_prediction_is_that_of_loco_i():
     """Left 7 and up 3 about upper left: the edge's other side, or the plane between."""
     for upper_left, guess in ((9, 3), (7, 3), (1, 7), (3, 7), (5, 5), (4, 6)):
         steps, mask = np.array([[upper_left, 3], [7, 100]]), np.ones((2, 2), bool)
-        assert _predicted(steps, mask)[3] == guess
+        assert _predict(steps, mask)[3] == guess
         residuals = np.array([upper_left, 3 - upper_left, 7 - upper_left, 100 - guess])
-        assert _added_up(mask, residuals)[1, 1] == 100
+        assert _add_up(mask, residuals)[1, 1] == 100
 
 
 @pytest.mark.parametrize(
@@ -142,14 +142,14 @@ def test_the_prediction_is_that_of_loco_i():
 def test_what_is_not_there_is_not_predicted_from(mask, guess):
     steps = np.array([[6, 2, 4], [8, 50, 0]])
     mask = np.array(mask, bool)
-    assert _predicted(steps, mask)[-1] == guess
+    assert _predict(steps, mask)[-1] == guess
     np.testing.assert_array_equal(decode_pixels(encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0))
 
 
 def test_a_pixel_alone_is_predicted_from_the_one_before():
     mask = np.zeros((3, 5), bool)
     mask[0, 4] = mask[2, 0] = True
-    assert _predicted(np.full((3, 5), 700), mask).tolist() == [0, 700]
+    assert _predict(np.full((3, 5), 700), mask).tolist() == [0, 700]
 
 
 def test_a_car_before_nothing_takes_little():

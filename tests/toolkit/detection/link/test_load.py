@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, format_loads, link_load, packets_of
+from toolkit.detection.link.load import CAPACITIES, PACKET, SetLoad, count_packets, format_loads, link_load
 
 
 def test_two_sensors_at_ten_hertz():
@@ -19,7 +19,7 @@ def test_two_sensors_at_ten_hertz():
 
 
 def test_packets_are_begun():
-    assert packets_of(np.array([0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000])).tolist() == [0, 1, 1, 2, 10]
+    assert count_packets(np.array([0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000])).tolist() == [0, 1, 1, 2, 10]
 
 
 def test_nonsense_is_refused():

@@ -11,9 +11,9 @@ from toolkit.detection.link.range_images import (
     CODECS,
     STEPS,
     RangeImages,
-    codec_named,
     decode_boxes,
     encode_boxes,
+    find_codec,
     from_steps,
 )
 from toolkit.objects import Detections
@@ -172,14 +172,14 @@ def test_it_is_a_codec_of_images_and_refuses_points_alone():
 
 
 def test_each_goes_by_its_name():
-    assert codec_named("paper") is PAPER
-    assert codec_named("range-images") == RangeImages(0.02)
-    assert codec_named("range-images", step=0.08) == RangeImages(0.08)
-    assert all(check_codec(codec_named(name)) for name in CODECS)
+    assert find_codec("paper") is PAPER
+    assert find_codec("range-images") == RangeImages(0.02)
+    assert find_codec("range-images", step=0.08) == RangeImages(0.08)
+    assert all(check_codec(find_codec(name)) for name in CODECS)
 
 
 def test_what_is_none_is_refused():
     with pytest.raises(ValueError, match="choose among paper, range-images"):
-        codec_named("zip")
+        find_codec("zip")
     with pytest.raises(ValueError, match="step must be"):
-        codec_named("range-images", step=0.0)
+        find_codec("range-images", step=0.0)
