@@ -283,7 +283,7 @@ def check_errors_for(errors: Errors, fidelity: str) -> None:
 def shipped_detector(network: str, site: Site) -> Detector:
     """A shipped network as it detects at a site. The general one was not trained there and would take some hedge for
     somebody in every frame, so it knows the site empty. It is made once, for whatever preparations there are."""
-    from toolkit.sites.geojson import dumps
+    from toolkit.sites.files import dumps
 
     return _detector_at(network, _Place(dumps(site), site))
 

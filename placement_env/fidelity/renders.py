@@ -186,7 +186,7 @@ class Recorded:
     @cached_property
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
-        from toolkit.sites.geojson import dumps
+        from toolkit.sites.files import dumps
 
         parts = [_code(self.sensors), self._noise_seed, dumps(self.site), *_beyond_noise(self.errors)]
         sha = sha256(" ".join(map(str, parts)).encode())

@@ -236,7 +236,7 @@ def make_table(
 
 def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
-    from toolkit.sites.geojson import dumps
+    from toolkit.sites.files import dumps
 
     mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
     return key_of(dumps(site, without=["hybrid_radius"]), mounted).hex()

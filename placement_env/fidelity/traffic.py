@@ -43,7 +43,7 @@ class Traffic:
 
     @cached_property
     def _digest(self) -> str:
-        from toolkit.sites.geojson import dumps
+        from toolkit.sites.files import dumps
 
         sha = sha256(dumps(self.site).encode())
         for body in self.bodies:

@@ -20,7 +20,7 @@ from placement_env.handover.ground import Ground, blind_polygons, visible_polygo
 from placement_env.handover.mounted import PlannedSensor
 from toolkit.runtime.files import write_text
 from toolkit.sites.files import save_site
-from toolkit.sites.gis import feature, feature_collection, mount_feature
+from toolkit.sites.georeference import feature, feature_collection, mount_feature
 from toolkit.sites.site import Mount, Site
 
 SCHEDULE, MAP, SITE = "schedule.csv", "plan.geojson", "site.json"

@@ -1,1 +1,1 @@
-"""Reinforcement learning on the environments, with Stable-Baselines3."""
+"""Learning: policies, Stable-Baselines3, training over many sites."""

@@ -1,9 +1,7 @@
-"""Adapter that lets Stable-Baselines3 train on the native vector environments.
+"""Stable-Baselines3 trains on the native vector environments as arrays; on all other environments one by one.
 
 vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64)
 MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
-
-All other environments are stepped one by one.
 """
 
 from __future__ import annotations
@@ -29,10 +27,9 @@ X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come n
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
-    """Adapt a vector environment for Stable-Baselines3 and sb3-contrib.
+    """A vector environment of `gymnasium.make_vec("coview/...")` as Stable-Baselines3 and sb3-contrib train on it.
 
-    vector: of `gymnasium.make_vec("coview/...")`; augment: see `SB3VecEnv`. Raises ValueError for a vector environment
-    that is not coview's own.
+    augment: see `SB3VecEnv`. Raises ValueError for a vector environment that is not coview's own.
     """
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
@@ -40,13 +37,12 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
     return SB3VecEnv(native, augment=augment)
 
 
-def vectorize(
+def vectorized(
     first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int, *, augment: bool = False
 ) -> VecEnv:
-    """Step n episodes of an environment and others like it together.
+    """n episodes of an environment and others like it, stepped together; those of ours share its scenarios.
 
-    Coview's own environments share its scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other
-    environment.
+    Raises ValueError where `augment`, of `SB3VecEnv`, is asked of an environment that is not ours.
     """
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
@@ -57,13 +53,13 @@ def vectorize(
 
 
 class SB3VecEnv(VecEnv):
-    """A native vector environment for Stable-Baselines3.
+    """A native vector environment for Stable-Baselines3: an episode that has ended starts anew within the step.
 
-    An episode that has ended restarts within the step. Infos are empty until an episode ends; then they hold its return
-    `r` and length `l` (`episode`, as in Stable-Baselines3's `Monitor`), its final set (`subset`), whether it was cut
-    off (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
+    Infos hold what a training reads and are empty until an episode ends: its return `r` and length `l` (`episode`, as
+    Stable-Baselines3's `Monitor` gives them), the set it ended with (`subset`), whether it was cut off
+    (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
 
-    augment: each episode's junction is rotated by a multiple of 90° and mirrored at random, as seen by agents.
+    augment: each episode's junction is rotated by a multiple of 90° and perhaps mirrored at random, as agents see it.
     """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
@@ -91,7 +87,7 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the actions: observations, rewards, ends and infos."""
+        """Take the actions: observations, rewards, which episodes have ended, infos."""
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._as_seen(observations)
         self._returns += rewards
@@ -129,11 +125,11 @@ class SB3VecEnv(VecEnv):
         self.vector.close()
 
     def get_images(self) -> tuple[Any, ...]:
-        """Picture of each episode, None without a render mode."""
+        """A picture of each episode, None where the vector environment was made without a render mode."""
         return self.vector.render() or (None,) * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Attribute of the vector environment, for each episode asked for."""
+        """An attribute of the vector environment, for each episode asked for."""
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -141,17 +137,17 @@ class SB3VecEnv(VecEnv):
         setattr(self.vector, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Result of a method such as `action_masks`, for each episode asked for."""
+        """What a method of the vector environment answers for each episode asked for, as `action_masks` does."""
         answers = getattr(self.vector, method_name)(*method_args, **method_kwargs)
         return [answers[index] for index in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
-        """Return True for `Monitor`, whose infos these are."""
+        """As if in a `Monitor`, whose infos these are; no other wrapper is there."""
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
 def rotations(rng: np.random.Generator, n: int) -> Float32[np.ndarray, "n 2 2"]:
-    """Draw rotations of the plane by multiples of 90°, half of them mirrored."""
+    """Rotations of the plane by random multiples of 90°, half of them mirrored."""
     cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
     side = rng.choice([-1, 1], n)
     return np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32).transpose(2, 0, 1)

@@ -46,7 +46,7 @@ def formats() -> dict[str, Format]:
         "sweep.feather": points.feather,
     }
     poses = {"poses.json": points.poses_json, "poses.txt": points.poses_text}
-    meshes = {"mesh.obj": points.mesh, "mesh.ply": points.mesh, "mesh.stl": points.mesh, "mesh.off": points.mesh}
+    meshes = dict.fromkeys(("mesh.obj", "mesh.ply", "mesh.stl", "mesh.off", "mesh.glb"), points.mesh)
     texts = (".xyz", ".csv", "text.ply", "text.pcd", ".txt", ".obj", ".off")
     return {
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
@@ -75,6 +75,7 @@ def formats() -> dict[str, Format]:
             name: Format(make, points.read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
             for name, make in meshes.items()
         },
+        "mesh.gltf": Format(points.text_mesh, points.read_mesh, JSON, 0.7),
         **{
             name: Format(layouts.maker(name), layouts.reader(name), mutations, 0.4)
             for name, (_, _, mutations) in layouts.FILES.items()
@@ -225,20 +226,20 @@ def _osm(path: Path) -> None:
 
 
 def _read_osm(path: Path) -> None:
-    """All of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
+    """Run all of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
     import shapely
 
-    from toolkit.sites.osm import extract, roads, solids
+    from toolkit.sites import osm
 
-    town, window = extract.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
-    pieces, _ = roads.roads(town, window)
-    roads.written(pieces, town)
-    roads.paths(town, window)
+    town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
+    pieces, _ = osm.roads(town, window)
+    osm.written(pieces, town)
+    osm.paths(town, window)
     street = shapely.box(-60, -4, 60, 4)
-    solids.buildings(town, window, street)
-    solids.barriers(town, window, street)
-    solids.trees(town, window, street)
-    solids.furniture(town, window, street)
+    osm.buildings(town, window, street)
+    osm.barriers(town, window, street)
+    osm.trees(town, window, street)
+    osm.furniture(town, window, street)
 
 
 def _opendrive(path: Path) -> None:
@@ -262,19 +263,17 @@ def _opendrive(path: Path) -> None:
 
 
 def _read_opendrive(path: Path) -> None:
-    """All of `import_opendrive` but for SUMO's netconvert."""
+    """Run all of `import_opendrive` but SUMO's netconvert."""
     import shapely
 
-    from toolkit.sites.opendrive import extract
-    from toolkit.sites.opendrive.header import opendrive_header
-    from toolkit.sites.opendrive.placed import understood
+    from toolkit.sites import opendrive
 
-    opendrive_header(path, (0.0, 0.0))
+    opendrive.opendrive_header(path, (0.0, 0.0))
     window = shapely.box(-80, -80, 80, 80)
-    roads = extract.roads_near(path, window, 0.0, 3.5)
-    extract.surfaces(path, roads)
-    extract.steepest(roads, window)
-    understood(path, roads)
+    roads = opendrive.roads_near(path, window, 0.0, 3.5)
+    opendrive.surfaces(path, roads)
+    opendrive.steepest(roads, window)
+    opendrive.understood(path, roads)
 
 
 def _table(path: Path) -> None:

@@ -122,11 +122,17 @@ def read_poses(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    import open3d as o3d
+    import trimesh
 
-    mesh = o3d.geometry.TriangleMesh.create_box(4.4, 1.8, 1.5)
-    mesh.compute_triangle_normals()
-    o3d.io.write_triangle_mesh(path, mesh)
+    trimesh.creation.box((4.4, 1.8, 1.5)).export(path)
+
+
+def text_mesh(path: Path) -> None:
+    """glTF in JSON, its buffer within it."""
+    import trimesh
+
+    files = trimesh.creation.box((4.4, 1.8, 1.5)).export(file_type="gltf", embed_buffers=True)
+    path.write_bytes(files["model.gltf"])
 
 
 def read_mesh(path: Path) -> None:

@@ -33,7 +33,7 @@ HALVES = (
             "poses",
             "site.json",
         ),
-        *("poles", "map.", "surrogate", "sqlite", ".obj", ".stl", ".off"),
+        *("poles", "map.", "surrogate", "sqlite", ".obj", ".stl", ".off", ".glb", ".gltf"),
     ),
 )
 

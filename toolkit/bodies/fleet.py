@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.bodies.body import Body, boxed, centred, tight
-from toolkit.bodies.cars import CARS, car
-from toolkit.bodies.cyclists import two_wheelers
-from toolkit.bodies.pedestrians import pedestrians
-from toolkit.bodies.trucks import trucks
+from toolkit.bodies.people import pedestrians, two_wheelers
+from toolkit.bodies.vehicles import CARS, car, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = tuple(shape.name for shape in CARS[-5:])  # cars no detector of ours has been trained on
@@ -60,7 +58,7 @@ class Fleet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all bodies there may be, the fixed ones first."""
-        from toolkit.bodies.drawn.bodies import drawn_names
+        from toolkit.bodies.drawn_bodies import drawn_names
 
         return tuple(body.name for body in self.fixed) + (drawn_names() if self.drawn else ())
 
@@ -69,7 +67,7 @@ class Fleet:
         `LARGEST_DRAW` frames, if `simulate` is asked to take each `once`."""
         if not self.drawn:
             return self.fixed
-        from toolkit.bodies.drawn.bodies import drawn_body
+        from toolkit.bodies.drawn_bodies import drawn_body
 
         bodies: list[Body] = []
         for label in range(len(LABELS)):

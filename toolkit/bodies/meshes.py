@@ -1,36 +1,255 @@
-"""Bodies from mesh files of one's own: whatever Open3D reads, checked for units, orientation and class.
+"""Bodies from your own mesh files, checked for units, orientation and class.
 
 Files are in metres, x forward, z up. glTF files are y up and z forward, as their standard says, unless only z up gives
 a plausible body. The class is the name of a folder in the path (`vehicle/`, `cyclist/`, `pedestrian/`, `heavy/`) or the
-beginning of the file's name (`cyclist_old_bicycle.ply`); without either the shape must clearly be one's. A table,
-`meshes.toml`, says otherwise, file by file: see `toolkit.bodies.mesh_table`. What can be seen to lie on its side, stand
-across or face backwards is refused, and so is what cannot be told; nothing is turned or scaled on a guess.
+beginning of the file's name (`cyclist_old_bicycle.ply`); without either the shape must clearly be one's: a car or bus
+fills its box and is close to the ground between wheels on both sides, a two-wheeler stands on a line, a person stands
+upright and fills little. A mesh that seems to lie on its side, stand across or face backwards is refused, and so is one
+whose class is unclear; nothing is turned or scaled on a guess. A table, `meshes.toml`, overrides all this:
+
+    [[mesh]]
+    file = "models/bus_12m.obj"   # below the folder
+    label = "heavy"               # vehicle, cyclist, pedestrian or heavy
+    up = "y"                      # the file's axis that points up: x y z -x -y -z
+    forward = "z"                 # and the one that points forward
+    scale = 0.0254                # metres of one of its units
+
+Only `file` must be there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import open3d as o3d
 
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.bodies.body import Body, centred
-from toolkit.bodies.guarded_meshes import GUARDED, read_guarded_mesh
-from toolkit.bodies.mesh_shapes import Shape, clear_class, measured_shape, mirror_span, wrong_stand
-from toolkit.bodies.mesh_table import NOTHING_SAID, TABLE, MeshEntry, read_mesh_table
-from toolkit.bodies.off_meshes import read_off_mesh
-from toolkit.bodies.ply_meshes import read_ply_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-SUFFIXES = (".obj", ".ply", ".stl", ".off", *GUARDED)
-_READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
-    ".ply": read_ply_mesh,
-    ".off": read_off_mesh,
-    **dict.fromkeys(GUARDED, read_guarded_mesh),
-}
+_POINTS, _CELLS = 30_000, 32
+_COARSE = 16  # cells along an axis in which symmetry is judged
+SYMMETRIC, ASKEW = 0.06, 0.12  # share of the surface without a counterpart: up to, from
+
+
+BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
+
+
+class Shape(NamedTuple):
+    """size: of the bounds (m); fills: share of the box's outline that is covered, seen along x, y, z; asymmetry: share
+    of the surface without a counterpart when mirrored along x, y, z; stance: length and width (m) of where it touches
+    the ground; clearance: height (m) of what is lowest over the middle; ahead: how much lower the front is than the
+    rear, as a part of the height."""
+
+    size: Float64[np.ndarray, "3"]
+    fills: Float64[np.ndarray, "3"]
+    asymmetry: Float64[np.ndarray, "3"]
+    stance: tuple[float, float]
+    clearance: float
+    ahead: float
+
+
+def measured_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
+    """The shape of a mesh that stands on its lowest point with z up and x forward. Raises ValueError for flat ones."""
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    if not (size > 0).all():
+        raise ValueError("has no volume")
+    points = surface_points(vertices, triangles)
+    unit = np.clip((points - low) / size, 0, 1 - 1e-9)
+    cells = (unit * _CELLS).astype(np.int64)
+    fills = np.array([_filled(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
+    ground = points[unit[:, 2] < 0.04]
+    length, width = np.ptp(ground[:, :2], axis=0).tolist()
+    middle = unit[(np.abs(unit[:, 0] - 0.5) < 0.1) & (np.abs(unit[:, 1] - 0.5) < 0.25), 2]
+    clearance = float(middle.min() * size[2]) if len(middle) else float(size[2])
+    return Shape(size, fills, _asymmetry(unit), (length, width), clearance, _ahead(unit))
+
+
+def clear_class(shape: Shape, label: int) -> bool:
+    """Whether the shape is clearly one of a class, with nothing else known about it."""
+    (length, width, height), fills = shape.size.tolist(), shape.fills
+    if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # somebody who walks is not symmetric
+        return False
+    if label in (VEHICLE, HEAVY):
+        filled = fills[0] > 0.72 and fills[1] > 0.55 and fills[2] > 0.76
+        stands = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
+        if label == VEHICLE:
+            sized = length < 6.1 and width < 2.4 and height < 2.1 and length > 1.25 * height
+            return bool(filled and stands and sized and length > 1.5 * width and shape.clearance < 0.55)
+        return bool(filled and stands and length > max(6.1, 1.9 * width) and height > 2.2 and shape.clearance < 1.3)
+    if label == CYCLIST:
+        thin = width < 0.6 * length and fills[1] < 0.75 and fills[2] < 0.75
+        on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
+        return bool(thin and on_a_line and length < 2.8)
+    upright = height > 1.3 * max(length, width) and 1.35 < height < 2.15
+    return bool(label == PEDESTRIAN and upright and 0.22 < fills[0] < 0.75 and fills[1] < 0.8 and fills[2] < 0.85)
+
+
+def wrong_stand(shape: Shape, label: int) -> str | None:
+    """What is wrong with how a mesh of this class stands, None where nothing is seen to be."""
+    asymmetry = shape.asymmetry
+    if label == PEDESTRIAN:
+        return "lies on the ground" if shape.size[2] < 0.7 * shape.size[:2].max() else None
+    if asymmetry[2] < SYMMETRIC and asymmetry[1] > ASKEW:
+        return "lies on its side: y or -y seems to be up"
+    if asymmetry[0] < SYMMETRIC and asymmetry[1] > ASKEW:
+        return "stands across: y or -y seems to be forward"
+    if label == VEHICLE and shape.ahead < BACKWARDS:
+        return "seems to face backwards: -x forward"
+    return None
+
+
+def surface_points(
+    vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"], count: int = _POINTS
+) -> Float64[np.ndarray, "n 3"]:
+    """Points spread evenly over the triangles, the same ones each time, and the corners."""
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not areas.sum() > 0:
+        raise ValueError("has no surface")
+    rng = np.random.default_rng(0)
+    chosen = np.searchsorted(np.cumsum(areas), (np.arange(count) + 0.5) / count * areas.sum()).clip(max=len(a) - 1)
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return np.concatenate([a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen], vertices])
+
+
+def mirror_span(
+    vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]
+) -> tuple[float, float] | None:
+    """Between which y (m) a vehicle's body lies where wing mirrors stick out of it by 3 cm or more, None where none do.
+
+    A mirror is what sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
+    """
+    points = surface_points(vertices, triangles)
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    x, z = points[:, 0], points[:, 2] - low[2]
+    sides = []
+    for side in (-1.0, 1.0):
+        outward = side * points[:, 1]
+        tip = points[outward > outward.max() - 0.02]
+        ahead = tip[:, 0].min() > low[0] + 0.4 * size[0] and np.ptp(tip[:, 0]) < 0.4
+        near = (np.abs(x - tip[:, 0].mean()) < 0.3) & (z > 0.35 * size[2])
+        body = float(outward[~near].max())
+        sides.append(body if ahead and 0.03 < outward.max() - body < 0.45 else float(outward.max()))
+    right, left = -sides[0], sides[1]
+    return None if left - right > size[1] - 0.03 else (right, left)
+
+
+def _filled(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
+    """The outline that occupied cells have, with what they enclose along both axes."""
+    grid = np.zeros((_CELLS, _CELLS), bool)
+    grid[tuple(cells.T)] = True
+    enclosed = [
+        np.logical_or.accumulate(grid, axis) & np.flip(np.logical_or.accumulate(np.flip(grid, axis), axis), axis)
+        for axis in (0, 1)
+    ]
+    return enclosed[0] & enclosed[1]
+
+
+def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    grid = np.zeros((_COARSE + 2,) * 3, bool)
+    cells = (unit * _COARSE).astype(np.int64)
+    grid[tuple(cells.T + 1)] = True
+    near = np.zeros_like(grid)
+    inner = slice(1, -1)
+    for shift in np.ndindex(3, 3, 3):
+        near[inner, inner, inner] |= grid[tuple(slice(s, s + _COARSE) for s in shift)]
+    lonely = []
+    for axis in range(3):
+        mirrored = unit.copy()
+        mirrored[:, axis] = 1 - 1e-9 - mirrored[:, axis]
+        lonely.append(1 - near[tuple((mirrored * _COARSE).astype(np.int64).T + 1)].mean())
+    return np.array(lonely)
+
+
+def _ahead(unit: Float64[np.ndarray, "n 3"]) -> float:
+    """How much lower the top of the front third is than that of the rear third, on average."""
+    along = (unit[:, 0] * 24).astype(np.int64)
+    tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
+    return float(tops[:8].mean() - tops[-8:].mean())
+
+
+TABLE = "meshes.toml"
+_AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enumerate("xyz") for sign in ("", "-")}
+
+
+@dataclass(frozen=True)
+class MeshEntry:
+    """What the table says of a file; None for what it does not say. up, forward: axes of the file; scale: metres."""
+
+    label: int | None = None
+    up: str | None = None
+    forward: str | None = None
+    scale: float | None = None
+
+    @property
+    def framed(self) -> bool:
+        """Whether the entry says how the mesh stands."""
+        return self.up is not None or self.forward is not None
+
+    @property
+    def turn(self) -> Float64[np.ndarray, "3 3"]:
+        """The rotation from the file's axes to x forward, y left, z up."""
+        forward, up = _AXES[self.forward or "x"], _AXES[self.up or "z"]
+        return np.stack([forward, np.cross(up, forward), up])
+
+
+NOTHING_SAID = MeshEntry()
+
+
+def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
+    """What `meshes.toml` in the folder says, by file; nothing where there is none.
+
+    Raises ValueError, naming the table and the entry, where it is no TOML or says what cannot be.
+    """
+    path = folder / TABLE
+    if not path.is_file():
+        return {}
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no TOML ({error}): mend it or remove it") from None
+    rows = content.get("mesh")
+    if set(content) != {"mesh"} or not isinstance(rows, list):
+        raise ValueError(f"{path}: must hold [[mesh]] entries alone, got {sorted(content)}")
+    table: dict[Path, MeshEntry] = {}
+    for number, row in enumerate(rows, 1):
+        where = f"{path}, entry {number}"
+        file = row.get("file") if isinstance(row, dict) else None
+        if not isinstance(file, str) or not (folder / file).is_file():
+            raise ValueError(f"{where}: file must name a mesh below {folder}, got {file!r}")
+        if Path(file) in table:
+            raise ValueError(f"{where}: {file} is there twice: keep one entry")
+        table[Path(file)] = _entry(row, where)
+    return table
+
+
+def _entry(row: dict[str, Any], where: str) -> MeshEntry:
+    known = {"file", "label", "up", "forward", "scale"}
+    if not set(row) <= known:
+        raise ValueError(f"{where}: knows {', '.join(sorted(known))}, got {', '.join(sorted(set(row) - known))}")
+    for key in ("up", "forward"):
+        if key in row and row[key] not in list(_AXES):
+            raise ValueError(f"{where}: {key} must be one of {', '.join(_AXES)}, got {row[key]!r}")
+    up, forward, scale = row.get("up"), row.get("forward"), row.get("scale")
+    if (up or "z")[-1] == (forward or "x")[-1]:
+        raise ValueError(f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both")
+    if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6):
+        raise ValueError(f"{where}: scale must be a number above 0, metres of one unit, got {scale!r}")
+    label = row.get("label")
+    if label is not None and label not in LABELS:
+        raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
+    return MeshEntry(
+        None if label is None else LABELS.index(label), up, forward, None if scale is None else float(scale)
+    )
+
+
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
 # Smallest and largest length, width and height (m) of a body of each class.
 PLAUSIBLE = {
@@ -174,34 +393,22 @@ def _shape(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> Shape:
 
 def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
     """Vertices in use and triangles of a file."""
-    read = _READERS.get(path.suffix.lower())
-    if read is not None:
-        try:
-            points, corners = read(path)
-        except ValueError as error:
-            raise ValueError(f"{path}: is damaged, empty or no mesh: {error}; export it again") from None
-        mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(corners))
-        return _in_use(mesh, path)
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        try:
-            mesh = o3d.io.read_triangle_mesh(path)
-        except RuntimeError as error:
-            raise ValueError(f"{path}: Open3D cannot read it ({error}): export it again") from None
-    return _in_use(mesh, path)
+    import trimesh
 
-
-def _in_use(mesh: o3d.geometry.TriangleMesh, path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
-    if not mesh.has_triangles():
-        state = "has points but no triangles" if mesh.has_vertices() else "is damaged, empty or no mesh"
-        raise ValueError(f"{path}: {state}: export it again as a triangle mesh")
-    corners = np.asarray(mesh.triangles)
-    if corners.min() < 0 or corners.max() >= len(mesh.vertices):  # which Open3D would follow out of its memory
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        triangles, vertices = np.asarray(mesh.faces, np.int64), np.asarray(mesh.vertices, np.float64)
+    except Exception as error:  # in a damaged file its parsers meet anything: struct, key, index, recursion errors, ...
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise ValueError(f"{path}: the mesh is damaged or empty ({reason}): export it again") from None
+    if not triangles.size:
+        raise ValueError(f"{path}: has points but no triangles: export it again as a triangle mesh")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise ValueError(f"{path}: a triangle has a corner that is not there: repair it or export it again")
-    mesh.remove_unreferenced_vertices()
-    vertices = np.asarray(mesh.vertices, np.float64)
-    if not np.isfinite(vertices).all():
+    used, corners = np.unique(triangles, return_inverse=True)
+    if not np.isfinite(vertices[used]).all():
         raise ValueError(f"{path}: holds vertices that are NaN or infinite: repair it or export it again")
-    return vertices, np.asarray(mesh.triangles, np.int64)
+    return vertices[used], corners.reshape(-1, 3)
 
 
 def _label_in(called: Path) -> int | None:

@@ -18,7 +18,7 @@ from toolkit.datasets.dataset import CoopDataset, published_cameras
 from toolkit.geometry import check_pose
 from toolkit.runtime.files import parse_json, writing
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.geojson import dumps
+from toolkit.sites.files import dumps
 from toolkit.sites.site import Site
 
 

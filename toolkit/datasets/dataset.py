@@ -223,7 +223,7 @@ StoredChannel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its m
 
 def _site(file: h5py.File) -> Site:
     if hdf5.holds(file, "coview/site"):
-        from toolkit.sites.geojson import parse
+        from toolkit.sites.files import parse
 
         try:
             return parse(parse_json(hdf5.text(file, "coview/site")))

@@ -142,7 +142,7 @@ class Job:
     @cached_property
     def plan(self) -> dict[str, Any]:
         """What must be equal for two runs to give the same bytes, to be compared and shown to people."""
-        from toolkit.sites.geojson import dumps
+        from toolkit.sites.files import dumps
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
@@ -153,7 +153,7 @@ class Job:
             )
         drawn = ""
         if self.fleet.drawn:
-            code, mirrors = code_digest("toolkit.bodies.drawn.bodies")[:12], "with" if self.fleet.mirrors else "without"
+            code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
             drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
         return {
             "site": f"{self.site.name} {_digest(dumps(self.site))}",

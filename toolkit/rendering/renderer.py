@@ -1,15 +1,11 @@
-"""All that moves in one frame, in one ray casting scene, in the world frame: which object a line meets first, how far.
-
-Many lines at once from many places cost less here than body by body, as `toolkit.rendering.renderer` casts them for a
-few sensors, since one call finds which object hides which.
-
-Which places can be seen from where: straight lines that nothing standing still at a site interrupts.
-
-What every sensor would measure of a moment, noise-free, and which object each of its rays meets.
+"""Ray casting: what every sensor measures of a moment, noise-free, and which object each ray meets.
 
 What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
 of its own, in its own frame, built once. Per frame only the rays that can meet an object's box are turned into the
 frame of its body and cast there, so nothing is rebuilt between frames. The nearest hit counts.
+
+A `Moment` holds everything that moves in one frame in one scene: for many lines from many places that is faster, since
+one call finds which object hides which.
 """
 
 from __future__ import annotations

@@ -1,17 +1,15 @@
-"""What is seen all round of moving objects, in upright strips: a panorama that keeps nothing but the objects.
+"""Upright strips of what is seen of moving objects: a panorama that keeps nothing but the objects.
 
 From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its footprint. In each
-column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they say of the object (seen
-or not, inside the detection area or not, farther than the radius of hybrid fusion or not) the edge between them is
-found by bisection. A strip is what lies between two such edges. Other objects and what stands still hide as they do in
+column some rays are cast, evenly spaced in elevation; where two neighbours differ in what they show of the object (seen
+or not, inside the detection area or not, farther than the radius of hybrid fusion or not) bisection finds the edge
+between them. A strip lies between two such edges. Other objects and the static scene hide as they do in
 `toolkit.rendering.renderer`, ray for ray; only where a column ends, and below `STRIP_WIDTH`, is anything lost.
 
-Strips of frame after frame: what stands where it stood, and all that may hide it, is not cast again.
-
-Rays show of such an object what they showed in the frame before, so its strips are those of that frame, to the last
-bit. What may hide an object is taken generously: whatever overlaps with it in azimuth and elevation, as seen from the
-viewpoint, and begins no farther off than the object ends, with circles in place of the footprints. Of bodies that stick
-in each other a ray may meet both at once, and which of them it is said to meet is chance: these are cast every time.
+Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. Its
+strips are those of the frame before, to the last bit. What may hide an object is taken generously: whatever overlaps
+with it in azimuth and elevation and begins no farther off than the object ends, with circles for footprints. Bodies
+that stick in each other are cast every time, since which of them a ray meets is chance.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,19 +42,29 @@ def reading(where: str) -> Iterator[None]:
 
 
 def open_hdf5(path: str | Path) -> h5py.File:
-    """A file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
+    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
     path = Path(path)
     try:
         return h5py.File(path, "r")
     except _H5PY_RAISES as error:
-        cut = re.search(r"eof = (\d+).*stored_eof = (\d+)", str(error))
-        if cut:
-            raise OSError(f"{path} is cut off: {cut[1]} of {cut[2]} bytes are there; copy or make it again") from None
-        if path.stat().st_size == 0:
+        size, claimed = path.stat().st_size, _claimed_size(path)
+        if size == 0:
             raise OSError(f"{path} is empty: copy or make it again") from None
-        if "signature" in str(error):
+        if claimed is None:
             raise OSError(f"{path} is not an HDF5 file: check that it is the right one") from None
+        if size < claimed:
+            raise OSError(f"{path} is cut off: {size} of {claimed} bytes are there; copy or make it again") from None
         raise OSError(f"{path} cannot be read as HDF5 ({_line(error)}): copy or make it again") from None
+
+
+def _claimed_size(path: Path) -> int | None:
+    """End-of-file address in the superblock at the start of the file; None where there is no superblock."""
+    with path.open("rb") as file:
+        head = file.read(48)
+    if head[:8] != b"\x89HDF\r\n\x1a\n":
+        return None
+    start = 28 if head[8:9] >= b"\2" else 40  # by the version of the superblock
+    return int.from_bytes(head[start : start + 8], "little")
 
 
 def holds(group: h5py.Group, name: str) -> bool:

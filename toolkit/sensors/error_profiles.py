@@ -1,13 +1,4 @@
-"""`ErrorProfile`: the error terms of a recording's sensors under one name, and `ErrorTerm`, what a term is.
-
-A term is a frozen dataclass of numbers that satisfies `ErrorTerm`; a profile of one's own is
-
-    ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))
-
-Terms act in the order they stand in: first what a surface sends back, then what lies between, then what the sensor
-makes of it, then where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
-
-The named error profiles, from none but the paper's noise to a poor deployment.
+"""Error profiles: the error terms of a recording's sensors under one name.
 
     paper      what the sensor models say, exact poses: the paper's 1.5 cm at every depth (section IV-A)
     surveyed   total station and registration afterwards: 0.05° and 1 cm, few mixed pixels, 0.5 % drop-out
@@ -15,8 +6,13 @@ The named error profiles, from none but the paper's noise to a poor deployment.
     poor       0.5° and 5 cm, swaying poles, 5 % drop-out and more with range, dark paint, dead rows, rain; else typical
 
 Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
-both beside the model's own. Why these numbers: see the modules of the terms. A clock's offset is in none of them, since
-recordings 5 s apart cannot have it: add `ClockOffset` to a profile of your own.
+both beside the model's own; `toolkit.sensors.error_terms` gives the sources. No profile has a clock's offset, since
+recordings 5 s apart cannot have it. Add it, or any other term, to a profile of your own:
+
+    ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))
+
+Terms act in the order they stand in: first what a surface sends back, then what lies between, then what the sensor
+makes of it, then where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
 """
 
 from __future__ import annotations

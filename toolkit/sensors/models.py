@@ -1,18 +1,8 @@
-"""`DepthCamera`: a pinhole depth camera.
+"""Sensor models: a depth camera, three lidars, and the catalogue of all known models by name.
 
-A grid of rays at even steps of elevation and azimuth, as lidars have: its rays, what is in view, windows of boxes.
-
-Frame: x forward, y left, z up. Rows from the top down, columns from the right (-y) to the left, centred on +x.
-
-`SpinningLidar`: a lidar whose lasers turn about its axis.
-
-`SolidStateLidar`: a lidar without moving parts, whose field of view is a rectangle of angles ahead.
-
-`RowLidar`: a lidar whose rows of lasers are not evenly spaced, as many are built and as clouds of any show them.
-
-All known sensor models by name: what files may hold and the command line offers.
-
-A model defined elsewhere becomes known by `register_sensor_model`, as `@register_sensor_model` above its class.
+A lidar's rays lie on a grid of elevations and azimuths; its frame has x forward, y left, z up, rows from the top down,
+columns from the right (-y) to the left, centred on +x. A model defined elsewhere becomes known to files and to the
+command line by `@register_sensor_model` above its class.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""`Draws`: the random numbers of one error term, of one sensor in one frame, from a seed.
+"""Readings: what a sensor says it measured and where it is believed to be, and how errors change that.
 
-A number depends on the seed, on what it is drawn for and on the term, never on how many were drawn before, so that a
-sensor measures the same whichever others are used, in any order of sensors, frames and processes.
+An error term makes one `Reading` of another. The truth beside it (`TrueImage`) never changes: which object each pixel
+shows, how far off, and how obliquely, as rendered without any error.
 
-`Reading`: what a sensor says it measured and where it is believed to be; `TrueImage`: what it looked at.
-
-An error term makes one reading of another. The truth beside it never changes: which object each pixel shows, how far
-off, and how obliquely, as rendered without any error.
+A random number depends on the seed, the error term and what it is drawn for, never on how many were drawn before, so
+that a sensor measures the same in any order of sensors, frames and processes, whichever others are used.
 """
 
 from __future__ import annotations

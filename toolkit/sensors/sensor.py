@@ -1,4 +1,4 @@
-"""`SensorModel`, the protocol of sensor models, and what all of them share: returns, noise, checks, fields in files.
+"""Sensors: the `SensorModel` protocol, what all models share, and `Sensor`, a model at a pose.
 
 All models share one rule. `rays()` gives a vector per pixel in the sensor's own frame, scaled so that
 
@@ -8,11 +8,8 @@ All models share one rule. `rays()` gives a vector per pixel in the sensor's own
 A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range" rays of length 1.
 A measurement that is NaN, infinite, zero or negative is no return and makes no point.
 
-A model is a frozen dataclass whose fields all have defaults: they are what files hold of it, under the name of its
-class. `toolkit.sensors.models.register_sensor_model` makes a new one known to the readers of files and to
-the command line.
-
-`Sensor`: a sensor model at a place.
+A model is a frozen dataclass whose fields all have defaults: files hold them under the name of its class.
+`toolkit.sensors.models.register_sensor_model` makes a new model known to readers of files and to the command line.
 """
 
 from __future__ import annotations

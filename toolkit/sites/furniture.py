@@ -1,8 +1,12 @@
-"""What stands in a street, as solids on level ground, and `settle` to set them down on uneven ground."""
+"""Street furniture as solids on level ground, and `settle` to set it down on uneven ground.
+
+Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
+street holds plenty of them. They are made about the origin, lengthwise along x, and `put_at` their place.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,7 +14,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites.site import Relief, Site, Solid
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
 Outlines = Iterable[Float[np.ndarray, "_ 2"]]
@@ -132,6 +136,13 @@ def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     return tuple(settled)
 
 
+def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
+    """The mounts with their feet on the ground of the site."""
+    feet = np.array([mount.position for mount in mounts]).reshape(-1, 3)
+    feet[:, 2] = site.ground(feet[:, :2]).round(3)
+    return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
+
+
 def _ground(relief: Relief, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
     return Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(places).round(3)
 
@@ -140,3 +151,115 @@ def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
     points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), length)).round(3)
     corners = [(float(x), float(y)) for x, y in points]
     return list(pairwise(corners))
+
+
+Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthwise along x
+
+
+def put_at(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
+    """The solids turned by `yaw` (rad) about the origin, then put at (x, y); footprints on millimetres."""
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    return [Solid(np.round(s.footprint @ turn + [x, y], 3), s.base, s.top, s.kind) for s in solids]
+
+
+def _size(rng: np.random.Generator, *ranges: tuple[float, float]) -> tuple[float, ...]:
+    return tuple(round(float(rng.uniform(*between)), 2) for between in ranges)
+
+
+def hedge_block(rng: np.random.Generator) -> list[Solid]:
+    """A clipped hedge, up to the size of a van."""
+    length, width, height = _size(rng, (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
+    return [Solid(block((length, width)), 0.0, height, "hedge")]
+
+
+def bushes(rng: np.random.Generator) -> list[Solid]:
+    """One to five bushes in a row, grown together."""
+    radius, number = float(rng.uniform(0.4, 1.2)), int(rng.integers(1, 6))
+    made = []
+    for k in range(number):
+        size, height = _size(rng, (0.8 * radius, 1.2 * radius), (0.6, 2.0))
+        middle = (k - (number - 1) / 2) * 1.3 * radius
+        made.append(Solid(disc(middle, float(rng.normal(0.0, 0.15)), size, 9), 0.0, height, "bush"))
+    return made
+
+
+def planter(rng: np.random.Generator) -> list[Solid]:
+    """A tub of stone with something green in it."""
+    length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
+    grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
+    return [Solid(block((length, width)), 0.0, height, "planter"), grown]
+
+
+def cabinet(rng: np.random.Generator) -> list[Solid]:
+    """A power or telephone box."""
+    length, width, height = _size(rng, (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))
+    return [Solid(block((length, width)), 0.0, height, "cabinet")]
+
+
+def container(rng: np.random.Generator) -> list[Solid]:
+    """A freight, site or recycling container."""
+    length = float(rng.choice([1.8, 2.4, 3.0, 4.5, 6.06]))
+    width, height = _size(rng, (1.5, 2.5), (1.4, 2.7))
+    return [Solid(block((length, width)), 0.0, height, "container")]
+
+
+def skip(rng: np.random.Generator) -> list[Solid]:
+    """An open skip, narrower at its foot, more or less full."""
+    length, width, height, full = _size(rng, (2.8, 4.8), (1.6, 2.1), (1.0, 1.7), (0.4, 1.15))
+    middle = round(0.45 * height, 2)
+    walls = [((0.0, side * (width - 0.12) / 2), (length, 0.12)) for side in (-1, 1)]
+    walls += [((side * (length - 0.12) / 2, 0.0), (0.12, width - 0.24)) for side in (-1, 1)]
+    return [
+        Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container"),
+        *(Solid(block(size, at), middle, height, "container") for at, size in walls),
+        Solid(block((0.8 * length, 0.7 * width)), middle, round(middle + full * (height - middle), 2), "container"),
+    ]
+
+
+def bus_shelter(rng: np.random.Generator) -> list[Solid]:
+    """A bus shelter, open along one side."""
+    length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
+    return shelter(-length / 2, -width / 2, length / 2, width / 2)
+
+
+def bins(rng: np.random.Generator) -> list[Solid]:
+    """One to five large bins side by side."""
+    number = int(rng.integers(1, 6))
+    length, width, height = _size(rng, (0.6, 1.4), (0.7, 1.1), (1.0, 1.5))
+    at = (np.arange(number) - (number - 1) / 2) * (length + 0.12)
+    return [Solid(block((length, width), (float(x), 0.0)), 0.0, height, "bin") for x in at]
+
+
+def heap(rng: np.random.Generator) -> list[Solid]:
+    """Earth or gravel, steep and rough."""
+    radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
+    rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
+    return [
+        Solid(disc(0.0, 0.0, round(part * radius, 3), 9), round(low * height, 2), round(high * height, 2), "heap")
+        for part, low, high in rings
+    ]
+
+
+def column(rng: np.random.Generator) -> list[Solid]:
+    """An advertising column or a board on feet."""
+    radius, height, length = _size(rng, (0.5, 0.8), (2.4, 3.6), (1.2, 3.6))
+    if rng.random() < 0.5:
+        return [Solid(disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
+    feet = [post(side * 0.4 * length, 0.0, 0.7, 0.06) for side in (-1, 1)]
+    return [*feet, Solid(block((length, 0.15)), 0.7, height - 0.4, "sign")]
+
+
+def digger(rng: np.random.Generator) -> list[Solid]:
+    """A digger: tracks, a house with a cab, and an arm in front."""
+    length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
+    track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
+    sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]
+    house = Solid(block((0.8 * length, 0.9 * width), (-0.1 * length, 0.0)), track, deck, "machine")
+    cab = Solid(block((0.4 * length, 0.45 * width), (0.05 * length, 0.2 * width)), deck, height, "machine")
+    boom = Solid(block((0.45 * length, 0.3), (0.5 * length, swing / 2)), round(0.6 * deck, 2), height, "machine")
+    stick = Solid(block((0.3, 0.35), (0.8 * length, swing)), 0.0, round(0.9 * height, 2), "machine")
+    return [*sides, house, cab, boom, stick]
+
+
+PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, planter)
+BUILT: tuple[Make, ...] = (cabinet, container, skip, bus_shelter, bins, heap, column)

@@ -15,14 +15,11 @@ from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor, SensorModel
-from toolkit.sites.furniture import settle
-from toolkit.sites.imported import on_ground
+from toolkit.sites.furnishing import CLOSED_LANE, furnish
+from toolkit.sites.furniture import on_ground, settle
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.street.bays import ANGLES, Strip
-from toolkit.sites.street.furnishing import furnish
-from toolkit.sites.street.works import CLOSED_LANE
-from toolkit.sites.surroundings import Road, place_mounts
+from toolkit.sites.surroundings import ANGLES, Road, Strip, place_mounts
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang

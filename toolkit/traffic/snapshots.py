@@ -1,14 +1,11 @@
-"""Collisions: boxes that overlap another or an obstacle are found, and moved aside or dropped.
+"""Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
 
-Vehicles parked in a site's bays: some of the bays, other vehicles now and then.
-
-Traffic on a site: SUMO drives, rides and walks; every few seconds a `Snapshot` says what is where.
-
-As in the paper's dataset, what is spawned is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
+As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestrian with probability 0.6, 0.2 and 0.2
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames before another takes its
 place. Frames lie 5 s apart. Classes without bodies, or without lanes of their own near the area (pedestrians, where
 there is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are not spawned but
-drawn for the bays; they count among the 30, a fifth of them at most unless said otherwise, and stay longer.
+drawn for the bays; they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are
+moved aside or dropped.
 """
 
 from __future__ import annotations

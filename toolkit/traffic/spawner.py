@@ -1,10 +1,4 @@
-"""SUMO's vehicle types for a fleet of bodies: class, size, and how each kind behaves on the road.
-
-Which bodies the next road users get: any of their class, or each body once before any comes again.
-
-Where traffic can be put on a SUMO network near a detection area, and the routes it takes from there.
-
-`Spawner`: spawns traffic near the detection area, which SUMO moves, and removes it after four frames.
+"""Spawn traffic near the detection area, which SUMO moves, and remove it after four frames.
 
 SUMO gives the middle of a vehicle's front bumper, and as its angle the direction to it from the middle of the rear
 bumper, both on the path, so headings turn continuously through bends. A body's box lies on that line.

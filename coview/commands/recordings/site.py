@@ -105,7 +105,7 @@ class ExportSite:
         """Load, write, say what was written."""
         from toolkit.runtime.files import write_text
         from toolkit.sites.files import load_site
-        from toolkit.sites.gis import site_geojson
+        from toolkit.sites.georeference import site_geojson
 
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         write_text(self.out, site_geojson(load_site(self.site)))

@@ -14,7 +14,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.question import Question
 from toolkit.detection.provenance import coview_version, detector_origin
 from toolkit.objects import Detector
-from toolkit.sites.geojson import dumps
+from toolkit.sites.files import dumps
 
 PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
 

@@ -13,8 +13,7 @@ from placement_env.candidates.poles import load_keep_out, load_poles
 from placement_env.candidates.pool import pool
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site, save_site
-from toolkit.sites.georeference import inverse_project, projection
-from toolkit.sites.gis import site_geojson
+from toolkit.sites.georeference import inverse_project, projection, site_geojson
 from toolkit.sites.site import Mount, Relief, Site
 
 CENTRE = (13.4, 52.505)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.drawn.bodies import drawn_body
+from toolkit.bodies.drawn_bodies import drawn_body
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.mesh import Mesh, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE

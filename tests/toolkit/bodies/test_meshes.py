@@ -1,15 +1,31 @@
+""" """
+
 import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies.body import Body
+from toolkit.bodies.body import Body, tight
+from toolkit.bodies.drawn_bodies import drawn_body
 from toolkit.bodies.fleet import catalogue, fleet_named
-from toolkit.bodies.meshes import load_mesh, load_meshes, taken_meshes
+from toolkit.bodies.meshes import (
+    NOTHING_SAID,
+    MeshEntry,
+    clear_class,
+    load_mesh,
+    load_meshes,
+    measured_shape,
+    mirror_span,
+    read_mesh_table,
+    surface_points,
+    taken_meshes,
+    wrong_stand,
+)
 from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 SEDAN = next(body for body in catalogue() if body.name == "family_sedan")
 
@@ -113,12 +129,28 @@ def test_unread_vertices_do_not_widen_the_box(tmp_path):
     assert np.allclose(load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
 
 
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf", "fbx"])
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf"])
 @pytest.mark.parametrize("content", [b"", b"\x00\x01garbage" * 50, b"ply\nformat ascii 1.0\nelement vertex 5\n"])
 def test_damaged_files_are_named(tmp_path, suffix, content):
     (tmp_path / f"broken.{suffix}").write_bytes(content)
     with pytest.raises(ValueError, match=f"broken.{suffix}.*export it again"):
         load_meshes(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "off"])
+@pytest.mark.parametrize("corner", ["9", "-9"])
+def test_a_corner_that_is_not_there_is_refused(tmp_path, suffix, corner):
+    path = tmp_path / f"square.{suffix}"
+    texts = {
+        "obj": f"v 0 0 0\nv 4 0 0\nv 4 2 0\nv 0 2 1.5\nf 1 2 3\nf 1 3 {corner}\n",
+        "ply": "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"0 0 0\n4 0 0\n4 2 0\n0 2 1\n3 0 1 {corner}\n",
+        "off": f"OFF\n4 1 0\n0 0 0\n4 0 0\n4 2 0\n0 2 1\n3 0 1 {corner}\n",
+    }
+    path.write_text(texts[suffix])
+    with pytest.raises(ValueError, match=r"export it again"):
+        load_mesh(path)
 
 
 def test_points_without_triangles_and_nan_are_refused(tmp_path):
@@ -235,3 +267,166 @@ def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_fol
     assert fleet_named("catalogue", mirrors=True).fixed[0].truth is None
     bodies = fleet.bodies(1, np.random.default_rng(0))
     assert {body.name for body in bodies if body.label == VEHICLE} == {"a"}
+
+
+ON_ITS_SIDE = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def shape_of(mesh, turn=None):
+    vertices = np.asarray(mesh.vertices, np.float64) @ (np.eye(3) if turn is None else turn).T
+    return measured_shape(vertices, np.asarray(mesh.triangles, np.int64))
+
+
+def elephant_mesh(length=4.4, width=1.8, height=1.7):
+    """A trunk, head, ears, and four legs under a belly."""
+    legs = [tube([(x, y, 0), (x, y, 0.9)], 0.2, 8) for x in (-0.9, 0.9) for y in (-0.45, 0.45)]
+    parts = [ellipsoid((0, 0, 1.3), (1.5, 0.8, 0.7)), ellipsoid((1.7, 0, 1.7), (0.6, 0.5, 0.5)), *legs]
+    parts += [tube([(2.2, 0, 1.6), (2.7, 0, 0.8), (2.8, 0, 0.2)], 0.15), ellipsoid((1.5, 0.7, 1.8), (0.1, 0.4, 0.5)),
+              ellipsoid((1.5, -0.7, 1.8), (0.1, 0.4, 0.5))]  # fmt: skip
+    mesh = merge(parts)
+    return Mesh(mesh.vertices * (np.array([length, width, height]) / np.ptp(mesh.vertices, axis=0)), mesh.triangles)
+
+
+def table():
+    return merge([box((1.8, 0.9, 0.05), (0, 0, 0.75)), *(box((0.06, 0.06, 0.75), (x, y, 0.375))
+                                                        for x in (-0.8, 0.8) for y in (-0.4, 0.4))])  # fmt: skip
+
+
+def horse():
+    legs = [tube([(x, y, 0), (x, y, 1.0)], 0.07, 6) for x in (-0.6, 0.6) for y in (-0.2, 0.2)]
+    return merge([ellipsoid((0, 0, 1.2), (0.9, 0.3, 0.35)), ellipsoid((1.1, 0, 1.7), (0.3, 0.12, 0.2)), *legs])
+
+
+@pytest.mark.parametrize("name", ["family_sedan", "large_suv", "double_cab_pickup", "coupe", "delivery_van"])
+def test_cars_are_clearly_cars(name):
+    shape = shape_of(OURS[name])
+    assert [label for label in range(4) if clear_class(shape, label)] == [VEHICLE]
+    assert wrong_stand(shape, VEHICLE) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [("city_bus", HEAVY), ("box_truck", HEAVY), ("city_bicycle", CYCLIST), ("motorcycle", CYCLIST),
+     ("man_standing", PEDESTRIAN), ("man_striding", PEDESTRIAN)],
+)  # fmt: skip
+def test_the_others_are_clearly_what_they_are(name, label):
+    shape = shape_of(OURS[name])
+    assert [each for each in range(4) if clear_class(shape, each)] == [label]
+    assert wrong_stand(shape, label) is None
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [elephant_mesh(), elephant_mesh(6.0, 2.4, 3.2), elephant_mesh(3.2, 1.5, 1.45), table(), horse(),
+     box((0.6, 0.6, 1.8)), box((0.5, 0.5, 0.9)), ellipsoid((0, 0, 1), (2.2, 0.9, 0.75), 12, 16)],
+    ids=["calf", "elephant", "small_elephant", "table", "horse", "wardrobe", "stool", "egg"],
+)  # fmt: skip
+def test_animals_and_furniture_are_clearly_nothing(mesh):
+    assert not [LABELS[label] for label in range(4) if clear_class(shape_of(mesh), label)]
+
+
+@pytest.mark.parametrize(
+    ("turn", "says"),
+    [
+        (ON_ITS_SIDE, "lies on its side"),
+        (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), "stands across"),
+        (np.diag([-1.0, -1, 1]), "face backwards"),
+    ],
+)
+def test_how_a_car_stands_is_seen(turn, says):
+    assert says in str(wrong_stand(shape_of(OURS["compact_hatchback"], turn), VEHICLE))
+    assert says == "face backwards" or not clear_class(shape_of(OURS["compact_hatchback"], turn), VEHICLE)
+
+
+def test_somebody_who_lies_is_seen():
+    assert "lies" in str(
+        wrong_stand(shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])), PEDESTRIAN)
+    )
+
+
+def test_measures_of_a_box_are_exact():
+    shape = shape_of(box((4.0, 2.0, 1.0), (7, 8, 9)))
+    assert np.allclose(shape.size, [4, 2, 1])
+    assert (shape.fills == 1).all()
+    assert (shape.asymmetry < 1e-6).all()
+    assert shape.stance == pytest.approx((4, 2), abs=0.05)
+    assert shape.clearance == pytest.approx(0)
+    assert shape.ahead == pytest.approx(0, abs=1e-6)
+
+
+def test_flat_meshes_are_refused():
+    with pytest.raises(ValueError, match="has no volume"):
+        measured_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(ValueError, match="has no surface"):
+        surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+
+
+def test_points_are_spread_by_area():
+    two = merge([box((1.0, 1.0, 1.0)), box((2.0, 2.0, 2.0), (5, 0, 0))])
+    points = surface_points(two.vertices, two.triangles)
+    assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
+
+
+def test_mirrors_are_found_to_the_centimetre_and_nothing_else():
+    """Drawn bodies know how wide they are without them: an oracle."""
+    for number in range(40):
+        body = drawn_body(VEHICLE, np.random.default_rng([11, number]))
+        whole = tight(body)
+        span = mirror_span(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))
+        width = whole.size[1] if span is None else span[1] - span[0]
+        assert width == pytest.approx(body.size[1], abs=0.03), body.name
+
+
+def table_mesh_table(folder: Path, text: str) -> dict[Path, MeshEntry]:
+    (folder / "a.obj").touch()
+    (folder / "meshes.toml").write_text(text)
+    return read_mesh_table(folder)
+
+
+def test_no_table_says_nothing(tmp_path):
+    assert read_mesh_table(tmp_path) == {}
+    assert not NOTHING_SAID.framed
+    assert np.array_equal(NOTHING_SAID.turn, np.eye(3))
+
+
+def test_what_an_entry_says(tmp_path):
+    text = '[[mesh]]\nfile = "a.obj"\nlabel = "heavy"\nup = "y"\nforward = "-z"\nscale = 0.0254\n'
+    (entry,) = table_mesh_table(tmp_path, text).values()
+    assert entry == MeshEntry(HEAVY, "y", "-z", 0.0254)
+    assert entry.framed
+    assert np.allclose(entry.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+@pytest.mark.parametrize("forward", ["x", "y", "z", "-x", "-y", "-z"])
+def test_every_frame_is_a_rotation(up, forward):
+    if up[-1] != forward[-1]:
+        turn = MeshEntry(up=up, forward=forward).turn
+        assert np.linalg.det(turn) == pytest.approx(1)
+        assert np.array_equal(turn @ turn.T, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[mesh", "is no TOML"),
+        ("mesh = 3", r"must hold \[\[mesh\]\] entries alone"),
+        ('[other]\nx = 1\n[[mesh]]\nfile = "a.obj"', "entries alone"),
+        ("mesh = [1]", "entry 1: file must name a mesh"),
+        ('[[mesh]]\nfile = "b.obj"', "file must name a mesh below .*, got 'b.obj'"),
+        ('[[mesh]]\nfile = "a.obj"\n[[mesh]]\nfile = "a.obj"', "entry 2: a.obj is there twice"),
+        ('[[mesh]]\nfile = "a.obj"\ncolour = 1', "knows file, forward, label, scale, up, got colour"),
+        ('[[mesh]]\nfile = "a.obj"\nlabel = "tram"', "entry 1: label must be one of"),
+        ('[[mesh]]\nfile = "a.obj"\nlabel = [1]', "entry 1: label must be one of"),
+        ('[[mesh]]\nfile = "a.obj"\nup = "north"', "up must be one of x, -x, y, -y, z, -z, got 'north'"),
+        ('[[mesh]]\nfile = "a.obj"\nup = [1]', "up must be one of"),
+        ('[[mesh]]\nfile = "a.obj"\nup = "x"', "up x and forward x lie on one axis"),
+        ('[[mesh]]\nfile = "a.obj"\nscale = 0', "scale must be a number above 0"),
+        ('[[mesh]]\nfile = "a.obj"\nscale = nan', "scale must be a number above 0"),
+        ('[[mesh]]\nfile = "a.obj"\nscale = true', "scale must be a number above 0"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, text, says):
+    with pytest.raises(ValueError, match=says) as error:
+        table_mesh_table(tmp_path, text)
+    assert "meshes.toml" in str(error.value)

@@ -1,15 +1,4 @@
-"""The pinhole camera: its image, what falls into it, and the windows of boxes. What any model can: `test_model`.
-
-Grids of angles: evenly spread unit rays, what lies between them, and windows that leave no ray out.
-
-The spinning lidar: rows, sweep, and boxes across the seam of its turn. What any model can: `test_model`.
-
-The solid-state lidar: a rectangle of angles, noise that grows. What any model can, it does in `test_model`.
-
-The lidar of uneven rows. What any model can, it does in `test_model`.
-
-Models are found by name, made from what files say, and only what is a model is registered.
-"""
+"""Tests of models."""
 
 from dataclasses import dataclass, replace
 
@@ -37,8 +26,7 @@ from toolkit.sensors.models import (
     unit_rays,
 )
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site
-from toolkit.sites.geojson import document, parse
+from toolkit.sites.files import document, load_site, parse
 from toolkit.sites.site import Site
 
 CAMERA = DepthCamera(width=120, height=90, stride=2)

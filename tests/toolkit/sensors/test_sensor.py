@@ -56,8 +56,7 @@ from toolkit.sensors.sensor import (
     whole_image,
     with_noise,
 )
-from toolkit.sites.files import load_site
-from toolkit.sites.geojson import document, parse
+from toolkit.sites.files import document, load_site, parse
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 

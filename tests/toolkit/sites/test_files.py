@@ -1,11 +1,18 @@
-"""Sites read and written by name or path."""
+"""Tests of files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from toolkit.sites.files import load_site, save_site
+from toolkit.geometry import pose
+from toolkit.sensors.models import SpinningLidar
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import document, load_site, save_site
+from toolkit.sites.site import Relief, Site
 
 NET = '<net version="1.20">\n    <edge id="a"/>\n</net>\n'
 
@@ -44,3 +51,185 @@ def test_a_byte_order_mark_does_no_harm(tmp_path):
     save_site(load_site("tjunction"), path)
     path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
     assert load_site(path) == load_site("tjunction")
+
+
+SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
+BOW_TIE = [[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]
+
+
+def first(document, layer):
+    return next(f for f in document["features"] if f["properties"]["layer"] == layer)
+
+
+def drop(key):
+    return lambda d: d.pop(key)
+
+
+def assign(layer, part, key, value):
+    return lambda d: first(d, layer)[part].update({key: value})
+
+
+DAMAGE = {
+    "crossing polygon": (
+        assign("lane", "geometry", "coordinates", [BOW_TIE]),
+        r"features\[1\]\.geometry\.coordinates: polygon crosses itself near \(2, 2\)",
+    ),
+    "open ring": (
+        assign("lane", "geometry", "coordinates", [SQUARE.tolist()]),
+        r"features\[1\]\.geometry\.coordinates must be a closed ring",
+    ),
+    "flat polygon": (
+        assign("lane", "geometry", "coordinates", [[[0, 0], [1, 1], [2, 2], [0, 0]]]),
+        r"features\[1\]\.geometry\.coordinates: polygon",
+    ),
+    "text for numbers": (
+        assign("lane", "geometry", "coordinates", [[["x", 0], [1, 1], [2, 0], ["x", 0]]]),
+        r"features\[1\]\.geometry\.coordinates must be a list of \[x, y\]",
+    ),
+    "hole": (
+        assign("lane", "geometry", "coordinates", [BOW_TIE, BOW_TIE]),
+        r"features\[1\]\.geometry\.coordinates must hold one ring, got 2",
+    ),
+    "wrong geometry": (
+        assign("lane", "geometry", "type", "Point"),
+        r"features\[1\]\.geometry\.type .* must be 'Polygon'",
+    ),
+    "unknown layer": (
+        assign("lane", "properties", "layer", "lain"),
+        r"features\[1\]\.properties\.layer must be one of",
+    ),
+    "unknown kind": (
+        assign("solid", "properties", "kind", "castle"),
+        r"properties: solid\.kind must be one of .*'castle'",
+    ),
+    "unknown property": (assign("mount", "properties", "hight", 3), r"properties\.hight is unknown to layer 'mount'"),
+    "top below base": (assign("solid", "properties", "top", -5), r"properties: solid\.top must lie above its base"),
+    "NaN top": (
+        assign("solid", "properties", "top", float("nan")),
+        r"properties\.top must be a finite number, got nan",
+    ),
+    "empty area": (
+        assign("area", "geometry", "coordinates", [[[0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]]),
+        r"features\[0\]\.geometry\.coordinates: polygon",
+    ),
+    "area askew": (
+        assign("area", "geometry", "coordinates", [[[0, 0], [4, 1], [4, 4], [0, 4], [0, 0]]]),
+        r"features\[0\]\.geometry\.coordinates: the area must be a rectangle",
+    ),
+    "no area": (lambda d: d["features"].pop(0), r"exactly one of layer 'area', got 0"),
+    "same mount twice": (
+        lambda d: d["features"].append(first(d, "mount")),
+        r"mounts\[2\]\.name 'a' is taken by mounts\[0\]",
+    ),
+    "same sensor twice": (
+        lambda d: d["features"].append(first(d, "sensor")),
+        r"sensors\[3\]\.name 'd0' is taken by sensors\[0\]",
+    ),
+    "nameless mount": (assign("mount", "properties", "name", ""), r"mounts\[0\]\.name must be a text"),
+    "NaN heading": (
+        assign("sensor", "properties", "heading_deg", float("nan")),
+        r"properties\.heading_deg must be a finite number, got nan",
+    ),
+    "NaN position": (
+        assign("sensor", "geometry", "coordinates", [0, float("nan"), 5]),
+        r"geometry\.coordinates\.1 must be a finite number",
+    ),
+    "flat position": (
+        assign("sensor", "geometry", "coordinates", [0, 0]),
+        r"geometry\.coordinates must be 3 numbers, got 2",
+    ),
+    "unknown model": (
+        assign("sensor", "properties", "model", {"type": "Radar"}),
+        r"model\.type must be one of DepthCamera, SpinningLidar, SolidStateLidar.*, got 'Radar'",
+    ),
+    "unknown model field": (
+        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov": 1}),
+        r"model\.fov is unknown to DepthCamera: it has .*fov_deg",
+    ),
+    "absurd model": (
+        assign("sensor", "properties", "model", {"type": "DepthCamera", "fov_deg": 200}),
+        r"model: fov must lie between",
+    ),
+    "singular frame": (
+        lambda d: d.update(map_SE3_site=np.zeros((4, 4)).tolist()),
+        r"map_SE3_site must end with the row",
+    ),
+    "mirrored frame": (
+        lambda d: d.update(map_SE3_site=np.diag([1.0, -1, 1, 1]).tolist()),
+        r"map_SE3_site must be a rotation .* it mirrors",
+    ),
+    "ragged frame": (lambda d: d.update(map_SE3_site=[[1, 0], [1]]), r"map_SE3_site must be four rows"),
+    "no network": (drop("network"), r"network is missing"),
+    "empty network": (lambda d: d.update(network=[]), r"network must be the lines of a SUMO net\.xml"),
+    "damaged network": (lambda d: d.update(network=["<net>"]), r"network is damaged XML"),
+    "another XML": (lambda d: d.update(network=["<routes/>"]), r"network must be a SUMO <net>"),
+    "no height": (drop("height"), r"height must be a finite number, got None"),
+    "height without end": (lambda d: d.update(height=10**400), r"height must be a finite number, got 10{58}"),
+    "relief of another kind": (lambda d: d.update(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
+    "negative height": (lambda d: d.update(height=-4), r"height must be positive, got -4"),
+    "hybrid radius no number": (lambda d: d.update(hybrid_radius=[]), r"hybrid_radius must be a finite number"),
+    "negative hybrid radius": (lambda d: d.update(hybrid_radius=-3), r"hybrid_radius must be finite and at least 0"),
+    "negative relief": (lambda d: d.update(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
+    "newer version": (lambda d: d.update(coview_site=99), r"coview_site is version 99"),
+    "other GeoJSON": (drop("coview_site"), r"coview_site is missing"),
+    "not a collection": (lambda d: d.update(type="Feature"), r"type must be 'FeatureCollection'"),
+    "features no list": (lambda d: d.update(features={}), r"features must be a list"),
+    "feature no object": (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_a_damaged_file_is_refused_in_one_line_that_names_the_field(tmp_path, what, saved):
+    change, message = DAMAGE[what]
+    path, _ = saved(tmp_path, change)
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_site(path)
+    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).startswith(str(path))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-np.pi, np.pi), st.floats(-np.pi / 2, np.pi / 2), st.floats(-np.pi, np.pi))
+def test_every_attitude_survives_the_file(tmp_path_factory, yaw, pitch, roll):
+    path = tmp_path_factory.mktemp("site") / "s.json"
+    sensor = Sensor("d0", SpinningLidar(), pose(0.0, 0.0, 5.0, yaw=yaw, pitch=pitch, roll=roll))
+    save_site(Site("s", np.array([0.0, 0, 1, 1]), sensors=(sensor,)), path)
+    assert np.abs(load_site(path).sensors[0].pose - sensor.pose).max() < 1e-6
+
+
+def test_the_file_is_geojson_with_closed_rings(tmp_path, saved):
+    _, document = saved(tmp_path)
+    assert document["type"] == "FeatureCollection"
+    for feature in document["features"]:
+        assert feature["type"] == "Feature"
+        if feature["geometry"]["type"] == "Polygon":
+            (ring,) = feature["geometry"]["coordinates"]
+            assert ring[0] == ring[-1]
+    sensor = next(f for f in document["features"] if f["properties"]["layer"] == "sensor")
+    assert sensor["properties"]["heading_deg"] == pytest.approx(np.rad2deg(0.3))
+    assert sensor["properties"]["tilt_deg"] == pytest.approx(np.rad2deg(0.1))
+
+
+@pytest.mark.parametrize("name", ["small", "roundabout"])
+def test_a_file_without_a_hybrid_radius_has_the_papers_usual_one_whatever_its_name(tmp_path, name, saved):
+    path, _ = saved(tmp_path, lambda d: (d.pop("hybrid_radius"), d.update(name=name)))
+    assert load_site(path).hybrid_radius == 20.0
+
+
+def test_columns_a_gis_tool_fills_up_with_null_do_no_harm(tmp_path, saved, small_site):
+    path, _ = saved(tmp_path, assign("lane", "properties", "kind", None))
+    assert load_site(path) == small_site()
+
+
+def test_a_slope_is_kept_and_level_ground_is_written_as_before(tmp_path, small_site):
+    steep = replace(small_site(), relief=Relief(0.06, 7, (0.0512, -0.03)))
+    save_site(steep, tmp_path / "steep.json")
+    assert load_site(tmp_path / "steep.json") == steep
+    assert document(small_site())["relief"] == {"amplitude": 0.06, "seed": 7}
+
+
+@pytest.mark.parametrize("slope", [0.05, [0.05], [0.05, "x"], [0.4, 0.0]])
+def test_a_slope_that_is_none_is_refused(tmp_path, saved, slope):
+    path, _ = saved(tmp_path, lambda d: d["relief"].update(slope=slope))
+    with pytest.raises(ValueError, match="relief"):
+        load_site(path)

@@ -4,7 +4,7 @@ import pytest
 import shapely
 
 from toolkit.sensors.models import DepthCamera, SpinningLidar
-from toolkit.sites.geojson import document, dumps, parse
+from toolkit.sites.files import document, dumps, parse
 from toolkit.sites.network import shoulders
 from toolkit.sites.random import HIGHEST, LOWEST, STEEPEST_STREET, random_sensors, random_site, sloping
 from toolkit.sites.site import Relief, Site

@@ -1,0 +1,207 @@
+""" """
+
+from dataclasses import replace
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from toolkit.bodies.drawn_cars import (
+    CAR_KINDS,
+    CARRIED,
+    HEIGHTS,
+    LENGTHS,
+    TRAILERS,
+    WIDTHS,
+    bed_of,
+    block_car,
+    drawn_proportions,
+    half_width,
+    lofted_car,
+    mirrors,
+    mound,
+    on_roof,
+    plank,
+    stretched,
+    trailer,
+)
+from toolkit.mesh import box
+
+CARS = [drawn_proportions(np.random.default_rng([2, k])) for k in range(400)]
+
+
+def test_shares_are_those_of_the_kinds():
+    assert sum(kind.share for kind in CAR_KINDS) == pytest.approx(1)
+    for kind in CAR_KINDS:
+        assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(kind.share, abs=0.055)
+
+
+def test_measures_lie_in_the_ranges():
+    for measure, (low, high) in (("length", LENGTHS), ("width", WIDTHS), ("height", HEIGHTS)):
+        values = [getattr(car, measure) for car in CARS]
+        assert low <= min(values) < low + 0.1 * (high - low)
+        assert high >= max(values) > high - 0.25 * (high - low)
+
+
+def test_a_car_stands_on_its_wheels_within_its_length():
+    for car in CARS:
+        front, rear = car.axles
+        assert car.wheel < front < rear < car.length - car.wheel
+        assert 0.5 * car.length <= rear - front <= 0.78 * car.length, car.kind
+        assert car.clearance < car.wheel * 1.1
+
+
+def test_profiles_run_from_the_front_to_the_rear_and_reach_the_roof():
+    for car in CARS:
+        stations, heights = car.profile.T
+        assert stations[0] == 0
+        assert stations[-1] == 1
+        assert (np.diff(stations) > 0).all()
+        assert heights.max() == 1
+        assert heights.min() > 0.2
+        assert car.top(np.array([0.0, 1.0])) == pytest.approx(car.height * heights[[0, -1]])
+    assert len({car.profile.tobytes() for car in CARS}) == len(CARS)
+
+
+def test_a_seed_gives_a_car():
+    first, again = (drawn_proportions(np.random.default_rng(8)) for _ in range(2))
+    assert first.length == again.length
+    assert first.profile.tobytes() == again.profile.tobytes()
+
+
+CARS_CARS = [drawn_proportions(np.random.default_rng([3, k])) for k in range(40)]
+SHUT = [car for car in CARS_CARS if car.kind != "pickup"]
+
+
+def first_hits(mesh, starts, direction):
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
+    rays = np.concatenate([starts, np.broadcast_to(direction, starts.shape)], axis=1).astype(np.float32)
+    return scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+
+
+@pytest.mark.parametrize("build", [lofted_car, lambda car: block_car(car, np.random.default_rng(0))])
+def test_cars_are_as_large_as_they_were_drawn(build):
+    for car in CARS_CARS:
+        vertices = build(car).vertices
+        assert np.allclose(np.ptp(vertices, axis=0), (car.length, car.width, car.height), atol=1e-9)
+        assert vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert np.allclose(np.sort(vertices[:, 1]), np.sort(-vertices[:, 1]), atol=1e-9)
+
+
+def test_there_are_no_holes_from_above_nor_from_the_side():
+    """Rays from above meet the body above its floor wherever it is, and rays from the left its left half."""
+    for car in SHUT:
+        mesh = lofted_car(car)
+        x, y = np.meshgrid(np.linspace(-0.45, 0.45, 31) * car.length, np.linspace(-0.28, 0.28, 15) * car.width)
+        height = 5 - first_hits(mesh, np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)]), [0.0, 0, -1])
+        assert height.min() > 0.25 * car.height, car.kind
+        assert height.max() <= car.height + 1e-4
+        z = np.linspace(car.clearance + 0.16, 0.65 * car.belt * car.height, 8)  # above the lips of the bumpers
+        x, z = np.meshgrid(np.linspace(-0.43, 0.43, 41) * car.length, z)
+        across = 5 - first_hits(mesh, np.column_stack([x.ravel(), np.full(x.size, 5.0), z.ravel()]), [0.0, -1, 0])
+        assert across.min() > 0.2 * car.width, car.kind
+
+
+def test_four_wheels_touch_the_ground():
+    for car in CARS_CARS:
+        vertices = lofted_car(car).vertices
+        low = vertices[vertices[:, 2] < 0.02]
+        corners = {(x > 0, y > 0) for x, y in low[:, :2].tolist()}
+        assert len(corners) == 4
+        assert np.ptp(low[:, 0]) > 0.45 * car.length
+        assert np.ptp(low[:, 1]) > 0.6 * car.width
+
+
+def test_block_cars_have_few_triangles_and_lofted_ones_enough():
+    assert max(len(block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
+    assert min(len(lofted_car(car).triangles) for car in CARS_CARS) > 1200
+
+
+def test_flanks_are_nearly_parallel_and_corners_rounded():
+    car = replace(CARS_CARS[0], rounding=(0.1, 0.1), ends=(0.7, 0.8))
+    width = half_width(car, np.array([0.0, 0.5, 1.0])) / (car.width / 2)
+    assert width == pytest.approx([0.7 * (1 - 0.05 * 1.05**2), 1, 0.8 * (1 - 0.05 * 0.95**2)], abs=2e-3)
+
+
+def test_a_pick_up_has_a_bed_lower_than_its_cab():
+    pickups = [
+        car for car in (drawn_proportions(np.random.default_rng([4, k])) for k in range(150)) if car.kind == "pickup"
+    ]
+    assert pickups
+    for car in pickups:
+        front, rear = bed_of(car)
+        assert 0.5 < front < 0.75 < rear < 1
+        x = car.length * (0.5 - (front + rear) / 2)
+        bed = 5 - first_hits(lofted_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
+        assert bed < 0.62 * car.height
+
+
+def test_stretching_and_planks():
+    moved = stretched(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
+    assert np.allclose(moved.vertices.min(axis=0), [-2, -1, 0])
+    assert np.allclose(moved.vertices.max(axis=0), [2, 1, 1])
+    assert np.allclose(plank((1.0, 2.0, 3.0), 4.0, 5.0, 6.0).vertices[:, 2].min(), 6)
+
+
+def test_mounds_lie_on_their_height():
+    vertices = mound((2.0, 1.0, 0.5), 3.0, 0.7).vertices
+    assert np.allclose(vertices.min(axis=0)[[0, 2]], [2, 0.7], atol=0.01)
+    assert np.allclose(vertices.max(axis=0), [4, 0.5, 1.2], atol=0.02)
+
+
+CARS_EXTRAS = [drawn_proportions(np.random.default_rng([6, k])) for k in range(300)]
+
+
+def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_none():
+    sides = []
+    for number, car in enumerate(CARS_EXTRAS):
+        vertices = mirrors(car, np.random.default_rng([1, number])).vertices
+        beyond = vertices[np.abs(vertices[:, 1]) > car.width / 2 + 1e-6]
+        sides.append(len(set(np.sign(beyond[:, 1]).tolist())))
+        if len(beyond):
+            assert 0.079 < np.abs(beyond[:, 1]).max() - car.width / 2 < 0.256
+            assert (beyond[:, 0] > 0).all()
+            assert (beyond[:, 2] > 0.4 * car.height).all()
+            assert (beyond[:, 2] < car.height).all()
+    assert np.mean(np.array(sides) == 0) == pytest.approx(0.3, abs=0.07)
+    assert 0 < np.mean(np.array(sides) == 1) < 0.06
+
+
+def test_what_is_on_a_roof_stands_on_it():
+    seen = set()
+    for number, car in enumerate(CARS_EXTRAS):
+        carried, load = on_roof(car, np.random.default_rng([2, number]))
+        seen.add(carried)
+        assert bool(carried) == bool(len(load.triangles))
+        if carried in ("taxi", "light_bar", "roof_box", "rack", "rails"):
+            low, high = load.vertices.min(axis=0), load.vertices.max(axis=0)
+            assert car.height - 0.08 < low[2] < car.height + 0.05, carried
+            assert car.height < high[2] < car.height + 0.5, carried
+            assert max(-low[1], high[1]) < car.width / 2
+            assert max(-low[0], high[0]) < 0.62 * car.length
+    assert seen == {"", *CARRIED}
+
+
+def test_a_pick_ups_load_lies_in_its_bed():
+    pickup = next(car for car in CARS_EXTRAS if car.kind == "pickup")
+    for number in range(40):
+        carried, load = on_roof(pickup, np.random.default_rng(number))
+        if carried == "load":
+            low, high = load.vertices.min(axis=0), load.vertices.max(axis=0)
+            assert low[0] > -pickup.length / 2
+            assert high[0] < 0
+            assert high[1] - low[1] < 0.8 * pickup.width
+
+
+def test_a_trailer_follows_its_car_on_wheels():
+    seen = set()
+    for number in range(30):
+        car = replace(CARS_EXTRAS[number], height=1.5)
+        kind, mesh = trailer(car, np.random.default_rng(number))
+        seen.add(kind)
+        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert -car.length / 2 < mesh.vertices[:, 0].max() < -car.length / 2 + 0.2
+        assert -car.length / 2 - 8.5 < mesh.vertices[:, 0].min() < -car.length / 2 - 2.5
+        assert 1.3 < np.ptp(mesh.vertices[:, 1]) < 2.6
+    assert seen == set(TRAILERS)

@@ -1,0 +1,333 @@
+"""Tests of opendrive."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import shapely
+
+from toolkit.geometry import pose
+from toolkit.sites.furniture import post, rectangle
+from toolkit.sites.opendrive import (
+    Cubics,
+    Standing,
+    cubics,
+    in_frame,
+    in_map,
+    in_site,
+    lanes,
+    number,
+    off_the_road,
+    opendrive_header,
+    plane,
+    reference_line,
+    roads_near,
+    standing_beside,
+    steepest,
+    surfaces,
+    understood,
+    usable,
+)
+
+LANES = (
+    '<lanes><laneOffset s="0" a="0.5"/><laneSection s="0"><left><lane id="2" type="sidewalk"><width sOffset="0" a="2"/>'
+    '</lane><lane id="1" type="driving"><width sOffset="0" a="3.5"/></lane></left><center><lane id="0" type="none"/>'
+    '</center><right><lane id="-1" type="driving"><width sOffset="0" a="3.5"/></lane><lane id="-2" type="parking">'
+    '<width sOffset="0" a="2.5"/></lane><lane id="-3" type="sidewalk"><width sOffset="0" a="2"/></lane>'
+    '<lane id="-4" type="none"><width sOffset="0" a="0"/></lane></right></laneSection></lanes>'
+)
+
+
+def _street(folder, objects="", signals="", elevation="", lanes=LANES) -> Path:
+    road = (
+        '<road id="1" length="100" junction="-1"><planView><geometry s="0" x="-50" y="0" hdg="0" length="100"><line/>'
+        f"</geometry></planView><elevationProfile>{elevation}</elevationProfile>{lanes}"
+        f"<objects>{objects}</objects><signals>{signals}</signals></road>"
+    )
+    path = folder / "street.xodr"
+    path.write_text(f'<OpenDRIVE xmlns="x"><header revMajor="1" revMinor="7"/>{road}</OpenDRIVE>', encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def street():
+    return _street
+
+
+def line_of(*shapes, x=10.0, y=5.0, heading=0.0, elevation=""):
+    start, text = 0.0, ""
+    for length, shape in shapes:
+        text += f'<geometry s="{start}" x="{x}" y="{y}" hdg="{heading}" length="{length}">{shape}</geometry>'
+        start += length
+    profile = f"<elevationProfile>{elevation}</elevationProfile>"
+    return reference_line(ElementTree.fromstring(f'<road id="7"><planView>{text}</planView>{profile}</road>'))
+
+
+def test_line_and_the_side_of_t():
+    line = line_of((20.0, "<line/>"), heading=np.pi / 2)
+    np.testing.assert_allclose(line.at(np.array([0.0, 12.0])), [[10, 5, np.pi / 2], [10, 17, np.pi / 2]], atol=1e-12)
+    np.testing.assert_allclose(line.beside(np.array([12.0]), np.array([3.0])), [[7, 17]], atol=1e-12)
+
+
+@pytest.mark.parametrize("curvature", [0.1, -0.1, 1e-12])
+def test_arc_lies_on_its_circle(curvature):
+    line = line_of((15.0, f'<arc curvature="{curvature}"/>'), x=0.0, y=0.0)
+    s = np.array([0.0, 5.0, 15.0])
+    turn = curvature * s
+    exact = [np.sin(turn) / curvature, (1 - np.cos(turn)) / curvature, turn]
+    np.testing.assert_allclose(line.at(s), np.transpose(exact), atol=1e-3 if curvature == 1e-12 else 1e-9)
+
+
+def test_spiral_against_its_series():
+    line = line_of((20.0, '<spiral curvStart="0" curvEnd="0.05"/>'), x=0.0, y=0.0)
+    s, rate = 20.0, 0.05 / 20.0
+    ((x, y, heading),) = line.at(np.array([s]))
+    assert heading == pytest.approx(rate * s**2 / 2)
+    assert x == pytest.approx(s - rate**2 * s**5 / 40 + rate**4 * s**9 / 3456, abs=1e-3)
+    assert y == pytest.approx(rate * s**3 / 6 - rate**3 * s**7 / 336, abs=1e-3)
+
+
+def test_polynomials():
+    s = np.array([0.0, 4.0])
+    cubic = line_of((8.0, '<poly3 a="1" b="0" c="0.5" d="0"/>'), x=0.0, y=0.0)
+    np.testing.assert_allclose(cubic.at(s), [[0, 1, 0], [4, 9, np.arctan(4.0)]])
+    normal = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="0" cV="{}" dV="0"/>'
+    for text in (normal.format("normalized", 8, 16), normal.format("arcLength", 1, 0.25)):
+        np.testing.assert_allclose(line_of((8.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [4, 4]])
+
+
+def test_pieces_follow_in_order_of_s():
+    line = line_of((10.0, "<line/>"), (10.0, '<arc curvature="0.1"/>'))
+    assert line.length == 20.0
+    assert line.at(np.array([15.0]))[0, 2] == pytest.approx(0.5)
+
+
+def test_elevation_and_its_slope():
+    line = line_of(
+        (50.0, "<line/>"), elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>'
+    )
+    np.testing.assert_allclose(line.elevation.at(np.array([0.0, 10, 40])), [1, 2.1, 4.2])
+    np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
+    assert (Cubics(np.zeros(0), np.zeros((0, 4))).at(np.arange(3.0)) == 0).all()
+    assert not len(cubics([]).starts)
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "1e9", "far", ""])
+def test_what_is_no_number(text):
+    with pytest.raises(ValueError, match=r"<a> needs a finite number as s, got .*: export it again") as raised:
+        number(ElementTree.fromstring(f'<a s="{text}"/>'), "s")
+    assert "\n" not in str(raised.value)
+    assert number(ElementTree.fromstring("<a/>"), "s", 2.5) == 2.5
+
+
+def test_damaged_geometry():
+    with pytest.raises(ValueError, match="road '7' has no <geometry>"):
+        line_of()
+    with pytest.raises(ValueError, match="holds <loop>, not one of line, arc"):
+        line_of((5.0, "<loop/>"))
+    with pytest.raises(ValueError, match="length of 0 to 100000 m, got -3"):
+        line_of((-3.0, "<line/>"))
+
+
+WINDOW = shapely.box(-40, -40, 40, 40)
+
+
+def test_lanes_lie_side_by_side(street, tmp_path):
+    (road,) = roads_near(street(tmp_path), WINDOW, 0.0, 3.5)
+    found = [(lane.kind, lane.outline.bounds, lane.width) for lane in lanes(road)]
+    assert found == [
+        ("driving", (-50, 0.5, 50, 4.0), 3.5),
+        ("sidewalk", (-50, 4.0, 50, 6.0), 2.0),
+        ("driving", (-50, -3.0, 50, 0.5), 3.5),
+        ("parking", (-50, -5.5, 50, -3.0), 2.5),
+        ("sidewalk", (-50, -7.5, 50, -5.5), 2.0),
+    ]
+    np.testing.assert_allclose(list(lanes(road))[3].middle[[0, -1]], [[-50, -4.25], [50, -4.25]])
+
+
+def test_other_storeys_and_places_are_left_out(street, tmp_path):
+    high = street(tmp_path, elevation='<elevation s="0" a="6"/>')
+    assert roads_near(high, WINDOW, 0.0, 3.5) == []
+    assert len(roads_near(high, WINDOW, 4.0, 3.5)) == 1
+    assert roads_near(high, shapely.box(500, 500, 510, 510), 6.0, 3.5) == []
+
+
+def test_steepest_slope_within_the_window(street, tmp_path):
+    path = street(tmp_path, elevation='<elevation s="0" a="0" b="-0.04"/><elevation s="95" a="-3.8" b="0.3"/>')
+    there = roads_near(path, WINDOW, 0.0, 5.0)
+    assert steepest(there, WINDOW) == pytest.approx(0.04)
+    assert steepest(there, WINDOW.buffer(20.0)) == pytest.approx(0.3)
+    assert steepest([], WINDOW) == 0.0
+
+
+def test_damaged_numbers_name_the_file(street, tmp_path):
+    path = street(tmp_path, lanes='<lanes><laneSection s="zero"/></lanes>')
+    with pytest.raises(ValueError, match=r"street\.xodr: <laneSection> needs a finite number as s, got 'zero'"):
+        surfaces(path, roads_near(path, WINDOW, 0.0, 3.5))
+    path = street(tmp_path, elevation='<elevation s="0" a="up"/>')
+    with pytest.raises(ValueError, match=r"street\.xodr: <elevation> needs a finite number as a, got 'up'"):
+        roads_near(path, WINDOW, 0.0, 3.5)
+
+
+def test_frames_are_inverse():
+    spot = shapely.Point(3.0, 4.0)
+    there = pose(10.0, -20.0, 5.0, yaw=np.pi / 2)
+    assert in_map(spot, there).equals_exact(shapely.Point(6.0, -17.0), 1e-9)
+    assert in_site(in_map(spot, there), there).equals_exact(spot, 1e-9)
+
+
+def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
+    path = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/>')
+    there = roads_near(path, WINDOW, 0.0, 5.0)
+    along, off = plane(there, WINDOW, pose(5.0, 2.0, 1.0))
+    assert along == pytest.approx((-0.04, 0.0))  # one road says nothing of the slope across it
+    assert off == pytest.approx(0.0, abs=1e-9)
+    turned, _ = plane(there, WINDOW, pose(yaw=np.pi / 2))
+    assert turned == pytest.approx((0.0, 0.04))
+    bent = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/><elevation s="50" a="1" b="0.0"/>')
+    slope, off = plane(roads_near(bent, WINDOW, 0.0, 5.0), WINDOW, np.eye(4))
+    assert -0.04 < slope[0] < 0.0
+    assert 0.05 < off < 1.0
+    assert plane([], WINDOW, np.eye(4)) == ((0.0, 0.0), 0.0)
+
+
+def test_place_and_projection(street, tmp_path):
+    path = street(tmp_path)
+    assert opendrive_header(path, (0.0, 0.0)) is None
+    with pytest.raises(ValueError, match=r"street\.xodr: centre 900 0 lies outside the map"):
+        opendrive_header(path, (900.0, 0.0))
+    text = path.read_text().replace('revMinor="7"/>', "><geoReference>+proj=utm +zone=32</geoReference></header>")
+    path.write_text(text)
+    assert opendrive_header(path, (0.0, 0.0)) == "+proj=utm +zone=32"
+
+
+def test_a_projection_that_names_none_is_said(tmp_path):
+    assert usable("+proj=utm +zone=32", tmp_path / "a.xodr") == "+proj=utm +zone=32"
+    assert usable("EPSG:25832", tmp_path / "a.xodr") == "EPSG:25832"
+    with pytest.warns(UserWarning, match=r"a\.xodr: its geoReference names no projection \('\+lat_0=4'\)"):
+        assert usable("+lat_0=4", tmp_path / "a.xodr") is None
+
+
+@pytest.fixture
+def found(street, tmp_path):
+    def read(objects="", signals="") -> Standing:
+        path = street(tmp_path, objects, signals)
+        return standing_beside(roads_near(path, shapely.box(-40, -40, 40, 40), 0.0, 3.5))
+
+    return read
+
+
+def bounds(solid):
+    return tuple(np.round([*solid.footprint.min(axis=0), *solid.footprint.max(axis=0), solid.base, solid.top], 3))
+
+
+def test_a_box_is_turned_and_lifted(found):
+    box = '<object type="building" s="60" t="20" zOffset="1.5" hdg="1.5707963" length="8" width="6" height="5"/>'
+    ((solid,),) = found(box).groups
+    assert solid.kind == "building"
+    assert bounds(solid) == (7, 16, 13, 24, 1.5, 6.5)
+
+
+def test_outlines_on_the_road_and_about_the_object(found):
+    road = "".join(f'<cornerRoad s="{s}" t="{t}"/>' for s, t in ((10, 9), (20, 9), (20, 12)))
+    local = "".join(f'<cornerLocal u="{u}" v="{v}"/>' for u, v in ((0, 0), (2, 0), (2, 1), (0, 1)))
+    here = '<object type="{}" s="50" t="-10" hdg="{}" height="2"><{}</object>'
+    corners = here.format("barrier", 0, f"outline>{road}</outline>")
+    turned = here.format("building", np.pi / 2, f"outlines><outline>{local}</outline></outlines>")
+    first, second = (group[0] for group in found(corners + turned).groups)
+    assert (first.kind, bounds(first)) == ("wall", (-40, 9, -30, 12, 0, 2))
+    assert bounds(second) == (-1, -10, 0, -8, 0, 2)
+
+
+def test_trees_poles_and_what_repeats_them(found):
+    repeat = '<repeat s="20" length="30" distance="10" tStart="8" tEnd="11"/>'
+    made = found(f'<object type="tree" s="0" t="0" radius="1.5" height="6">{repeat}</object>')
+    feet = [tuple(group[0].footprint.mean(axis=0).round(2)) for group in made.groups]
+    assert feet == [(-30, 8), (-20, 9), (-10, 10), (0, 11)]
+    assert [solid.kind for solid in made.groups[0]] == ["trunk", "tree", "tree", "tree"]
+    assert made.groups[0][-1].top == 6.0
+    lamp = found('<object type="streetLamp" s="50" t="7" radius="0.1"/>')
+    assert (lamp.lamps, bounds(lamp.groups[0][0])[4:]) == ([(0.0, 7.0)], (0.0, 6.0))
+
+
+def test_a_barrier_without_distance_runs_along_the_road(found):
+    repeat = '<repeat s="10" length="16" distance="0" tStart="8" tEnd="8" heightStart="0.8" widthStart="0.4"/>'
+    groups = found(f'<object type="barrier" s="0" t="0">{repeat}</object>').groups
+    assert shapely.union_all([shapely.Polygon(g[0].footprint) for g in groups]).bounds == (-40, 7.8, -24, 8.2)
+    assert {group[0].top for group in groups} == {0.8}
+
+
+def test_bays_lie_along_their_longer_side(found):
+    bay = '<object type="parkingSpace" s="50" t="-9" hdg="0.5" length="{}" width="{}"/>'
+    made = found(bay.format(5, 2.5) + bay.format(2.5, 5))
+    np.testing.assert_allclose(made.bays, [[0, -9, 0.5], [0, -9, 0.5 + np.pi / 2]])
+    assert not made.groups
+
+
+def test_what_is_flat_is_understood_and_what_is_unknown_is_counted(found):
+    made = found(
+        '<object type="crosswalk" s="5" t="0"/><object type="dragon" s="5" t="9"/><object type="dragon" s="6" t="9"/>'
+        '<object type="-1" name="Speed_30" s="5" t="0"/>'
+    )
+    assert not made.groups
+    assert made.understood == {"crosswalk": 1}
+    assert made.unknown == {"dragon": 2, "-1 Speed_30": 1}
+
+
+@pytest.mark.parametrize(
+    ("attributes", "depth", "levels"),
+    [
+        ('dynamic="no" zOffset="2.5" height="0.8" width="0.6"', 0.06, (2.5, 3.3)),
+        ('dynamic="yes" zOffset="-0.7" height="1.16" width="0.6"', 0.3, (2.1, 3.26)),
+        ('dynamic="no"', 0.06, (2.1, 2.7)),
+    ],
+)
+def test_signals_face_those_they_are_for(found, attributes, depth, levels):
+    ((post, plate),) = found(signals=f'<signal s="50" t="-6" orientation="+" {attributes}/>').groups
+    assert (post.kind, plate.kind, post.base, post.top) == ("post", "sign", 0.0, levels[0])
+    assert bounds(plate) == pytest.approx((-depth / 2, -6.3, depth / 2, -5.7, *levels))
+
+
+@pytest.mark.parametrize(
+    ("inside", "message"),
+    [
+        ('<object type="tree" s="5" t="nan"/>', "<object> needs a finite number as t, got 'nan'"),
+        ('<object type="tree" t="5"/>', "<object> needs a finite number as s, got 'None'"),
+        (
+            '<object type="pole" s="5" t="9"><repeat s="0" length="90" distance="0.001"/></object>',
+            "<repeat> makes 9000[01] objects: it must be 1 to 2000",
+        ),
+    ],
+)
+def test_damaged_objects(found, inside, message):
+    with pytest.raises(ValueError, match=message):
+        found(inside)
+
+
+def test_frame_of_the_site():
+    there = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
+    moved = in_frame(there, pose(10.0, 5.0, yaw=np.pi / 2))
+    np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
+    np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
+    np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)
+
+
+def test_what_would_stop_traffic_is_left_out_and_said():
+    there = Standing(
+        groups=[[post(0.0, 9.0, 3.0)], [post(0.0, 0.0, 3.0), post(0.0, 8.0, 3.0)], [post(90.0, 0.0, 3.0)], []]
+    )
+    there.unknown.update({"dragon": 2, "elf": 1})
+    kept, notes = off_the_road(there, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
+    assert kept == there.groups[0]
+    assert notes == [
+        "1 objects or signals stand on the carriageway and were left out",
+        "objects of types that are not known were left out: 2 'dragon', 1 'elf'",
+    ]
+    assert off_the_road(Standing(), WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon()) == ([], [])
+
+
+def test_damage_names_the_file(street, tmp_path):
+    path = street(tmp_path, objects='<object type="tree" s="5" t="x"/>')
+    with pytest.raises(ValueError, match=r"street\.xodr: <object> needs a finite number as t, got 'x'"):
+        understood(path, roads_near(path, WINDOW, 0.0, 3.5))

@@ -1,1 +1,0 @@
-"""Bodies drawn afresh from continuous proportions: cars, heavy vehicles, two-wheelers, people."""

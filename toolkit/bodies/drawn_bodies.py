@@ -1,0 +1,502 @@
+"""Bodies drawn at random for a class: cars, heavy vehicles, two-wheelers and people.
+
+The ground truth box of a drawn vehicle is the body without its wing mirrors, which stick out of it by 8 to 25 cm. Roof
+signs, roof boxes, racks, loads and spare wheels belong to the box, and so does a trailer, which makes a car an
+articulated heavy vehicle. `toolkit.bodies.body.tight` gives the other convention, mirrors included. Articulated
+vehicles are straight: a body is rigid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from toolkit.bodies.body import Body, boxed
+from toolkit.bodies.drawn_cars import (
+    CAR_KINDS,
+    CARRIED,
+    NOTHING,
+    TRAILERS,
+    block_car,
+    drawn_proportions,
+    lofted_car,
+    mirrors,
+    mound,
+    on_roof,
+    plank,
+    trailer,
+)
+from toolkit.bodies.people import (
+    Figure,
+    backpack,
+    bag,
+    bicycle,
+    grown,
+    hat,
+    motorcycle,
+    person,
+    pushchair,
+    rider,
+    scooter,
+    skirt,
+    stick,
+    striding,
+    trolley,
+    umbrella,
+)  # fmt: skip
+from toolkit.bodies.vehicles import wheel_at
+from toolkit.mesh import Mesh, Vector, box, loft, merge, mirrored, shifted, tube
+from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
+
+SUPERSTRUCTURES = {
+    "box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13, "tank": 0.07, "refuse": 0.07, "container": 0.08,
+    "mixer": 0.05,
+}  # fmt: skip
+BUSES = ("minibus", "bus", "bendy_bus")
+
+Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
+
+
+def drawn_heavy(rng: np.random.Generator) -> Built:
+    """A truck, an articulated truck or a bus, x forward, wheels on z = 0."""
+    kinds = (_truck, _articulated, _bus)
+    return kinds[int(rng.choice(3, p=(0.55, 0.17, 0.28)))](rng)
+
+
+def _truck(rng: np.random.Generator) -> Built:
+    length = float(rng.uniform(5.2, 11.5))
+    width = float(np.clip(1.95 + 0.075 * (length - 5.2) + rng.normal(0, 0.1), 1.85, 2.55))
+    cab_height = float(np.clip(2.1 + 0.16 * (length - 5.2) + rng.normal(0, 0.2), 2.0, 3.3))
+    deep = float(rng.uniform(1.5, 2.3))
+    cab, mirror = _cab(length / 2, width, cab_height, deep, rng)
+    gap = float(rng.uniform(0.05, 0.3))
+    front, floor = length / 2 - deep - gap, float(rng.uniform(0.85, 1.2))
+    kind, load = _superstructure(front, -length / 2, width, floor, cab_height, rng)
+    return f"{kind}_truck", merge([cab, load, *_chassis(length, width, floor, deep, rng)]), mirror
+
+
+def _articulated(rng: np.random.Generator) -> Built:
+    length, width = float(rng.uniform(12.5, 17.0)), float(rng.uniform(2.4, 2.58))
+    cab_height, deep = float(rng.uniform(2.9, 3.9)), float(rng.uniform(1.9, 2.5))
+    cab, mirror = _cab(length / 2, width - float(rng.uniform(0, 0.1)), cab_height, deep, rng)
+    front, floor = length / 2 - deep - float(rng.uniform(0.5, 1.0)), float(rng.uniform(1.1, 1.3))
+    kind, load = _superstructure(front, -length / 2, width, floor, cab_height, rng)
+    radius = float(rng.uniform(0.46, 0.53))
+    rows = [length / 2 - 1.4, front - 0.6, *(-length / 2 + float(rng.uniform(1.6, 2.6)) + 1.35 * k for k in range(3))]
+    chassis = plank((length - 1.2, 0.9, 0.3), -0.3, 0.0, floor - 0.3)
+    return f"articulated_{kind}", merge([cab, load, chassis, *_wheels(rows, width, radius)]), mirror
+
+
+def _cab(front: float, width: float, height: float, deep: float, rng: np.random.Generator) -> tuple[Mesh, Mesh]:
+    """A cab whose front is at `front`, and its mirrors."""
+    low, rake = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.04, 0.35))
+    nose = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0  # a bonnet
+    x, corner = front - nose, float(rng.uniform(0.03, 0.15))
+    sill = low + 0.45 * (height - low)
+    rings = [
+        (x - deep + nose, width, low, height),
+        (x - 0.6 * rake - corner, width, low, height),
+        (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
+        (x, width - 2 * corner, low, sill),
+    ]
+    parts = [_lofted(rings)]
+    if nose:
+        parts.append(_lofted([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)]))
+    if rng.random() < 0.25:
+        parts.append(plank((0.5 * deep, 0.8 * width, float(rng.uniform(0.3, 0.6))), x - 0.6 * deep, 0.0, height - 0.03))
+    high, out = float(rng.uniform(0.25, 0.5)), float(rng.uniform(0.1, 0.28))
+    mirror = box(
+        (float(rng.uniform(0.06, 0.2)), out + 0.04, high), (x - 0.2, width / 2 + out / 2 - 0.02, 0.68 * height)
+    )
+    return merge(parts), merge([mirror, mirrored(mirror)])
+
+
+def _lofted(stations: list[tuple[float, float, float, float]]) -> Mesh:
+    """A loft through chamfered rectangles given as (x, width, floor, roof), from the rear to the front."""
+    rings = []
+    for x, width, low, top in stations:
+        y, c = width / 2, 0.06
+        ring = [
+            (-y + c, low),
+            (y - c, low),
+            (y, low + c),
+            (y, top - c),
+            (y - c, top),
+            (c - y, top),
+            (-y, top - c),
+            (-y, low + c),
+        ]
+        rings.append([(x, *point) for point in ring])
+    return loft(np.array(rings))
+
+
+def _superstructure(
+    front: float, rear: float, width: float, floor: float, cab: float, rng: np.random.Generator
+) -> tuple[str, Mesh]:
+    """What a truck carries between `front` and `rear` (m), and the word for it."""
+    kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
+    length, middle = front - rear, (front + rear) / 2
+    deck = plank((length, width, 0.14), middle, 0.0, floor - 0.02)
+    top = float(np.clip(cab + rng.uniform(-0.2, 1.0), floor + 1.0, 4.0))
+    if kind in ("box", "curtain", "container"):
+        sides = width if kind != "container" else min(width, 2.44)
+        return kind, merge([deck, _lofted([(rear, sides, floor, top), (front, sides, floor, top)])])
+    if kind == "refuse":
+        rings = [(rear, 0.9 * width, floor - 0.2, floor + 1.2), (rear + 0.2 * length, width, floor, top),
+                 (front, width, floor, top - 0.15)]  # fmt: skip
+        return kind, merge([deck, _lofted(rings)])
+    if kind == "tank":
+        radius = min(width / 2, float(rng.uniform(0.75, 1.2)))
+        line = [(rear, 0.0, floor + radius), (rear + 0.15, 0.0, floor + radius), (front - 0.15, 0.0, floor + radius),
+                (front, 0.0, floor + radius)]  # fmt: skip
+        return kind, merge(
+            [deck, tube(line, [0.7 * radius, radius, radius, 0.7 * radius], 14, flat=width / 2 / radius)]
+        )
+    if kind == "mixer":
+        line = [(rear, 0.0, floor + 1.5), (middle, 0.0, floor + 1.25), (front - 0.1, 0.0, floor + 1.0)]
+        return kind, merge([deck, tube(line, [0.45, min(1.15, width / 2), 0.6], 14)])
+    wall = float(rng.uniform(0.3, 0.7) if kind == "flatbed" else rng.uniform(0.8, 1.5))
+    parts = [deck, *(plank((length, 0.06, wall), middle, y, floor) for y in (-width / 2 + 0.03, width / 2 - 0.03))]
+    parts += [plank((0.06, width, wall), x, 0.0, floor) for x in (rear + 0.03, front - 0.03)]
+    chance = rng.random()
+    if kind == "tipper" or chance < 0.3:
+        heap = 0.92 * length, 0.9 * width, wall * float(rng.uniform(0.6, 1.35))
+        parts.append(mound(heap, middle, floor + 0.12))
+    elif chance < 0.75:
+        sizes = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3)) * [length, width - 0.15, 1.0]
+        parts += [
+            plank((a, b, c), rear + length * (0.2 + 0.3 * k), 0.0, floor) for k, (a, b, c) in enumerate(sizes.tolist())
+        ]
+    return kind, merge(parts)
+
+
+def _chassis(length: float, width: float, floor: float, deep: float, rng: np.random.Generator) -> list[Mesh]:
+    radius = float(np.clip(0.36 + 0.03 * (length - 5.2) + rng.uniform(-0.03, 0.03), 0.34, 0.53))
+    last = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
+    rows = [length / 2 - float(rng.uniform(1.0, 1.45)), last, *([last + 2.3 * radius + 0.2] if length > 8.5 else [])]
+    frame = plank((length - 0.8, 0.85, 0.28), -0.3, 0.0, floor - 0.3)
+    guard = plank((0.12, 0.93 * width, 0.14), -length / 2 + 0.1, 0.0, float(rng.uniform(0.4, 0.55)))
+    return [frame, guard, *_wheels(rows, width, radius)]
+
+
+def _wheels(rows: list[float], width: float, radius: float) -> list[Mesh]:
+    """A pair of wheels at every x."""
+    breadth = 0.3
+    one = wheel_at(0.0, width / 2 - breadth / 2 - 0.02, radius, breadth, 12)
+    wheels = [shifted(one, x) for x in rows]
+    return wheels + [mirrored(wheel) for wheel in wheels]
+
+
+def _bus(rng: np.random.Generator) -> Built:
+    """A minibus, city bus, coach, or bendy bus with its bellows."""
+    bendy = rng.random() < 0.18
+    length = float(rng.uniform(16.5, 18.5) if bendy else rng.choice([rng.uniform(6.2, 9.0), rng.uniform(9.0, 13.5)]))
+    width = float(np.clip(2.05 + 0.085 * (length - 6.2) + rng.normal(0, 0.06), 2.0, 2.58))
+    height = float(np.clip(2.65 + 0.1 * (length - 6.2) + rng.uniform(-0.15, 0.5), 2.55, 3.85))
+    if rng.random() < 0.05:
+        height = float(rng.uniform(4.0, 4.4))  # double-decker
+    x, low, round_ = length / 2, float(rng.uniform(0.25, 0.4)), float(rng.uniform(0.04, 0.3))
+    rake = float(rng.uniform(0.05, 0.5))
+    rings = [
+        (-x, 0.94 * width, low + 0.08, height - round_),
+        (-x + 0.15, width, low, height - 0.03),
+        (-x + 0.5, width, low, height),
+        (x - rake - 0.3, width, low, height),
+        (x - 0.5 * rake, width * 0.99, low, height - 0.35),
+        (x, 0.92 * width, low + 0.05, low + 0.55 * (height - low)),
+    ]
+    if bendy:
+        fold = -0.05 * length
+        bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]
+        rings[3:3] = [
+            (at, wide, low + (0.1 if wide < width else 0), height - (0.12 if wide < width else 0))
+            for at, wide in bellows
+        ]
+    parts = [_lofted(rings)]
+    for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
+        size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
+        parts.append(plank(size, share * (x - 1.5), 0.0, height - 0.03))
+    radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
+    rows = [
+        x - float(rng.uniform(0.16, 0.24)) * min(length, 12.0),
+        -x + float(rng.uniform(0.22, 0.3)) * min(length, 12.0),
+    ]
+    rows += [0.08 * length] if bendy else []
+    high, out = float(rng.uniform(0.25, 0.45)), float(rng.uniform(0.12, 0.28))
+    at = x + float(rng.uniform(-0.3, -0.1))
+    mirror = box((0.14, out + 0.06, high), (at, 0.48 * width + out / 2, low + 0.6 * (height - low)))
+    kind = "bendy_bus" if bendy else "minibus" if length < 8 else "bus"
+    return kind, merge([*parts, *_wheels(rows, width, radius)]), merge([mirror, mirrored(mirror)])
+
+
+PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
+_PUSHING = {
+    "elbows": ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
+    "hands": ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
+}
+
+
+def drawn_person(rng: np.random.Generator) -> tuple[str, Mesh]:
+    """Somebody on foot or in a wheelchair and the word for it, facing +x, soles or wheels on z = 0."""
+    chance = rng.random()
+    if chance < 0.035:
+        return "wheelchair", standing(_wheelchair(rng))
+    if chance < 0.2:
+        height = float(rng.uniform(0.95, 1.55))
+        parts = [person(_walking(rng, stout=rng.uniform(0.92, 1.12)), height)]
+        parts += [backpack(height)] if rng.random() < 0.3 else []
+        return "child", standing(merge(parts))
+    height = float(np.clip(rng.normal(1.71, 0.09), 1.48, 2.02))
+    if chance < 0.25:
+        pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
+        return "pram", standing(merge([person(pushing, height), grown(pushchair(), float(rng.uniform(0.85, 1.1)))]))
+    if chance < 0.27:
+        pushing = replace(_walking(rng, lean=0.06), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
+        return "walker", standing(merge([person(pushing, height), _walker(height)]))
+    figure = _walking(rng, stout=float(np.clip(rng.normal(1.0, 0.13), 0.8, 1.4)))
+    parts = [person(figure, height)]
+    wears, carries = rng.random(2)
+    if wears < 0.2:
+        parts.append(skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
+    elif wears < 0.28:
+        parts.append(hat(height))
+    for least, extra in ((0.08, backpack), (0.2, bag), (0.25, umbrella), (0.28, stick)):
+        if carries < least:
+            parts.append(extra(height))
+            break
+    else:
+        if carries < 0.32:
+            parts.append(trolley())
+    return "adult", standing(merge(parts))
+
+
+def drawn_pose(rng: np.random.Generator, stout: float) -> Figure:
+    """Somebody who stands: arms hanging or at an ear."""
+    figure = replace(Figure(), stout=stout)
+    if rng.random() < 0.25:
+        elbows, hands = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
+        figure = replace(figure, elbows=elbows, hands=hands)
+    return figure
+
+
+def standing(mesh: Mesh) -> Mesh:
+    """The mesh let down or lifted onto z = 0."""
+    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
+
+
+def _walking(rng: np.random.Generator, stout: float | None = None, lean: float | None = None) -> Figure:
+    stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
+    if rng.random() < 0.2:
+        return drawn_pose(rng, stout)
+    lean = float(rng.uniform(0.0, 0.05)) if lean is None else lean
+    figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
+    return figure if rng.random() < 0.5 else _other_foot(figure)
+
+
+def _other_foot(figure: Figure) -> Figure:
+    """The figure with left and right exchanged."""
+    swapped = {
+        name: tuple((x, -y, z) for x, y, z in reversed(getattr(figure, name)))
+        for name in ("knees", "ankles", "elbows", "hands")
+    }
+    return replace(figure, **swapped)  # type: ignore[arg-type]  # pairs by construction
+
+
+def _wheelchair(rng: np.random.Generator) -> Mesh:
+    """Somebody seated between two large wheels, sometimes with a companion who pushes."""
+    height, radius = float(rng.uniform(1.5, 1.85)), float(rng.uniform(0.27, 0.31))
+    half, seat = float(rng.uniform(0.26, 0.31)), float(rng.uniform(0.45, 0.52))
+    hip = seat / height + 0.05
+    figure = Figure(
+        hip=(-0.05, 0.0, hip),
+        neck=(-0.07, 0.0, hip + 0.31),
+        knees=((0.19, 0.06, hip + 0.02), (0.19, -0.06, hip + 0.02)),
+        ankles=((0.26, 0.05, 0.1), (0.26, -0.05, 0.1)),
+        elbows=((0.0, 0.16, hip + 0.13), (0.0, -0.16, hip + 0.13)),
+        hands=((0.14, 0.13, hip + 0.09), (0.14, -0.13, hip + 0.09)),
+        stout=float(rng.uniform(0.9, 1.2)),
+    )
+    wheels = [wheel_at(-0.08, half, radius, 0.04, 14), wheel_at(0.38, half - 0.05, 0.08, 0.04, 8)]
+    chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
+    parts = [person(figure, height), *wheels, *(mirrored(wheel) for wheel in wheels), *chair]
+    if rng.random() < 0.3:
+        pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
+        companion = person(pushing, float(rng.uniform(1.55, 1.85)))
+        parts.append(shifted(companion, -0.75))
+    return merge(parts)
+
+
+def _walker(height: float) -> Mesh:
+    """A frame on four wheels held in front."""
+    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
+    wheels = [wheel_at(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
+    return merge([*legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)])
+
+
+TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")  # each also "_alone"
+RIDERLESS = 0.1  # of all but e-scooters
+
+
+def drawn_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
+    """A two-wheeler and the word for it, x forward, wheels on z = 0."""
+    kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
+    kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
+    return kind, standing(mesh)
+
+
+def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
+    if rng.random() < 0.12:
+        scale, height = float(rng.uniform(0.55, 0.8)), 0.0
+        height = 1.75 * scale + float(rng.uniform(-0.06, 0.06))
+    else:
+        height = float(np.clip(rng.normal(1.73, 0.09), 1.5, 2.0))
+        scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
+    sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
+    bike = grown(_bare_bicycle(int(rng.integers(31, 37))), scale)
+    parts, kind = [_longer(bike, float(rng.uniform(0.95, 1.08)))], "bicycle"
+    extra = rng.random()
+    if scale > 0.84 and extra < 0.1:
+        size = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6))
+        parts = [_longer(bike, 1.3), plank(tuple(size.tolist()), 0.5 + 0.2 * size[0], 0.0, 0.42)]
+        kind = "cargo_bicycle"
+    elif extra < 0.3:
+        parts.append(plank((0.36, float(rng.uniform(0.25, 0.42)), 0.32), -0.6 * scale, 0.0, 0.68 * scale))
+    if rng.random() < RIDERLESS:
+        return f"{kind}_alone", merge(parts)
+    grip: Vector = ((0.45 + 0.1 * sporty) * scale, (0.29 - 0.09 * sporty) * scale, (1.04 - 0.12 * sporty) * scale)
+    parts.append(rider(height, 0.95 * scale, grip, upright=0.98 - 0.26 * sporty, stout=float(rng.uniform(0.85, 1.2))))
+    return kind, merge(parts)
+
+
+def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
+    """A board on two small wheels; whoever rides it stands."""
+    half, radius, bar = float(rng.uniform(0.4, 0.52)), float(rng.uniform(0.1, 0.14)), float(rng.uniform(1.0, 1.2))
+    parts = [wheel_at(-half, 0.0, radius, 0.05, 10), wheel_at(half, 0.0, radius, 0.05, 10)]
+    parts += [plank((1.7 * half, 0.16, 0.06), -0.05, 0.0, radius)]
+    parts += [tube([(half, 0.0, radius), (half - 0.14, 0.0, bar)], 0.03, 6)]
+    parts += [tube([(half - 0.14, -0.25, bar), (half - 0.13, 0.0, bar), (half - 0.14, 0.25, bar)], 0.02, 5)]
+    if rng.random() < 0.15:
+        return "e_scooter_alone", merge(parts)
+    height = float(np.clip(rng.normal(1.73, 0.09), 1.35, 2.0))
+    hand = ((half - 0.18 + 0.12) / height, 0.22 / height, (bar - radius - 0.06) / height)
+    pose = drawn_pose(rng, float(rng.uniform(0.85, 1.2)))
+    figure = type(pose)(
+        ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),
+        elbows=((0.03, 0.15, 0.66), (0.03, -0.15, 0.66)),
+        hands=(hand, (hand[0], -hand[1], hand[2])),
+        stout=pose.stout,
+    )
+    body = person(figure, height)
+    parts.append(shifted(standing(body), -0.12, 0.0, radius + 0.06))
+    return "e_scooter", merge(parts)
+
+
+def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
+    fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
+    bike = _longer(grown(_bare_motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
+    if rng.random() < RIDERLESS:
+        return "motorcycle_alone", bike
+    bent, height = float(rng.uniform(0, 1)), float(np.clip(rng.normal(1.77, 0.07), 1.58, 1.98))
+    grip: Vector = ((0.52 + 0.04 * bent) * scale, 0.3 - 0.06 * bent, (1.0 - 0.07 * bent) * scale)
+    on = [rider(height, 0.85 * scale, grip, upright=0.92 - 0.24 * bent, rest=(-0.05, 0.36 + 0.06 * bent))]
+    return "motorcycle", merge([bike, *on, *_second(on, 0.4 * scale, rng)])
+
+
+def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
+    scale = float(rng.uniform(0.9, 1.12))
+    bike = _longer(grown(_bare_scooter(), scale), float(rng.uniform(0.95, 1.08)))
+    if rng.random() < RIDERLESS:
+        return "scooter_alone", bike
+    height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
+    on = [rider(height, 0.79 * scale, (0.42 * scale, 0.27, 0.98 * scale), upright=float(rng.uniform(0.9, 0.98)),
+                stout=float(rng.uniform(0.9, 1.15)), rest=(0.31 * scale, 0.32 * scale))]  # fmt: skip
+    if rng.random() < 0.25:
+        pack = backpack(height)  # a courier's
+        on.append(Mesh(pack.vertices * [1.6, 1.4, 1.0] + [-0.2, 0.0, 0.79 * scale - 0.45 * height], pack.triangles))
+    return "scooter", merge([bike, *on, *_second(on[:1], 0.35 * scale, rng)])
+
+
+def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mesh]:
+    """A passenger, sometimes: the rider once more, farther back and a little higher."""
+    if rng.random() > 0.12:
+        return []
+    return [Mesh(mesh.vertices * [0.8, 0.95, 0.97] + [-behind - 0.05, 0.0, 0.08], mesh.triangles) for mesh in on]
+
+
+@cache
+def _bare_bicycle(wheel_cm: int) -> Mesh:
+    return bicycle(wheel_cm / 100)
+
+
+_bare_motorcycle, _bare_scooter = cache(motorcycle), cache(scooter)
+
+
+def _longer(mesh: Mesh, factor: float) -> Mesh:
+    return Mesh(mesh.vertices * [factor, 1.0, 1.0], mesh.triangles)
+
+
+BLOCKS = 0.25  # of the cars are built of plain blocks
+TOWING = 0.1  # of the heavy vehicles are cars with a trailer
+
+
+def drawn_body(label: int | str, rng: np.random.Generator) -> Body:
+    """A body of a class, drawn: `vehicle`, `cyclist`, `pedestrian` or `heavy`; its name says what kind of one it is.
+
+    >>> body = drawn_body("vehicle", np.random.default_rng(0))
+    >>> body.label, len(body.size)
+    (0, 3)
+    """
+    label = label_index(label)
+    kind, mesh, outside = _DRAW[label](rng)
+    return boxed(f"{LABELS[label]}/{kind}", label, mesh, outside)
+
+
+def drawn_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body, ...]:
+    """So many bodies of each class, in the order of the classes given."""
+    return tuple(drawn_body(label, rng) for label, count in counts.items() for _ in range(count))
+
+
+def drawn_names() -> tuple[str, ...]:
+    """Every name a drawn body may have: its class and what kind of one it is."""
+    cars = [kind.name for kind in CAR_KINDS]
+    kinds = {
+        VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
+        CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
+        PEDESTRIAN: list(PEOPLE),
+        HEAVY: [
+            *(f"{load}_truck" for load in SUPERSTRUCTURES), *(f"articulated_{load}" for load in SUPERSTRUCTURES),
+            *BUSES, *(f"{car}_with_{behind}" for car in cars for behind in TRAILERS),
+        ],
+    }  # fmt: skip
+    return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
+
+
+def _car(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
+    shape = drawn_proportions(rng)
+    if rng.random() < BLOCKS:
+        return f"block_{shape.kind}", block_car(shape, rng), mirrors(shape, rng)
+    carried, load = on_roof(shape, rng)
+    name = f"{shape.kind}_{carried}" if carried else shape.kind
+    return name, merge([lofted_car(shape), load]), mirrors(shape, rng)
+
+
+def _heavy(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
+    if rng.random() >= TOWING:
+        return drawn_heavy(rng)
+    shape = drawn_proportions(rng)
+    kind, behind = trailer(shape, rng)
+    return f"{shape.kind}_with_{kind}", merge([lofted_car(shape), behind]), mirrors(shape, rng)
+
+
+def _without_mirrors(kind: str, mesh: Mesh) -> tuple[str, Mesh, Mesh]:
+    return kind, mesh, NOTHING
+
+
+_DRAW = {
+    VEHICLE: _car,
+    CYCLIST: lambda rng: _without_mirrors(*drawn_two_wheeler(rng)),
+    PEDESTRIAN: lambda rng: _without_mirrors(*drawn_person(rng)),
+    HEAVY: _heavy,
+}

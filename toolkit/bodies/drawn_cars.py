@@ -1,0 +1,469 @@
+"""Cars drawn at random: their proportions, their meshes, and what they carry.
+
+Within a kind the length is drawn first; width and height follow it on average, each with a spread of a decimetre and
+more, so that the length of a car does not tell its width. Lengths are 3.0 to 6.0 m, widths 1.45 to 2.2 m, heights 1.25
+to 2.6 m.
+
+A lofted car is a row of cross-sections as in `toolkit.bodies.vehicles`, all worked out at once in about a millisecond.
+Block-built cars have no arches, no rounding and few triangles, as many models of others do. Every mesh is stretched to
+the length, width and height that were drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.bodies.vehicles import wheel_at
+from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, placed, shifted, tube
+
+LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
+_GRID = np.linspace(0, 1, 61)  # of profiles, 0 front to 1 rear
+
+ProfileCorner = tuple[float | int, float | int]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of car. share: of all cars; length, height: m, from .. to; width: m, at the shortest and the longest;
+    profile: distance from the front and height of the body's top, as parts of length and height; wheel: radius (m),
+    from .. to; lean: of the sides above the belt, from .. to, as parts of the half width."""
+
+    name: str
+    share: float
+    length: tuple[float, float]
+    width: tuple[float, float]
+    height: tuple[float, float]
+    profile: tuple[ProfileCorner, ...]
+    wheel: tuple[float, float]
+    lean: tuple[float, float]
+    belt: tuple[float, float] = (0.56, 0.66)
+    clearance: tuple[float, float] = (0.13, 0.2)
+
+
+CAR_KINDS = (
+    Kind(
+        "kei", 0.07, (3.0, 3.5), (1.45, 1.56), (1.45, 1.95),
+        ((0, 0.34), (0.02, 0.44), (0.15, 0.53), (0.3, 0.96), (0.42, 1), (0.93, 0.985), (0.985, 0.66), (1, 0.42)),
+        (0.25, 0.3), (0.05, 0.14), (0.5, 0.6),
+    ),
+    Kind(
+        "city", 0.09, (3.1, 3.8), (1.5, 1.72), (1.4, 1.62),
+        ((0, 0.36), (0.02, 0.46), (0.22, 0.61), (0.41, 0.965), (0.55, 1), (0.87, 0.955), (0.97, 0.62), (1, 0.48)),
+        (0.27, 0.31), (0.14, 0.24),
+    ),
+    Kind(
+        "hatchback", 0.16, (3.75, 4.5), (1.66, 1.86), (1.4, 1.6),
+        ((0, 0.38), (0.02, 0.47), (0.24, 0.62), (0.43, 0.965), (0.56, 1), (0.85, 0.955), (0.965, 0.62), (1, 0.5)),
+        (0.29, 0.34), (0.16, 0.27),
+    ),
+    Kind(
+        "sedan", 0.14, (4.1, 5.3), (1.66, 1.94), (1.36, 1.55),
+        ((0, 0.38), (0.02, 0.48), (0.27, 0.63), (0.42, 0.965), (0.53, 1), (0.68, 0.955), (0.85, 0.7), (0.98, 0.66),
+         (1, 0.5)),
+        (0.3, 0.36), (0.17, 0.28),
+    ),
+    Kind(
+        "estate", 0.09, (4.2, 5.05), (1.68, 1.92), (1.4, 1.58),
+        ((0, 0.38), (0.02, 0.48), (0.26, 0.63), (0.4, 0.965), (0.52, 1), (0.9, 0.95), (0.985, 0.63), (1, 0.48)),
+        (0.3, 0.35), (0.14, 0.24),
+    ),
+    Kind(
+        "suv", 0.16, (3.9, 5.2), (1.72, 2.03), (1.5, 1.95),
+        ((0, 0.42), (0.015, 0.54), (0.24, 0.64), (0.37, 0.965), (0.48, 1), (0.89, 0.96), (0.975, 0.62), (1, 0.5)),
+        (0.33, 0.41), (0.13, 0.25), (0.57, 0.67), (0.17, 0.25),
+    ),
+    Kind(
+        "offroader", 0.04, (3.4, 5.0), (1.62, 2.0), (1.65, 2.1),
+        ((0, 0.44), (0.01, 0.58), (0.27, 0.63), (0.335, 0.97), (0.4, 1), (0.96, 0.985), (0.985, 0.8), (1, 0.4)),
+        (0.35, 0.44), (0.03, 0.12), (0.56, 0.63), (0.2, 0.3),
+    ),
+    Kind(
+        "minivan", 0.07, (4.0, 5.3), (1.7, 2.0), (1.58, 1.95),
+        ((0, 0.36), (0.02, 0.45), (0.16, 0.57), (0.35, 0.96), (0.48, 1), (0.91, 0.965), (0.98, 0.6), (1, 0.46)),
+        (0.3, 0.35), (0.1, 0.2), (0.52, 0.6),
+    ),
+    Kind(
+        "van", 0.08, (4.3, 6.0), (1.75, 2.14), (1.78, 2.6),
+        ((0, 0.3), (0.015, 0.42), (0.1, 0.53), (0.24, 0.955), (0.33, 1), (0.975, 0.985), (0.99, 0.7), (1, 0.4)),
+        (0.31, 0.37), (0.03, 0.13), (0.46, 0.58),
+    ),
+    Kind(
+        "pickup", 0.05, (4.6, 6.0), (1.7, 2.12), (1.6, 2.02),
+        ((0, 0.46), (0.015, 0.58), (0.23, 0.655), (0.34, 0.97), (0.44, 1), (0.555, 0.97), (0.61, 0.62), (0.985, 0.61),
+         (1, 0.5)),
+        (0.34, 0.43), (0.1, 0.2), (0.58, 0.65), (0.2, 0.3),
+    ),
+    Kind(
+        "coupe", 0.05, (3.6, 4.9), (1.64, 2.0), (1.25, 1.42),
+        ((0, 0.36), (0.03, 0.48), (0.34, 0.7), (0.5, 0.975), (0.56, 1), (0.66, 0.965), (0.9, 0.74), (0.985, 0.71),
+         (1, 0.52)),
+        (0.3, 0.36), (0.22, 0.34), (0.6, 0.68), (0.1, 0.15),
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Proportions:
+    """One car; lengths in metres, belt, lean, rounding and ends as parts of height, half width, length and width.
+
+    profile: (k, 2) as in `Kind`; axles: distances from the front; rounding: depth of the plan's corners, front, rear;
+    ends: width of the very front and rear; bow: how far screens bulge forward in plan; camber: of the roof (m).
+    """
+
+    kind: str
+    length: float
+    width: float
+    height: float
+    profile: Float64[np.ndarray, "k 2"]
+    axles: tuple[float, float]
+    wheel: float
+    clearance: float
+    belt: float
+    lean: float
+    rounding: tuple[float, float]
+    ends: tuple[float, float]
+    bow: float
+    camber: float
+    soft: float  # half the length over which the profile is smoothed, as a part of the length
+
+    def top(self, s: float | Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
+        """Height of the profile (m) at station s, 0 front to 1 rear."""
+        return self.height * np.interp(s, self.profile[:, 0], self.profile[:, 1])
+
+
+def drawn_proportions(rng: np.random.Generator) -> Proportions:
+    """The proportions of a car of any kind."""
+    kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=np.array([each.share for each in CAR_KINDS]) / _TOTAL))]
+    along = rng.uniform()
+    length = float(np.interp(along, (0, 1), kind.length))
+    width = np.interp(0.6 * along + 0.4 * rng.uniform(), (0, 1), kind.width) + 0.085 * np.clip(
+        rng.standard_normal(), -2, 2
+    )
+    height = np.interp(0.75 * rng.uniform() + 0.25 * along, (0, 1), kind.height)
+    profile = _profile(kind, rng)
+    wheel = float(rng.uniform(*kind.wheel))
+    front = float(wheel + rng.uniform(0.32, 0.6) * min(1.0, length / 4.3))
+    rear = float(wheel + rng.uniform(0.22, 0.75 if kind.name not in ("van", "pickup") else 1.0) * length / 4.6)
+    while length - front - rear < 0.5 * length:  # cars of any length stand on a wheelbase of half of it and more
+        front, rear = wheel + 0.8 * (front - wheel), wheel + 0.8 * (rear - wheel)
+    return Proportions(
+        kind.name, length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS)), profile,
+        (front, length - rear), wheel, float(rng.uniform(*kind.clearance)), float(rng.uniform(*kind.belt)),
+        float(rng.uniform(*kind.lean)),
+        (float(rng.uniform(0.03, 0.2)), float(rng.uniform(0.02, 0.15))),
+        (float(rng.uniform(0.5, 0.88)), float(rng.uniform(0.6, 0.95))),
+        float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.015, 0.06)), float(rng.uniform(0.004, 0.03)),
+    )  # fmt: skip
+
+
+def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+    """The kind's side profile with its corners moved, and a little of another kind's mixed in; its top is 1."""
+    own, other = _moved(kind.profile, rng), _moved(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
+    share = float(np.clip(rng.exponential(0.06), 0, 0.2)) if kind.name != "pickup" else 0.0
+    stations = np.unique(np.concatenate([own[:, 0], _GRID]))
+    heights = (1 - share) * np.interp(stations, *own.T) + share * np.interp(stations, *other.T)
+    return np.column_stack([stations, heights / heights.max()])
+
+
+def _moved(profile: tuple[ProfileCorner, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+    corners = np.array(profile)
+    corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
+    corners[:, 1] += np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04) * (corners[:, 1] < 0.93)
+    corners[1:-1, 0] = np.clip(corners[1:-1, 0], 0.004, 0.996)
+    return corners[np.argsort(corners[:, 0], kind="stable")]
+
+
+_TOTAL = sum(each.share for each in CAR_KINDS)
+
+
+_STATIONS = 26
+_ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
+
+
+def lofted_car(shape: Proportions) -> Mesh:
+    """The mesh of a car without mirrors, x forward from its middle, wheels standing on z = 0."""
+    return stretched(merge([_hull(shape), *_wheels(shape)]), (shape.length, shape.width, shape.height))
+
+
+def block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
+    """The same car of a few plain blocks: a lower body, a cabin with slanted screens, wheels of few sides or none."""
+    length, half, belt = shape.length, shape.width / 2, shape.belt * shape.height
+    tops = shape.profile[:, 1]
+    roof, cabin = (shape.profile[tops >= least, 0][[0, -1]] for least in (0.93, 0.7))
+    floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
+    chamfer = float(rng.uniform(0.0, 0.06))
+    lower = _blocks(
+        [(floor, 0.5 - 0.01, -0.49, half - chamfer), (floor + chamfer + 0.01, 0.5, -0.5, half),
+         (belt - chamfer - 0.01, 0.5, -0.5, half), (belt, 0.5 - 0.02, -0.49, half - chamfer)], length,
+    )  # fmt: skip
+    edge = half * (1 - shape.lean)
+    base = (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
+    upper = _blocks(
+        [(belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
+         (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge)], length,
+    )  # fmt: skip
+    sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
+    wheels = []
+    for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
+        wheel = wheel_at(length / 2 - axle, half - breadth / 2 - 0.005, shape.wheel, breadth, sides)
+        wheels += [wheel, mirrored(wheel)]
+    parts = merge([lower, upper, *wheels])
+    standing = Mesh(parts.vertices - [0.0, 0.0, parts.vertices[:, 2].min()], parts.triangles)
+    return stretched(standing, (length, shape.width, shape.height))
+
+
+def stretched(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
+    """The mesh stretched to a length, width and height (m), standing on z = 0 about x = y = 0."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    middle = np.array([*((low + high) / 2)[:2], low[2]])
+    return Mesh((mesh.vertices - middle) * (np.array(size) / (high - low)), mesh.triangles)
+
+
+def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+    """Half the width at stations s (0 front, 1 rear): nearly parallel flanks, superelliptic corners at both ends."""
+    corners = []
+    for distance, rounding, end in zip((s, 1 - s), shape.rounding, shape.ends, strict=True):
+        beyond = np.maximum(0.0, 1 - distance / rounding)
+        corners.append(end + (1 - end) * (1 - beyond**2.6) ** (1 / 2.6))
+    return shape.width / 2 * (1 - 0.05 * (2 * s - 1.05) ** 2) * np.minimum(*corners)
+
+
+def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
+    """A loft upwards through rectangles given as (z, front, rear as parts of the length, half width)."""
+    rings = [
+        [(length * rear, -y, z), (length * front, -y, z), (length * front, y, z), (length * rear, y, z)]
+        for z, front, rear, y in levels
+    ]
+    return loft(np.array(rings))
+
+
+def _hull(shape: Proportions) -> Mesh:
+    """The painted body: half cross-sections, mirrored and lofted from the rear to the front."""
+    half = _half_sections(shape, _stations(shape)[::-1])
+    return loft(np.concatenate([half, half[:, -2:0:-1] * [1.0, -1.0, 1.0]], axis=1))
+
+
+def _stations(shape: Proportions) -> Float64[np.ndarray, " s"]:
+    """Where the cross-sections are (0 front to 1 rear): dense at both ends and at the rims of the wheel arches."""
+    even = np.linspace(0, 1, _STATIONS // 2)
+    ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])
+    reach = shape.wheel * 1.13 / shape.length
+    arches = [
+        axle / shape.length + reach * c for axle in shape.axles for c in (-1.001, -0.98, -0.55, 0.55, 0.98, 1.001)
+    ]
+    return np.unique(np.round(np.clip(np.concatenate([ends, arches]), 0, 1), 4))
+
+
+def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 13 3"]:
+    """Left halves of the sections at stations s: from the middle of the floor out and up to the middle of the roof."""
+    w, roof = half_width(shape, s), _roof(shape, s)
+    floor = shape.clearance + np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, 0.12])
+    nearest = np.abs(s[:, None] * shape.length - np.array(shape.axles)).min(axis=1)
+    inside = 1.13 * shape.wheel > nearest
+    arch = np.where(inside, shape.wheel + np.sqrt(np.maximum((1.13 * shape.wheel) ** 2 - nearest**2, 0)), 0.0)
+    crown = roof[:, 0]
+    shoulder = np.minimum(shape.belt * shape.height, crown - 0.035)
+    low = np.maximum(np.minimum(arch, shoulder - 0.07), floor + 0.02)
+    flank = np.maximum(low + 0.01, floor + 0.45 * (shoulder - floor))
+    lean = shape.lean * np.clip((crown - shoulder) / (shape.height * (1 - shape.belt)), 0, 1)
+    edge = w * (0.965 - lean)
+    zero, bottom = np.zeros_like(s), np.where(arch > floor, low, floor)
+    y = [
+        zero, 0.74 * w, 0.74 * w, 0.965 * w, w, 0.995 * w, 0.965 * w, 0.4775 * w + 0.5 * edge + 0.012, edge,
+        0.93 * edge, 0.72 * edge, 0.38 * edge, zero,
+    ]  # fmt: skip
+    z = [
+        floor, floor, bottom, low, flank, flank + 0.6 * (shoulder - flank), shoulder,
+        shoulder + 0.52 * (crown - shoulder), crown - 0.25 * np.minimum(0.16, crown - shoulder), *roof.T[1:],
+    ]  # fmt: skip
+    sections = np.stack(np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)), axis=-1)
+    if shape.kind == "pickup":
+        bed = bed_of(shape)
+        open_ = (s > bed[0]) & (s < bed[1])
+        sections[open_, -3:, 1] = edge[open_, None] * [0.84, 0.4, 0.0]
+        sections[open_, -3:, 2] = np.maximum(shoulder - 0.42, low + 0.02)[open_, None]
+    return sections
+
+
+def bed_of(shape: Proportions) -> tuple[float, float]:
+    """Where a pick-up's bed begins and ends, as parts of its length."""
+    low = shape.profile[(shape.profile[:, 1] < 0.7) & (shape.profile[:, 0] > 0.45), 0]
+    return float(low[0]) + 0.012, 0.982
+
+
+def _roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 5"]:
+    """Height of the body at stations s and across it: bowed in plan, cambered, rounded."""
+    across = np.array(_ACROSS)
+    bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
+    near = np.linspace(-1, 1, 5) * shape.soft
+    heights = shape.top(np.clip((s[:, None] + bow)[..., None] + near, 0, 1)).mean(axis=-1)
+    return heights - shape.camber * across**2 * np.clip(4 * np.minimum(s, 1 - s) + 0.3, 0, 1)[:, None]
+
+
+def _wheels(shape: Proportions) -> list[Mesh]:
+    breadth = 0.115 * shape.width
+    one, wheels = wheel_at(0.0, 0.0, shape.wheel, breadth), []
+    for axle in shape.axles:
+        y = float(half_width(shape, np.array([axle / shape.length]))[0]) * 0.985
+        wheel = shifted(one, shape.length / 2 - axle, y - breadth / 2)
+        wheels += [wheel, mirrored(wheel)]
+    return wheels
+
+
+def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
+    """A cuboid standing on height z, about x and y."""
+    return box(size, (x, y, z + size[2] / 2))
+
+
+def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
+    """A heap as long, wide and high as `size`, on height z about x and y = 0."""
+    length, width, height = size
+    round_ = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
+    return Mesh(np.maximum(round_.vertices, [-np.inf, -np.inf, z]), round_.triangles)
+
+
+NOTHING = merge([])
+CARRIED = ("taxi", "light_bar", "roof_box", "rack", "rails", "spare_wheel", "hard_top", "load")
+TRAILERS = ("open_trailer", "box_trailer", "caravan")
+_TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "minivan", "pickup")
+
+
+def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
+    """Wing mirrors that stick out 8 to 25 cm on either side, or none (3 cars of 10), or one (1 of 50)."""
+    chance = rng.random()
+    if chance < 0.3:
+        return NOTHING
+    tall = 1.6 if shape.kind == "van" else 1.0
+    high, deep = rng.uniform(0.06, 0.09) * tall, rng.uniform(0.05, 0.11)
+    out = rng.uniform(0.08, 0.19 + 0.04 * tall)
+    steep = shape.profile[(shape.profile[:, 1] > 0.75) & (shape.profile[:, 0] < 0.6), 0]
+    x = shape.length * (0.5 - float(steep[0]) + 0.03)
+    z = shape.belt * shape.height + high + rng.uniform(-0.03, 0.06)
+    y = shape.width / 2 + out / 2 - 0.02
+    reach = out / 2 + 0.02
+    if rng.random() < 0.4:
+        mirror = box((deep, 2 * reach, 2 * high), (x, y, z))
+    else:
+        mirror = ellipsoid((x, y, z), (deep, reach, high), 3, 8)
+    arm = tube([(x, 0.75 * shape.width / 2, z - 0.6 * high), (x, y, z - 0.6 * high)], 0.025, 4)
+    mirror = merge([mirror, arm])
+    return mirror if chance > 0.98 else merge([mirror, mirrored(mirror)])
+
+
+def on_roof(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+    """What a car has on its roof or bed, and the word for it; mostly nothing."""
+    flat = shape.profile[shape.profile[:, 1] > 0.965, 0]
+    front, rear = (shape.length * (0.5 - float(s)) for s in flat[[0, -1]])
+    middle, room, width = (front + rear) / 2, front - rear, shape.width * (1 - shape.lean)
+    z, chance = shape.height, rng.random()
+    if shape.kind == "pickup":
+        return _bed_load(shape, rng)
+    if shape.kind in _TAXIS and chance < 0.06:
+        deep, wide, high = rng.uniform(0.1, 0.28), rng.uniform(0.25, 0.7), rng.uniform(0.09, 0.18)
+        return "taxi", plank((deep, wide, high), middle + 0.2 * room * rng.uniform(-1, 1), 0.0, z - 0.02)
+    if chance < 0.075 and shape.kind != "coupe":
+        return "light_bar", plank((0.3, 0.62 * width, 0.13), middle + 0.2 * room, 0.0, z - 0.02)
+    if shape.kind in _TAXIS and chance < 0.135:
+        return "roof_box", _roof_box(middle, width, z, rng)
+    if shape.kind in _RACKS and chance < 0.2:
+        return "rack", _rack(middle, 0.8 * room, width, z, rng)
+    if shape.kind in ("estate", "suv", "minivan") and chance < 0.5:
+        y = 0.42 * width
+        rail = tube([(rear + 0.1 * room, y, z - 0.03), (rear + 0.15 * room, y, z + 0.03),
+                     (front - 0.15 * room, y, z + 0.03), (front - 0.1 * room, y, z - 0.03)], 0.02, 4)  # fmt: skip
+        return "rails", merge([rail, mirrored(rail)])
+    if shape.kind == "offroader" and chance < 0.6:
+        x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
+        spare = wheel_at(0.0, 0.0, 0.92 * shape.wheel, breadth)
+        turned = placed(spare, yaw=np.pi / 2)
+        return "spare_wheel", shifted(turned, x, 0.0, 0.36 * shape.height)
+    return "", NOTHING
+
+
+def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+    """A trailer behind the car with its drawbar: open, boxed, or a caravan."""
+    kind = TRAILERS[int(rng.integers(3))]
+    length = float(rng.uniform(*{"open_trailer": (1.8, 3.4), "box_trailer": (2.0, 4.2), "caravan": (3.8, 6.6)}[kind]))
+    width = float(rng.uniform(*{"open_trailer": (1.3, 2.0), "box_trailer": (1.4, 2.1), "caravan": (2.0, 2.4)}[kind]))
+    bar, floor = float(rng.uniform(0.8, 1.4)), float(rng.uniform(0.4, 0.6))
+    front = -shape.length / 2 - bar
+    middle, radius = front - length / 2, float(rng.uniform(0.24, 0.33))
+    parts = [tube([(-shape.length / 2 + 0.1, 0.0, 0.42), (front - 0.2, 0.0, 0.46)], 0.05, 6)]
+    if kind == "open_trailer":
+        wall = float(rng.uniform(0.3, 0.6))
+        parts += [plank((length, width, 0.06), middle, 0.0, floor)]
+        parts += [plank((length, 0.05, wall), middle, y, floor) for y in (-width / 2 + 0.025, width / 2 - 0.025)]
+        parts += [plank((0.05, width, wall), x, 0.0, floor) for x in (front - 0.025, front - length + 0.025)]
+        if rng.random() < 0.5:
+            parts.append(mound((0.9 * length, 0.88 * width, float(rng.uniform(0.3, 0.9))), middle, floor + 0.06))
+    else:
+        top = float(rng.uniform(1.3, 2.3) if kind == "box_trailer" else rng.uniform(2.3, 2.65))
+        slope = 0.02 if kind == "box_trailer" else float(rng.uniform(0.06, 0.16))
+        ring = np.array([[-0.5, floor], [0.5, floor], [0.5, top], [-0.5, top]]) * [width, 1.0]
+        levels = [
+            (front - length, 0.0),
+            (front - length + slope * length, 1.0),
+            (front - slope * length, 1.0),
+            (front, 0),
+        ]
+        rings = [
+            np.column_stack(
+                [np.full(4, x), ring[:, 0] * (0.96 + 0.04 * t), ring[:, 1] - (1 - t) * slope * (ring[:, 1] - 0.4)]
+            )
+            for x, t in levels
+        ]
+        parts.append(loft(np.stack(rings)))
+    wheels = [wheel_at(middle - 0.05 * length, width / 2 - (0.08 if kind == "caravan" else -0.1), radius, 0.18)]
+    return kind, merge([*parts, *wheels, *(mirrored(wheel) for wheel in wheels)])
+
+
+def _bed_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+    """An open load on a pick-up's bed, a hard top over it, or nothing."""
+    front, rear = (shape.length * (0.5 - s) for s in bed_of(shape))
+    middle, room, width = (front + rear) / 2, 0.9 * (front - rear), 0.78 * shape.width * (1 - shape.lean)
+    floor, chance = shape.belt * shape.height - 0.43, rng.random()
+    if chance < 0.15:
+        z = shape.belt * shape.height - 0.05
+        return "hard_top", plank(
+            (front - rear, shape.width * (1 - shape.lean), shape.height - z - 0.02), middle, 0.0, z
+        )
+    if chance < 0.3:
+        return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
+    if chance < 0.45:
+        sizes = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3)) * [room, width, 1.0]
+        boxes = [
+            plank((a, b, c), middle + side * (room - a) / 2, rng.uniform(-1, 1) * (width - b) / 2, floor)
+            for (a, b, c), side in zip(sizes.tolist(), (-1, 1), strict=True)
+        ]
+        return "load", merge(boxes)
+    return "", NOTHING
+
+
+def _roof_box(x: float, width: float, z: float, rng: np.random.Generator) -> Mesh:
+    length, wide, high = rng.uniform(1.3, 2.2), rng.uniform(0.5, 0.85), rng.uniform(0.26, 0.42)
+    y = float(rng.uniform(-0.5, 0.5)) * max(width - wide - 0.2, 0.0)
+    ring = np.array([[-0.5, 0.1], [0.5, 0.1], [0.5, 0.6], [0.4, 1.0], [-0.4, 1.0], [-0.5, 0.6]]) * [wide, high]
+    along = ((-0.5, 0.75), (-0.42, 1.0), (0.3, 1.0), (0.5, 0.4))
+    rings = [np.column_stack([np.full(6, x + length * t), y + ring[:, 0], z + ring[:, 1] * f]) for t, f in along]
+    bars = [plank((0.06, 0.9 * width, 0.05 + 0.1 * high), x + side * 0.3 * length, 0.0, z - 0.03) for side in (-1, 1)]
+    return merge([loft(np.stack(rings)), *bars])
+
+
+def _rack(x: float, length: float, width: float, z: float, rng: np.random.Generator) -> Mesh:
+    """Cross bars and, mostly, ladders or pipes on them."""
+    high = float(rng.uniform(0.05, 0.14))
+    parts = [plank((0.05, 0.9 * width, 0.04), x + t * length, 0.0, z + high - 0.02) for t in (-0.4, 0.0, 0.4)]
+    parts += [plank((0.04, 0.04, high + 0.05), x + t * length, y, z - 0.05)
+              for t in (-0.4, 0.0, 0.4) for y in (-0.42 * width, 0.42 * width)]  # fmt: skip
+    if rng.random() < 0.7:
+        y, reach = float(rng.uniform(-0.2, 0.2)) * width, 0.5 * length * float(rng.uniform(0.9, 1.1))
+        rails = [tube([(x - reach, y + d, z + high + 0.05), (x + reach, y + d, z + high + 0.05)], 0.035, 5)
+                 for d in (-0.2, 0.2)]  # fmt: skip
+        rungs = [
+            plank((0.04, 0.4, 0.04), x + t * reach, y, z + high + 0.03) for t in np.linspace(-0.9, 0.9, 7).tolist()
+        ]
+        parts += rails + rungs
+    return merge(parts)

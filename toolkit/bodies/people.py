@@ -1,0 +1,289 @@
+"""People of the catalogue, on foot and riding, built limb by limb from the joints of a posed figure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toolkit.bodies.vehicles import wheel_at
+from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, mirrored, placed, tube
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A person 1 unit tall facing +x: where the joints are, y left; a limb's two entries are left and right.
+
+    stout: breadth of trunk and limbs relative to an average adult.
+    """
+
+    hip: Vector = (0.0, 0.0, 0.52)
+    neck: Vector = (0.01, 0.0, 0.83)
+    knees: tuple[Vector, Vector] = ((0.02, 0.055, 0.28), (0.02, -0.055, 0.28))
+    ankles: tuple[Vector, Vector] = ((0.0, 0.06, 0.035), (0.0, -0.06, 0.035))
+    elbows: tuple[Vector, Vector] = ((-0.02, 0.145, 0.64), (-0.02, -0.145, 0.64))
+    hands: tuple[Vector, Vector] = ((0.03, 0.15, 0.47), (0.03, -0.15, 0.47))
+    stout: float = 1.0
+
+
+def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
+    """A figure in mid-stride: `step` between the ankles and `swing` of the hands, as parts of the height."""
+    return Figure(
+        hip=(0.0, 0.0, 0.52 - 0.18 * step**2),
+        neck=(lean, 0.0, 0.83 - 0.18 * step**2),
+        knees=((0.45 * step + 0.02, 0.05, 0.28), (-0.15 * step, -0.05, 0.27)),
+        ankles=((0.5 * step, 0.05, 0.035), (-0.5 * step, -0.05, 0.055)),
+        elbows=((-0.25 * swing * step - 0.03, 0.14, 0.64), (0.2 * swing * step, -0.14, 0.64)),
+        hands=((-0.5 * swing * step, 0.15, 0.48), (0.6 * swing * step + 0.03, -0.15, 0.50)),
+        stout=stout,
+    )
+
+
+def person(figure: Figure, height: float) -> Mesh:
+    """The mesh of a figure `height` metres tall, soles near z = 0."""
+    stout = figure.stout
+    head = _beyond(figure.neck, 0.012, 0.0, 0.105)
+    parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
+    parts.append(_trunk(figure))
+    for side, y in ((0, 1), (1, -1)):
+        hip = _beyond(figure.hip, 0.0, 0.045 * y, 0.0)
+        shoulder = _beyond(figure.neck, -0.01, 0.105 * y * (0.6 + 0.4 * stout), -0.025)
+        leg = [hip, figure.knees[side], figure.ankles[side]]
+        arm = [shoulder, figure.elbows[side], figure.hands[side]]
+        foot = _beyond(figure.ankles[side], 0.035, 0.0, -0.015)
+        parts.append(tube(leg, [0.052 * stout, 0.036 * stout, 0.025], 6))
+        parts.append(tube(arm, [0.032 * stout, 0.026 * stout, 0.020], 6))
+        parts.append(ellipsoid(foot, (0.075, 0.028, 0.022), 3, 6))
+        parts.append(ellipsoid(figure.hands[side], (0.024, 0.018, 0.03), 3, 5))
+    return grown(merge(parts), height)
+
+
+def _trunk(figure: Figure) -> Mesh:
+    """Chest and belly: elliptical rings from the hip up to the shoulders."""
+    angle = np.arange(10) * 2 * np.pi / 10
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    hip, neck = np.array(_beyond(figure.hip, 0.0, 0.0, -0.03)), np.array(figure.neck)
+    rings = [(0.0, 0.075, 0.098), (0.25, 0.072, 0.092), (0.55, 0.076, 0.100), (0.85, 0.070, 0.118), (1.0, 0.035, 0.050)]
+    return loft(
+        np.stack([hip + t * (neck - hip) + circle * [a * figure.stout, b * figure.stout, 1] for t, a, b in rings])
+    )
+
+
+def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
+    """A skirt or coat from the waist down to the height `hem` (part of the body height)."""
+    waist = [(0.0, 0.0, 0.58 * height), (0.0, 0.0, hem * height)]
+    return tube(waist, [0.095 * stout * height, (0.10 + 0.06 * stout) * height], 10)
+
+
+def umbrella(height: float) -> Mesh:
+    """An open umbrella held in the right hand over the head."""
+    x, y, top = 0.12 * height, -0.10 * height, 1.2 * height
+    angle = np.arange(10) * 2 * np.pi / 10
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    dome = [
+        ring * r + [x, y, top - drop] for r, drop in ((0.47, 0.26), (0.48, 0.24), (0.36, 0.1), (0.18, 0.02), (0.01, 0))
+    ]
+    return merge([loft(np.stack(dome)), tube([(x, y, 0.55 * height), (x, y, top)], 0.012, 5)])
+
+
+def pushchair() -> Mesh:
+    """A pushchair with a child, 0.75 m ahead of whoever pushes it."""
+    wheels = [wheel_at(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
+    seat = placed(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
+    bars = [tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)]
+    return merge([*wheels, seat, *bars, tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)])
+
+
+def trolley() -> Mesh:
+    """A suitcase on wheels, drawn behind."""
+    return merge(
+        [box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)]
+    )
+
+
+def bag(height: float) -> Mesh:
+    """A carrier bag in the left hand."""
+    return ellipsoid((0.03 * height, 0.17 * height, 0.31 * height), (0.16, 0.08, 0.20), 3, 8)
+
+
+def backpack(height: float) -> Mesh:
+    """A rucksack."""
+    return ellipsoid((-0.105 * height, 0.0, 0.71 * height), (0.12, 0.16, 0.25), 5, 8)
+
+
+def hat(height: float) -> Mesh:
+    """A hat with a brim that ends level with the crown of the head."""
+    x, z = 0.022 * height, 0.965 * height
+    return tube([(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)], [0.17, 0.17, 0.10, 0.09], 10)
+
+
+def stick(height: float) -> Mesh:
+    """A walking stick in the right hand."""
+    return tube([(0.20, -0.17 * height, 0.0), (0.10, -0.155 * height, 0.50 * height)], 0.015, 5)
+
+
+def pedestrians() -> dict[str, Mesh]:
+    """Fourteen people on foot, 1.1 to 1.95 m tall (umbrellas, hats and loads come on top)."""
+    arms_up = replace(
+        Figure(), elbows=((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), hands=((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
+    )
+    pushing = replace(
+        striding(0.22),
+        elbows=((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
+        hands=((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
+    )
+    holding = replace(
+        striding(0.2),
+        elbows=((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68)),
+        hands=((0.02, 0.15, 0.48), (0.065, -0.06, 0.74)),
+    )
+    people: dict[str, tuple[Figure, float, Callable[[float], Mesh] | None]] = {
+        "man_standing": (Figure(), 1.80, None),
+        "woman_standing_bag": (replace(Figure(), stout=0.88), 1.66, bag),
+        "man_striding": (striding(0.42), 1.84, None),
+        "woman_striding": (striding(0.36, stout=0.87), 1.70, None),
+        "tall_man_walking": (striding(0.30, stout=0.95), 1.95, None),
+        "stout_man_walking": (striding(0.24, stout=1.28), 1.74, None),
+        "child_walking": (striding(0.30, stout=0.98), 1.12, None),
+        "schoolchild_with_rucksack": (striding(0.28, stout=0.95), 1.36, backpack),
+        "woman_in_a_coat": (striding(0.16, stout=0.95), 1.62, lambda h: skirt(h, 0.20)),
+        "man_with_umbrella": (holding, 1.77, umbrella),
+        "woman_with_pushchair": (pushing, 1.69, lambda h: pushchair()),
+        "old_man_with_stick": (striding(0.18, lean=0.09), 1.65, lambda h: merge([stick(h), hat(h)])),
+        "traveller_with_suitcase": (striding(0.34), 1.73, lambda h: trolley()),
+        "man_telephoning": (arms_up, 1.76, None),
+    }  # fmt: skip
+    return {
+        name: merge([_exactly(person(figure, height), height), *([extra(height)] if extra else [])])
+        for name, (figure, height, extra) in people.items()
+    }
+
+
+def _exactly(mesh: Mesh, height: float) -> Mesh:
+    standing = Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
+    return grown(standing, height / standing.vertices[:, 2].max())
+
+
+def grown(mesh: Mesh, factor: float) -> Mesh:
+    """The mesh scaled about the origin."""
+    return Mesh(mesh.vertices * factor, mesh.triangles)
+
+
+def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
+    return point[0] + x, point[1] + y, point[2] + z
+
+
+def two_wheelers() -> dict[str, Mesh]:
+    """Bicycles, motorcycles and a scooter, each with its rider; x forward, wheels on z = 0."""
+    crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
+    people = {
+        "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
+        "racing_bicycle": (bicycle(0.335), rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
+        "child_bicycle": (grown(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
+        "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
+        "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
+        "sport_motorcycle": (
+            motorcycle(fairing=True), rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, rest=(-0.05, 0.42)),
+        ),
+        "scooter": (scooter(), rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, rest=(0.31, 0.32))),
+    }  # fmt: skip
+    return {name: merge(parts) for name, parts in people.items()}
+
+
+def rider(
+    height: float,
+    saddle: float,
+    grip: Vector,
+    *,
+    upright: float,
+    stout: float = 1.0,
+    rest: tuple[float, float] | None = None,
+) -> Mesh:
+    """Somebody `height` m tall on a saddle `saddle` m high at x = -0.2, hands at `grip` and at its mirror image.
+
+    upright: sine of the back's slope; rest: x and z of the foot rests (m), None for pedals, one up and one down.
+    """
+    back, x0 = 0.31, -0.2 / height
+    hip = (x0, 0.0, saddle / height + 0.045)
+    neck = (x0 + back * math.sqrt(1 - upright**2) + 0.03, 0.0, hip[2] + back * upright)
+    hands = tuple((grip[0] / height, y * grip[1] / height, grip[2] / height) for y in (1, -1))
+    elbows = tuple(
+        ((neck[0] + hand[0]) / 2 - 0.02, math.copysign(0.155, hand[1]), (neck[2] + hand[2]) / 2 - 0.05)
+        for hand in hands
+    )
+    pedals = ((0.14, 0.13), (-0.10, 0.36)) if rest is None else (rest, rest)
+    ankles = tuple(
+        ((x - 0.02) / height, y * 0.11 / height, z / height + 0.035) for (x, z), y in zip(pedals, (1, -1), strict=True)
+    )
+    knees = tuple(_knee(hip, ankle) for ankle in ankles)
+    figure = Figure(hip, neck, knees, ankles, elbows, hands, stout)  # type: ignore[arg-type]  # pairs by construction
+    return person(figure, height)
+
+
+def _knee(hip: Vector, ankle: Vector) -> Vector:
+    """Where thigh and shin, each a quarter of the height, meet in front of the line from hip to ankle."""
+    a, b = np.array(hip), np.array(ankle)
+    along = b - a
+    bend = math.sqrt(max(0.245**2 - float(along @ along) / 4, 0.0004))
+    forward = np.cross([0.0, 1.0, 0.0], along)
+    knee = (a + b) / 2 - bend * forward / np.linalg.norm(forward)
+    return float(knee[0]), math.copysign(0.06, ankle[1]), float(knee[2])
+
+
+def bicycle(radius: float) -> Mesh:
+    """A bicycle whose wheels have this radius (m)."""
+    rear, front, crank = (-0.52, 0.0, radius), (0.52, 0.0, radius), (-0.08, 0.0, 0.29)
+    seat, head, bar = (-0.2, 0.0, 0.88), (0.36, 0.0, 0.82), (0.40, 0.0, 1.0)
+    frame = [(crank, seat), (crank, head), (seat, head), (crank, rear), ((-0.18, 0.0, 0.78), rear), (bar, front)]
+    bars = [tube(list(ends), 0.018, 5) for ends in frame]
+    grips = tube([(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], 0.015, 5)
+    saddle = ellipsoid((-0.21, 0.0, 0.92), (0.14, 0.08, 0.04), 3, 6)
+    return merge([*bars, grips, saddle, _tyre(-0.52, radius, 0.025), _tyre(0.52, radius, 0.025)])
+
+
+def _tyre(x: float, radius: float, thickness: float) -> Mesh:
+    """A ring of a wheel, open between the spokes, standing on z = 0."""
+    around, across = np.arange(21) * 2 * np.pi / 20, np.arange(5) * 2 * np.pi / 5
+    distance = radius - thickness * (1 - np.cos(across))
+    rings = np.stack(
+        [
+            x + np.sin(around)[:, None] * distance, np.sin(across)[None] * thickness + 0 * around[:, None],
+            radius - np.cos(around)[:, None] * distance,
+        ],
+        axis=-1,
+    )  # fmt: skip
+    return loft(rings)
+
+
+def motorcycle(fairing: bool = False) -> Mesh:
+    """A motorcycle, bare or with a fairing and a top case."""
+    parts = [wheel_at(-0.70, 0.0, 0.31, 0.16), wheel_at(0.74, 0.0, 0.30, 0.12)]
+    parts += [ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22)), ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))]
+    parts += [tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)]
+    parts += [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
+    parts += [tube([(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], 0.02, 5)]
+    parts += [
+        ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11)),
+        tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6),
+    ]
+    if fairing:
+        parts += [ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)), ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09))]
+    return merge(parts)
+
+
+def scooter() -> Mesh:
+    """A motor scooter with mirrors on its handlebar."""
+    parts = [wheel_at(-0.58, 0.0, 0.24, 0.13), wheel_at(0.60, 0.0, 0.24, 0.11)]
+    parts += [ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19)), box((0.5, 0.34, 0.08), (0.05, 0, 0.30))]
+    parts += [tube([(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)], [0.10, 0.12, 0.06], 8, flat=1.9)]
+    parts += [tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)]
+    grips = tube([(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], 0.02, 5)
+    mirror = merge(
+        [
+            ellipsoid((0.40, 0.27, 1.12), (0.02, 0.06, 0.05), 3, 6),
+            tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4),
+        ]
+    )
+    return merge([*parts, grips, mirror, mirrored(mirror)])

@@ -1,1 +1,0 @@
-"""OpenDRIVE maps: reference lines, surfaces of lanes, objects and signals."""

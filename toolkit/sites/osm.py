@@ -1,0 +1,496 @@
+"""OpenStreetMap extracts: the map in metres around a centre, its roads for netconvert, and the solids beside them.
+
+Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
+cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
+
+Of the tags netconvert sees only well-formed ones. Streets get footways by their class where the map does not say.
+Buildings are as high as height says, else building:levels × 3 m, else the default of their kind. Whatever would stand
+on a lane is cut off. https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from io import BufferedIOBase
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites import furniture as f
+from toolkit.sites.georeference import inverse_project, project
+from toolkit.sites.network import MOTOR, polygons_in, within_window
+from toolkit.sites.site import Solid
+
+Tags = Mapping[str, str]
+
+AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
+
+
+@dataclass(frozen=True)
+class Way:
+    """A line or outline. line: (k, 2) metres; nodes: the k ids of its corners."""
+
+    line: Float64[np.ndarray, "k 2"] = field(repr=False)
+    nodes: tuple[str, ...]
+    tags: Tags
+
+    @property
+    def closed(self) -> bool:
+        """Whether it ends where it begins."""
+        return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
+
+
+@dataclass(frozen=True)
+class Extract:
+    """A map in metres around its `centre` (longitude, latitude), x along `heading` (rad counter-clockwise from east).
+
+    areas: polygons, holes and all, with their tags; places: tagged single points and their (2,) positions.
+    """
+
+    centre: tuple[float, float]
+    heading: float
+    ways: tuple[Way, ...]
+    areas: tuple[tuple[shapely.Polygon, Tags], ...]
+    places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]
+
+
+def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
+    """The map in `path` (.osm, .osm.xml or either with .gz), in metres around `centre` (longitude, latitude), x along
+    `heading` (rad counter-clockwise from east).
+
+    Raises ValueError where the file is no OSM XML, is damaged or empty, or `centre` lies outside it.
+    """
+    points: dict[str, list[float]] = {}
+    place_tags: dict[str, Tags] = {}
+    bounds: list[list[float]] = []
+    raw_ways: dict[str, tuple[list[str], Tags]] = {}
+    relations: list[tuple[list[tuple[str, str]], Tags]] = []
+    for element in _elements(path):
+        tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
+        name = element.get("id", "")
+        if element.tag == "bounds":
+            bounds.append([_degrees(element, key) for key in ("minlon", "minlat", "maxlon", "maxlat")])
+        elif element.tag == "node":
+            lon_lat = [_degrees(element, "lon"), _degrees(element, "lat")]
+            if np.isfinite(lon_lat).all():
+                points[name] = lon_lat
+                place_tags |= {name: tags} if tags else {}
+        elif element.tag == "way":
+            raw_ways[name] = ([nd.get("ref", "") for nd in element.iter("nd")], tags)
+        elif element.tag == "relation" and tags.get("type") == "multipolygon":
+            members = [m for m in element.iter("member") if m.get("type") == "way"]
+            relations.append(([(m.get("ref", ""), m.get("role", "")) for m in members], tags))
+    if not points:
+        raise ValueError(f"{path}: the map is empty: it has no node with a latitude and longitude")
+    degrees = np.array(list(points.values()))
+    _check_centre(path, centre, degrees, np.array(bounds))
+    position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
+    ways = {name: way for name, raw in raw_ways.items() if (way := _way(*raw, position)) is not None}
+    places = tuple((position[name], tags) for name, tags in place_tags.items())
+    return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places)
+
+
+def degrees_of(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+    """Longitude and latitude of points of the extract."""
+    return inverse_project(points @ _turn(extract.heading).T, extract.centre)
+
+
+def metres(text: str) -> float | None:
+    """A length as mappers write it, None where it is none or not positive; of several the greatest.
+
+    >>> [metres(text) for text in ("12", "12 m", "3;4", "40'", "7,5", "tall", "-2")]
+    [12.0, 12.0, 4.0, 12.192, 7.5, None, None]
+    """
+    found = [_metres(part.strip().lower().replace(",", ".")) for part in text.split(";")]
+    lengths = [length for length in found if length is not None and 0 < length < 1000]
+    return max(lengths, default=None)
+
+
+def _metres(text: str) -> float | None:
+    feet = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", text)
+    if feet:
+        return round(0.3048 * (float(feet[1]) + float(feet[2] or 0) / 12), 4)
+    plain = re.fullmatch(r"~?\s*(\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?", text)
+    return float(plain[1]) if plain else None
+
+
+def _elements(path: Path) -> Iterator[ElementTree.Element]:
+    """The file's elements one by one, each let go before the next; ValueError in one line where it is no OSM XML."""
+    if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
+        raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
+    try:
+        with _opened(path) as stream:
+            head = stream.read(65536)
+        start = re.search(rb"<(?!\?|!)", head)
+        if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
+            raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
+        with _opened(path) as stream:
+            parser = ElementTree.iterparse(stream, events=("start", "end"))
+            _, root = next(parser)
+            for event, element in parser:
+                if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
+                    if element.get("action") != "delete" and element.get("visible") != "false":
+                        yield element
+                    root.clear()
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
+
+
+def _opened(path: Path) -> BufferedIOBase:
+    with path.open("rb") as stream:
+        compressed = stream.read(2) == b"\x1f\x8b"
+    return gzip.open(path) if compressed else path.open("rb")
+
+
+def _turn(angle: float) -> Float64[np.ndarray, "2 2"]:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def _degrees(element: ElementTree.Element, key: str) -> float:
+    try:
+        return float(element.get(key, "nan"))
+    except ValueError:
+        return float("nan")
+
+
+def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, bounds: np.ndarray) -> None:
+    usable = len(bounds) > 0 and np.isfinite(bounds).all()
+    low = bounds[:, :2].min(axis=0) if usable else degrees.min(axis=0)
+    high = bounds[:, 2:].max(axis=0) if usable else degrees.max(axis=0)
+    if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
+        raise ValueError(
+            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
+            f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
+        )
+
+
+def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:
+    """The way through the nodes that the extract holds, repeated ones once; None where fewer than two are left."""
+    known = [node for node in references if node in position]
+    nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
+    return Way(np.array([position[node] for node in nodes]), tuple(nodes), tags) if len(nodes) > 1 else None
+
+
+def _areas(
+    ways: Mapping[str, Way], relations: list[tuple[list[tuple[str, str]], Tags]]
+) -> Iterator[tuple[shapely.Polygon, Tags]]:
+    for way in ways.values():
+        if way.closed and (way.tags.get("highway") is None or way.tags.get("area") == "yes"):
+            yield from ((polygon, way.tags) for polygon in _valid(shapely.Polygon(way.line)))
+    for members, tags in relations:
+        parts = [(ways[name], role) for name, role in members if name in ways]
+        outer = _rings(way for way, role in parts if role != "inner")
+        inner = _rings(way for way, role in parts if role == "inner")
+        shared = {} if "building" in tags or "building:part" in tags else dict(parts[0][0].tags) if parts else {}
+        yield from ((polygon, {**shared, **tags}) for polygon in _valid(outer.difference(inner)))
+
+
+def _rings(ways: Iterable[Way]) -> shapely.Geometry:
+    """The ground enclosed by rings that may be made of several ways each."""
+    lines = [shapely.LineString(way.line) for way in ways]
+    return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
+
+
+def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    return [piece for piece in polygons_in(shapely.make_valid(shape)) if piece.area > 0.1]
+
+
+# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
+ROADS = {
+    "motorway": (2, 36.1, 14, False),
+    "trunk": (2, 27.8, 13, False),
+    "primary": (1, 13.9, 12, True),
+    "secondary": (1, 13.9, 11, True),
+    "tertiary": (1, 13.9, 10, True),
+    "unclassified": (1, 13.9, 8, True),
+    "residential": (1, 8.3, 7, True),
+    "living_street": (1, 2.8, 6, True),
+    "busway": (1, 8.3, 5, False),
+    "service": (1, 5.6, 4, False),
+    "cycleway": (1, 5.6, 2, False),
+}
+ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
+_PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
+_PASSED_ON = ("oneway", "junction", "lanes", "lanes:forward", "lanes:backward", "maxspeed")
+_SIDES = ("both", "left", "right", "no")
+
+
+def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
+    """The roads for vehicles within `window`, cut at its edge, with the tags netconvert is to see; and notes on what
+    was left out: tunnels, and bridges over another road."""
+    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _skipped(way.tags)]
+    near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
+    street = [way for way in near if not _below(way.tags)]
+    ground = [way for way in street if not _above(way.tags)]
+    kept = [way for way in street if not _above(way.tags) or not any(_passes_over(way, other) for other in ground)]
+    notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
+    return [piece for way in kept for piece in _cut(way, window, lefthand)], notes
+
+
+def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
+    """Footways and squares of the map that are not part of a road, within `window`."""
+    shapes: list[shapely.Geometry] = [
+        polygon
+        for polygon, tags in extract.areas
+        if tags.get("highway") in ("pedestrian", "footway") or tags.get("area:highway") in ("pedestrian", "footway")
+    ]
+    for way in extract.ways:
+        is_area = way.closed and way.tags.get("area") == "yes"
+        if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
+            width = np.clip(metres(way.tags.get("width", "")) or 2.0, 1.0, 10.0)
+            shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
+    clipped = [shape.intersection(window) for shape in shapes if shape.intersects(window)]
+    return [part for shape in clipped for part in polygons_in(shape)]
+
+
+def written(pieces: Iterable[Way], extract: Extract) -> str:
+    """`pieces` as OSM XML."""
+    pieces = list(pieces)
+    position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
+    degrees = degrees_of(extract, np.array(list(position.values())).reshape(-1, 2))
+    signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
+    text = ['<osm version="0.6">']
+    number = {node: i for i, node in enumerate(position, start=1)}
+    for (node, xy), (longitude, latitude) in zip(position.items(), degrees, strict=True):
+        tag = '<tag k="highway" v="traffic_signals"/>' if tuple(xy.round(3)) in signals else ""
+        text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
+    for way_number, way in enumerate(pieces, start=1):
+        inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
+        inside += "".join(f"<tag k={quoteattr(key)} v={quoteattr(value)}/>" for key, value in way.tags.items())
+        text.append(f'<way id="{way_number}">{inside}</way>')
+    return "\n".join([*text, "</osm>\n"])
+
+
+def road_types() -> str:
+    """SUMO's type file for the roads of `roads`."""
+    rows = [
+        f'<type id="highway.{kind}" numLanes="{lanes}" speed="{speed}" priority="{priority}" oneway="false" '
+        f'width="{1.8 if kind == "cycleway" else 3.25}" allow="{_users(kind)}"/>'
+        for kind, (lanes, speed, priority, _) in ROADS.items()
+    ]
+    return "\n".join(["<types>", *rows, "</types>\n"])
+
+
+def _users(kind: str) -> str:
+    if kind.startswith("motorway"):
+        return " ".join(user for user in MOTOR.split() if user not in ("bicycle", "moped"))
+    return "bicycle" if kind == "cycleway" else MOTOR
+
+
+def _skipped(tags: Tags) -> bool:
+    return tags.get("service") in ("driveway", "parking_aisle", "drive-through") or tags.get("area") == "yes"
+
+
+def _layer(tags: Tags) -> int:
+    found = re.fullmatch(r"\s*([+-]?\d+)\s*", tags.get("layer", "0"))
+    return int(found[1]) if found else 0
+
+
+def _below(tags: Tags) -> bool:
+    return tags.get("tunnel", "no") not in ("no", "building_passage") or (_layer(tags) < 0 and "tunnel" in tags)
+
+
+def _above(tags: Tags) -> bool:
+    return tags.get("bridge", "no") != "no"
+
+
+def _passes_over(bridge: Way, road: Way) -> bool:
+    """Whether they cross other than at a node of both."""
+    crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
+    shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
+    return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
+
+
+def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
+    """The pieces of `way` within `window`, each with new nodes where the window's edge cuts it."""
+    tags = _road_tags(way.tags, lefthand)
+    step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
+    line, nodes = way.line[::step], way.nodes[::step]
+    points: list[np.ndarray] = []
+    names: list[str] = []
+    for (start, end), (first, last) in zip(pairwise(line), pairwise(nodes), strict=True):
+        inside = shapely.LineString([start, end]).intersection(window)
+        if inside.geom_type != "LineString" or inside.is_empty:
+            continue
+        ends = shapely.get_coordinates(inside)
+        ends = ends[np.argsort(np.hypot(*(ends - start).T))]
+        for xy, corner, name in ((ends[0], start, first), (ends[-1], end, last)):
+            own = name if np.hypot(*(xy - corner)) < 1e-6 else f"{first}_{last}_{'in' if corner is start else 'out'}"
+            if own != name and corner is start and points:
+                yield Way(np.array(points), tuple(names), tags)
+                points, names = [], []
+            if not names or names[-1] != own:
+                points.append(xy)
+                names.append(own)
+        if names[-1] != last:
+            yield Way(np.array(points), tuple(names), tags)
+            points, names = [], []
+    if len(points) > 1:
+        yield Way(np.array(points), tuple(names), tags)
+
+
+def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
+    """The tags netconvert is to see, cleaned."""
+    kind = tags["highway"]
+    ring = tags.get("junction") in ("roundabout", "circular")
+    passed = {key: tags[key].strip().lower() for key in _PASSED_ON if key in tags}
+    rules = {"oneway": "yes|no|true|false|1|0|-1", "junction": "roundabout|circular", "maxspeed": r"\d+( mph)?"}
+    passed = {key: value for key, value in passed.items() if re.fullmatch(rules.get(key, "[1-8]"), value)}
+    if passed.get("oneway") == "-1" or tags.get("oneway") == "reverse" or (ring and "oneway" not in passed):
+        passed["oneway"] = "yes"
+    usual = ("left" if lefthand else "right") if ring else "both"
+    side = _sidewalk(tags) or (usual if ROADS[kind][3] else "no")
+    return {"highway": kind, **passed, "sidewalk": side}
+
+
+def _sidewalk(tags: Tags) -> str | None:
+    """Where the map has footways beside a road: both, left, right or no; None where it does not say."""
+    plain = tags.get("sidewalk", "")
+    if plain in _SIDES or plain in ("none", "yes", "separate"):
+        return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
+    sides = {side: tags.get(f"sidewalk:{side}") for side in ("both", "left", "right")}
+    has = [side for side, value in sides.items() if value in ("yes", "separate")]
+    return ("both" if "both" in has or len(has) == 2 else has[0]) if has else None
+
+
+DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m
+FARTHEST_END = 60.0  # m beyond the window where a long building ends
+_NO_BUILDING = ("", "no", "none", "demolished", "entrance")
+_BARRIERS = {
+    "wall": (f.wall, 1.8),
+    "city_wall": (f.wall, 4.0),
+    "retaining_wall": (f.wall, 1.0),
+    "fence": (f.railing, 1.2),
+    "guard_rail": (f.railing, 0.8),
+    "handrail": (f.railing, 1.0),
+    "hedge": (f.hedge, 1.4),
+}
+
+
+def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
+    """Buildings that reach into `window`, the parts over `road` cut off, and a note if there were such parts.
+
+    A building with parts (building:part) is made of them; its own outline stands where none of them does.
+    """
+    parts = [(p, tags) for p, tags in extract.areas if tags.get("building:part", "") not in _NO_BUILDING]
+    parts = [(p, tags) for p, tags in parts if p.intersects(window)]
+    covered = shapely.union_all([p for p, _ in parts])
+    whole = [(p, tags) for p, tags in extract.areas if tags.get("building", "") not in _NO_BUILDING]
+    whole = [(p.difference(covered), tags) for p, tags in whole if p.intersects(window) and not _underground(tags)]
+    solids, cut, reach = [], 0, window.buffer(FARTHEST_END)
+    for shape, tags in [*parts, *whole]:
+        base, top = _levels(tags)
+        rest = shape.difference(road)
+        cut += bool(shape.area - rest.area > 0.1)
+        solids += [Solid(ring, base, top, "building") for ring in within_window([rest], reach) if _area(ring) > 1.0]
+    notes = [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
+    return solids, notes
+
+
+def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
+    """Walls, fences and hedges within `window`, off `road`."""
+    solids: list[Solid] = []
+    for way in extract.ways:
+        draw, usual = _BARRIERS.get(way.tags.get("barrier", ""), (None, 0.0))
+        if draw is None:
+            continue
+        height = min(metres(way.tags.get("height", "")) or usual, 10.0)
+        line = shapely.LineString(way.line).intersection(window).difference(road.buffer(0.5))
+        for part in shapely.get_parts(shapely.line_merge(line) if line.geom_type == "MultiLineString" else line):
+            piece = part.simplify(0.05)
+            if piece.geom_type == "LineString" and piece.length > 0.5:
+                solids += draw([(float(x), float(y)) for x, y in piece.coords], height)
+    return solids
+
+
+def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
+    """Single trees and rows of trees within `window`; crowns keep off `road`, trees too near it are left out."""
+    rows = [way for way in extract.ways if way.tags.get("natural") == "tree_row"]
+    found = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
+    found += [(xy, row.tags) for row in rows for xy in _every(row, 8.0)]
+    solids: list[Solid] = []
+    for (x, y), tags in found:
+        room = road.distance(shapely.Point(x, y)) - 0.1
+        crown = min((metres(tags.get("diameter_crown", "")) or 4.0) / 2, room, 6.0)
+        if crown > 0.5 and window.contains(shapely.Point(x, y)):
+            height = float(np.clip(metres(tags.get("height", "")) or 7.0, 2.0, 40.0))
+            solids += f.tree(float(x), float(y), height, crown, min(2.3, 0.4 * height))
+    return solids
+
+
+def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
+    """Posts, signs, bins and benches within `window`, off `road`; and where the street lamps are, (n, 2)."""
+    solids: list[Solid] = []
+    lamps: list[np.ndarray] = []
+    clear = road.buffer(0.4)
+    for xy, tags in extract.places:
+        spot, (x, y) = shapely.Point(xy), (float(xy[0]), float(xy[1]))
+        if not window.contains(spot) or clear.intersects(spot):
+            continue
+        if tags.get("highway") == "street_lamp":
+            lamps.append(xy)
+            solids.append(f.post(x, y, min(metres(tags.get("height", "")) or 6.0, 15.0), 0.09))
+        elif tags.get("power") == "pole" or tags.get("man_made") in ("utility_pole", "mast", "flagpole"):
+            solids.append(f.post(x, y, 8.0, 0.12))
+        elif "traffic_sign" in tags or tags.get("highway") in ("stop", "give_way"):
+            solids += f.sign(x, y, 0.0)
+        elif tags.get("barrier") == "bollard":
+            solids.append(f.post(x, y, 0.9, 0.07))
+        elif tags.get("amenity") in ("waste_basket", "recycling", "post_box"):
+            solids.append(f.litter_bin(x, y))
+        elif tags.get("amenity") == "bench":
+            solids.append(f.bench(x, y))
+    return solids, np.array(lamps).reshape(-1, 2)
+
+
+def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
+    """Parking bays x, y, yaw: the map's spaces (amenity=parking_space) of a car's size within `window`, off `road`."""
+    found = []
+    for shape, tags in extract.areas:
+        if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):
+            continue
+        corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shape))
+        sides = np.diff(corners[:3], axis=0)
+        lengths = np.hypot(*sides.T)
+        if lengths.max() < 8.0 and lengths.min() > 1.7:
+            ahead = sides[lengths.argmax()]
+            x, y = (float(c) for c in corners[:4].mean(axis=0))
+            found.append((round(x, 3), round(y, 3), round(float(np.arctan2(ahead[1], ahead[0])), 4)))
+    return found
+
+
+def _levels(tags: Tags) -> tuple[float, float]:
+    """Base and top of a building (m)."""
+    storeys = metres(tags.get("building:levels", ""))
+    top = metres(tags.get("height", "")) or metres(tags.get("building:height", ""))
+    top = top or (storeys * STOREY if storeys else DEFAULT_HEIGHT)
+    lowest = metres(tags.get("building:min_level", "")) or 0.0
+    base = metres(tags.get("min_height", "")) or lowest * STOREY
+    if tags.get("building") == "roof" and not base:
+        base = top - 0.5
+    return (base, top) if base < top - 0.1 else (0.0, top)
+
+
+def _underground(tags: Tags) -> bool:
+    return tags.get("location") == "underground" or tags.get("layer", "0").strip().startswith("-")
+
+
+def _every(row: Way, spacing: float) -> Iterator[Float64[np.ndarray, "2"]]:
+    line = shapely.LineString(row.line)
+    for at in np.arange(0.0, line.length, spacing):
+        yield shapely.get_coordinates(line.interpolate(at))[0]
+
+
+def _area(ring: Float64[np.ndarray, "_ 2"]) -> float:
+    return float(shapely.Polygon(ring).area)

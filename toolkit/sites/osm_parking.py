@@ -1,0 +1,211 @@
+"""Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of its roads, and bays on them.
+
+Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older parking:lane:SIDE, and areas of
+amenity=parking beside a road. netconvert knows no such strips: they are put into the plain network that it writes, and
+it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
+https://wiki.openstreetmap.org/wiki/Street_parking
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.sites.network import points_of, users_of
+from toolkit.sites.osm import Extract, Tags
+from toolkit.sites.surroundings import ANGLES, bays_between
+
+_ORIENTATIONS = {"parallel": 0, "diagonal": 45, "perpendicular": 90}
+_BESIDE_ROAD = ("lane", "street_side", "on_kerb", "half_on_kerb", "shoulder", "layby")
+_FORBIDDEN = ("no_parking", "no_stopping", "no_standing")
+_NEAR = 8.0  # m from a lane to its road's line, and to an area of parking beside it
+_ALIKE = 0.85  # least cosine between a lane and its road
+_EVERY = 2.0  # m between the places where a lane's sides are looked at
+_LEAST = 6  # of these places with parking, below which an edge gets no strip
+
+Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: nobody parks
+
+
+class Sides(NamedTuple):
+    """Parking at the kerb of a lane, which is right where traffic keeps right, and on its other side."""
+
+    kerb: Angle = None
+    inner: Angle = None
+
+
+@dataclass(frozen=True)
+class Parking:
+    """Where vehicles park along roads: each road's line with the angles left and right of it, areas beside roads with
+    their angles. lefthand: traffic keeps left."""
+
+    roads: tuple[tuple[shapely.LineString, tuple[Angle, Angle]], ...]
+    areas: tuple[tuple[shapely.Polygon, int], ...] = ()
+    lefthand: bool = False
+
+    def __bool__(self) -> bool:
+        return bool(self.areas) or any(angles != (None, None) for _, angles in self.roads)
+
+    def beside(self, lane: shapely.LineString, at: float) -> Sides:
+        """Parking at the kerb and on the other side of a lane, `at` m along it."""
+        spot, ahead = lane.interpolate(at), _direction(lane, at)
+        tagged: tuple[Angle, Angle] = (None, None)
+        nearest = _NEAR
+        for number in self._tree.query(spot, predicate="dwithin", distance=_NEAR).tolist():
+            line, (left, right) = self.roads[number]
+            cosine, distance = float(ahead @ _direction(line, line.project(spot))), float(line.distance(spot))
+            if distance < nearest and abs(cosine) > _ALIKE:
+                tagged, nearest = (left, right) if cosine > 0 else (right, left), distance
+        across = np.array([-ahead[1], ahead[0]])
+        left, right = (
+            self._area(spot, side) if angle is None else angle
+            for angle, side in zip(tagged, (across, -across), strict=True)
+        )
+        return Sides(left, right) if self.lefthand else Sides(right, left)
+
+    def _area(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
+        """The angle of the first area of parking from `spot` on."""
+        ray = shapely.LineString([spot, shapely.Point(shapely.get_coordinates(spot)[0] + _NEAR * across)])
+        hit = [(float(ray.intersection(shape).distance(spot)), angle) for shape, angle in self.areas]
+        return min((each for each in hit if np.isfinite(each[0])), default=(0.0, None))[1]
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree([line for line, _ in self.roads])
+
+
+class _Street(NamedTuple):
+    """An edge that motor vehicles use: its lanes from the kerb inwards, the innermost that they use, and whether the
+    road's other direction is beyond it."""
+
+    name: str
+    lanes: list[ElementTree.Element]
+    inner: shapely.LineString
+    two_way: bool
+
+
+def parking_beside(extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool) -> Parking:
+    """Parking along the roads of `kinds` (highway=...) within `window`, in the extract's frame."""
+    roads = [(shapely.LineString(way.line), way.tags) for way in extract.ways if way.tags.get("highway") in kinds]
+    areas = [
+        (shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0))
+        for shape, tags in extract.areas
+        if tags.get("amenity") == "parking" and tags.get("parking") in _BESIDE_ROAD
+    ]
+    near = [(line, tags) for line, tags in roads if line.intersects(window)]
+    return Parking(
+        tuple((line, (_angle(tags, "left"), _angle(tags, "right"))) for line, tags in near),
+        tuple((shape, angle) for shape, angle in areas if shape.intersects(window)),
+        lefthand,
+    )
+
+
+def strips(network: str, parking: Parking) -> dict[str, Sides]:
+    """The edges of a net.xml text (in the extract's frame) that are to have strips, and the angle that most park at."""
+    found = {}
+    for street in _streets(network):
+        seen = [parking.beside(street.inner, at) for at in np.arange(_EVERY / 2, street.inner.length, _EVERY)]
+        kerb, inner = (_usual([sides[side] for sides in seen]) for side in (0, 1))
+        sides = Sides(kerb, None if street.two_way else inner)
+        if sides != Sides():
+            found[street.name] = sides
+    return found
+
+
+def widened(folder: Path, found: Mapping[str, Sides]) -> list[str]:
+    """netconvert's options for the plain network that it wrote to `folder` (plain.nod.xml and so on), with `strips`."""
+    edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
+    first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
+    for connection in connections.iter("connection"):
+        for end, lane in (("from", "fromLane"), ("to", "toLane")):
+            if lane in connection.attrib and int(connection.attrib[lane]) >= first[connection.attrib[end]]:
+                connection.set(lane, str(int(connection.attrib[lane]) + 1))
+    for crossing in connections.findall("crossing"):  # their outlines are those of the narrower roads
+        connections.getroot().remove(crossing)
+    edges.write(folder / "wide.edg.xml")
+    connections.write(folder / "wide.con.xml")
+    files = {"node": "plain.nod", "edge": "wide.edg", "connection": "wide.con", "type": "plain.typ"}
+    return [*(f"--{kind}-files={folder / name}.xml" for kind, name in files.items()), "--crossings.guess"]
+
+
+def bays_on_strips(network: str, parking: Parking) -> list[tuple[float, float, float]]:
+    """Bays x, y, yaw on the strips of a net.xml text (in the extract's frame), where the map has vehicles park."""
+    found: list[tuple[float, float, float]] = []
+    for street in _streets(network):
+        inside = False
+        for lane in street.lanes:
+            inside |= "passenger" in users_of(lane)
+            if not users_of(lane):
+                angle = min(ANGLES, key=lambda each: abs(ANGLES[each] - float(lane.get("width", "0"))))
+                strip, kerb_left = shapely.LineString(points_of(lane)), parking.lefthand != inside
+                for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
+                    if parking.beside(street.inner, street.inner.project(shapely.Point(x, y)))[inside] == angle:
+                        found.append((x, y, yaw))
+    return found
+
+
+def _streets(network: str) -> Iterator[_Street]:
+    edges = {
+        str(edge.get("id")): list(edge.iter("lane"))
+        for edge in ElementTree.fromstring(network).iter("edge")
+        if edge.get("function", "normal") == "normal"
+    }
+    driven = {name: [lane for lane in lanes if "passenger" in users_of(lane)] for name, lanes in edges.items()}
+    for name, lanes in edges.items():
+        other = name[1:] if name.startswith("-") else f"-{name}"
+        if driven[name] and len(points_of(driven[name][-1])) > 1:
+            yield _Street(name, lanes, shapely.LineString(points_of(driven[name][-1])), bool(driven.get(other)))
+
+
+def _widen(edge: ElementTree.Element, sides: Sides) -> int:
+    """Give an edge of a plain network its strips; the number of the first lane that moves on by one."""
+    lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
+    first = next((i for i, lane in enumerate(lanes) if "passenger" in users_of(lane)), 0)
+    wide = [*lanes[:first], *_strip(sides.kerb), *lanes[first:], *_strip(sides.inner)]
+    for lane in edge.findall("lane"):
+        edge.remove(lane)
+    for index, lane in enumerate(wide):
+        lane.set("index", str(index))
+        edge.append(lane)
+    edge.set("numLanes", str(len(wide)))
+    return first if sides.kerb is not None else len(wide)
+
+
+def _strip(angle: Angle) -> list[ElementTree.Element]:
+    return [] if angle is None else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
+
+
+def _usual(angles: Sequence[Angle]) -> Angle:
+    """The commonest angle, None where few park at all."""
+    parked = [angle for angle in angles if angle is not None]
+    return Counter(parked).most_common(1)[0][0] if len(parked) >= _LEAST else None
+
+
+def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
+    """The unit vector along a line, `at` m from its start."""
+    ends = shapely.get_coordinates([line.interpolate(max(at - 0.5, 0.0)), line.interpolate(at + 0.5)])
+    ahead = ends[1] - ends[0]
+    return ahead / max(float(np.hypot(*ahead)), 1e-9)
+
+
+def _angle(tags: Tags, side: str) -> Angle:
+    """The angle at which vehicles park on a side (left, right) of a road."""
+
+    def said(key: str, rest: str = "") -> str:
+        return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()
+
+    if said("parking", ":restriction") in _FORBIDDEN:
+        return None
+    if not said("parking"):
+        older = said("parking:lane")
+        return 0 if older == "marked" else _ORIENTATIONS.get(older)
+    parked = said("parking") in (*_BESIDE_ROAD, "yes")
+    return _ORIENTATIONS.get(said("parking", ":orientation"), 0) if parked else None
