@@ -172,7 +172,7 @@ def found_poses(
     """Where the lidars of a recording are, by a reference as in coview calibrate, of a recording its first so many
     frames, or "together" by each other."""
     from toolkit.calibration.poses import find_sample_poses
-    from toolkit.calibration.reference import read_surface
+    from toolkit.calibration.registration import read_surface
 
     surface = None if reference == TOGETHER else read_surface(reference, frames=frames)
     return find_sample_poses(opened, surface, held=held)

@@ -1,17 +1,18 @@
-"""The plane of the ground in a cloud of any frame: z = a x + b y + c, found by RANSAC among what lies lowest.
+"""The ground below a cloud of any frame: a plane z = a x + b y + c, and a map of heights upon it.
 
-A roof, a wall or a row of hedges may have more points than the ground, and the ground may be seen on one side only. So
-points are thinned to the low end of each cell of a grid, cells that stand above others near by are left out (a steeper
-step than `max_tilt` and a kerb explain), and a hypothesis is scored by the cells that lie on it less those that lie
-well below it: under the ground there is nothing. The winner is fitted again to the points about it, cell by cell, so
-that near rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
+The plane is found by RANSAC among the lowest points. A roof, a wall or a row of hedges may have more points than the
+ground, and the ground may be seen on one side only. So points are thinned to the low end of each cell of a grid; cells
+that stand above others near by, by more than `max_tilt` and a kerb explain, are left out; and a hypothesis is scored by
+the cells that lie on it, less those that lie well below it, since nothing lies under the ground. The best plane is
+fitted again to the points about it, cell by cell, so that near rings of a lidar do not outweigh far ones (M. A.
+Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -19,52 +20,58 @@ from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import check_boxes
 from toolkit.geometry import invert, transform
 
+if TYPE_CHECKING:
+    from toolkit.clouds import PointCloud
+
 GROUND_CELL = 1.0  # m
-STEP_WINDOW = 12.0  # m, within which something lower makes a cell no ground
+STEP_WINDOW = 12.0  # m: a cell is not ground if something within this distance is lower
 MAX_TILT = float(np.deg2rad(15.0))
-_STEP = 0.25  # m, that ground may rise between cells beyond its slope: kerbs, noise
-_NEIGHBOUR = 8.0  # m, beyond which a cell supports no other
+_STEP = 0.25  # m that ground may rise between cells beyond its slope: kerbs, noise
+_NEIGHBOUR = 8.0  # m: farther apart, cells do not support each other
 _MOST_CELLS = 4_000_000
 _NOTHING = 1e6  # m, the height of a cell without points
-_INLIER, _BELOW = 0.2, 0.5  # m; a cell so near a plane speaks for it, one so far below it against it
-_AGAINST = 2.0  # what a cell below a plane counts, beside one on it
-_STRAY = 0.03  # share of the cells that may lie below it for nothing
-_DRAWS, _SCORED = 1500, 3000  # hypotheses, and cells that they are scored by
-_BANDS = (0.25, 0.15, 0.10, 0.10)  # m about the plane, from which it is fitted again
-_SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: decides only where the cells lie on one line
+_INLIER, _BELOW = 0.2, 0.5  # m: a cell this near a plane counts for it, one this far below counts against it
+_AGAINST = 2.0  # weight of a cell below a plane, relative to one on it
+_STRAY = 0.03  # share of the cells that may lie below it at no cost
+_DRAWS, _SCORED = 1500, 3000  # hypotheses, and cells that score them
+_BANDS = (0.25, 0.15, 0.10, 0.10)  # m about the plane; points within are used to fit it again
+_SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: matters only where the cells lie on one line
 
 
 def fit_plane(
     points: Float[np.ndarray, "n 3"], *, max_tilt: float = MAX_TILT, seed: int = 0
 ) -> Float64[np.ndarray, "3"]:
-    """a, b, c of the ground z = a x + b y + c, whose normal leans by `max_tilt` (rad) at most.
+    """Fit the ground plane z = a x + b y + c to points; return a, b, c.
 
-    Raises ValueError where no three cells of the grid make such a plane.
+    max_tilt: limit (rad) on the lean of its normal. Raises ValueError where no three cells of the grid make such a
+    plane.
     """
     cells = low_points(points, GROUND_CELL)
-    cells = cells[supported(cells, _STEP, 0.3, others=3)]
-    candidates = cells[lowest_around(cells, np.tan(max_tilt), _STEP)]
+    cells = cells[support_mask(cells, _STEP, 0.3, others=3)]
+    candidates = cells[lowest_mask(cells, np.tan(max_tilt), _STEP)]
     if len(candidates) < 3:
         raise ValueError(
-            f"there is no ground to be found in {len(points)} points: they fill {len(candidates)} cells of "
-            f"{GROUND_CELL:g} m that might be ground, and a plane needs 3"
+            f"no ground found in {len(points)} points: they fill {len(candidates)} cells of {GROUND_CELL:g} m that "
+            "might be ground, and a plane needs 3: give more points"
         )
     plane = _best_plane(candidates, cells, np.tan(max_tilt), np.random.default_rng(seed))
-    return _refined(plane, points, np.tan(max_tilt))
+    return _refine(plane, points, np.tan(max_tilt))
 
 
-def heights_over(plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
-    """How far (m, along z) each point lies above the plane.
+def heights_above_plane(plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+    """Height (m, along z) of each point above a plane.
 
-    >>> heights_over(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
+    >>> heights_above_plane(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
     array([3.])
     """
     return points[:, 2] - points[:, :2].astype(np.float64) @ plane[:2] - plane[2]
 
 
 def low_points(points: Float[np.ndarray, "n 3"], cell: float, share: float = 0.1) -> Float64[np.ndarray, "m 3"]:
-    """One point for each cell of a grid: its middle point's x and y, and the height that `share` of its points are
-    below; of up to 1 / share points the lowest.
+    """Return one low point for each cell of a grid.
+
+    Its x and y are those of a point of the cell; a fraction `share` of the cell's points lies below it. With up to
+    1 / share points it is the lowest.
 
     >>> low_points(np.array([[0.2, 0.2, 5.0], [0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]), 1.0).tolist()
     [[0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]
@@ -81,9 +88,14 @@ def low_points(points: Float[np.ndarray, "n 3"], cell: float, share: float = 0.1
     return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
 
 
-def supported(cells: Float64[np.ndarray, "m 3"], step: float, slope: float, *, others: int) -> Bool[np.ndarray, " m"]:
-    """Which cells have so many others among the twelve nearest at about its height, to within a slope and a step:
-    the rest are reflections and stray points."""
+def support_mask(
+    cells: Float64[np.ndarray, "m 3"], step: float, slope: float, *, others: int
+) -> Bool[np.ndarray, " m"]:
+    """Mask of the cells that enough neighbours support.
+
+    A cell is kept if at least `others` of its twelve nearest cells lie at its height, to within a slope and a step. The
+    rest are reflections and stray points.
+    """
     from scipy.spatial import cKDTree
 
     near = min(13, len(cells))
@@ -95,12 +107,13 @@ def supported(cells: Float64[np.ndarray, "m 3"], step: float, slope: float, *, o
     return alike[:, 1:].sum(axis=1) >= others
 
 
-def lowest_around(
+def lowest_mask(
     cells: Float64[np.ndarray, "m 3"], slope: float, step: float, *, window: float = STEP_WINDOW
 ) -> Bool[np.ndarray, " m"]:
-    """Which cells no other within the window (m) lies below by more than the slope to it, along x and y, and a step.
+    """Mask of the cells that no other within the window (m) undercuts.
 
-    Raises ValueError where the cells reach too far for an image of them.
+    A cell is undercut if another lies lower by more than the slope to it, along x and y, and a step. Raises ValueError
+    where the cells reach too far for an image of them.
     """
     from scipy.ndimage import grey_erosion
 
@@ -111,7 +124,7 @@ def lowest_around(
     rows, columns = (place.max(axis=0) + 1).tolist()
     if rows * columns > _MOST_CELLS:
         extent = f"{rows * GROUND_CELL:.0f} by {columns * GROUND_CELL:.0f} m"
-        raise ValueError(f"the points reach over {extent}: crop them to the place in question")
+        raise ValueError(f"the points cover {extent}: crop them to the place in question")
     image = np.full((rows, columns), _NOTHING)
     image[place[:, 0], place[:, 1]] = cells[:, 2]
     reach = round(window / GROUND_CELL)
@@ -127,24 +140,24 @@ def _best_plane(
     slope: float,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "3"]:
-    """The hypothesis of the highest score, of those through three candidates that are not too steep."""
+    """Return the highest-scoring plane through three candidates that is not too steep."""
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
-    planes = np.concatenate([_through(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
+    planes = np.concatenate([_triple_planes(drawn), [[0.0, 0.0, float(np.median(candidates[:, 2]))]]])
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= slope]
     on, above = (_heights(planes, some[rng.permutation(len(some))[:_SCORED]]) for some in (candidates, cells))
-    speak = np.clip(1 - (on / _INLIER) ** 2, 0, None).mean(axis=1) * len(candidates)
-    against = np.clip((above < -_BELOW).mean(axis=1) - _STRAY, 0, None) * len(cells)
-    score = speak - _AGAINST * against
+    pro = np.clip(1 - (on / _INLIER) ** 2, 0, None).mean(axis=1) * len(candidates)
+    contra = np.clip((above < -_BELOW).mean(axis=1) - _STRAY, 0, None) * len(cells)
+    score = pro - _AGAINST * contra
     return planes[int(np.argmax(score))]
 
 
 def _heights(planes: Float64[np.ndarray, "p 3"], cells: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "p m"]:
-    """How far each cell lies above each plane."""
+    """Height of each cell above each plane."""
     return cells[:, 2] - planes[:, :2] @ cells[:, :2].T - planes[:, 2:]
 
 
-def _through(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """a, b, c of the plane through each three points; triples that are nearly on a line are left out."""
+def _triple_planes(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"]:
+    """Planes (a, b, c) through triples of points, without triples that are nearly on a line."""
     one, two = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
     normal = np.cross(one, two)
     wide = np.abs(normal[:, 2]) > 0.05 * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1) + 1e-9
@@ -153,18 +166,21 @@ def _through(triples: Float64[np.ndarray, "d 3 3"]) -> Float64[np.ndarray, "_ 3"
     return np.column_stack([slopes, through[:, 2] - (slopes * through[:, :2]).sum(axis=1)])
 
 
-def _refined(
+def _refine(
     plane: Float64[np.ndarray, "3"], points: Float[np.ndarray, "n 3"], slope: float
 ) -> Float64[np.ndarray, "3"]:
-    """The plane through the middles of the cells of points about it, narrower each time, unless that is too steep."""
+    """Fit the plane again to the cells of points about it, within ever narrower bands.
+
+    The fit stops where it becomes too steep.
+    """
     for band in _BANDS:
-        above = heights_over(plane, points)
+        above = heights_above_plane(plane, points)
         about = low_points(points[np.abs(above) < band], GROUND_CELL, share=0.5)
         if len(about) < 3:
             return plane
         middle = about[:, :2].mean(axis=0)
         flat = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
-        weight = np.clip(1 - (heights_over(plane, about) / band) ** 2, 0, None) ** 2
+        weight = np.clip(1 - (heights_above_plane(plane, about) / band) ** 2, 0, None) ** 2
         prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
         normal = flat.T @ (flat * weight[:, None]) + prior
         a, b, c = np.linalg.solve(normal, flat.T @ (weight * about[:, 2]))
@@ -174,13 +190,13 @@ def _refined(
     return plane
 
 
-MAP_REACH = 100.0  # m from the middle of the points, as far as a map goes; farther out its edge holds
-_BAND = 2.0  # m above and below the plane, within which ground is looked for
+MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds
+_BAND = 2.0  # m above and below the plane where ground is looked for
 _SLOPE, _KERB = 0.08, 0.10  # beside the plane's own slope, and m of a kerb
-_WINDOW = 8.0  # m, within which something lower makes a cell no ground
+_WINDOW = 8.0  # m: a cell is not ground if something within this distance is lower
 _SCALES = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
 _PRIOR = 1.0  # cells' worth of trust in the wider mean
-# How far (m) above the map a cell of ground may be, and how far so that it counts half, drawing by drawing.
+# For each drawing: height (m) above the map that a cell of ground may have, and the height at which it counts half.
 _DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20, 0.09), (0.20, 0.09), (0.12, 0.09))
 
 
@@ -193,7 +209,7 @@ class HeightMap:
     cell: float = GROUND_CELL
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """The height at each place, bilinear; outside the grid that of its edge.
+        """Height at each place, bilinear; outside the grid that of its edge.
 
         >>> HeightMap(np.zeros(2), np.array([[0.0, 1.0], [2.0, 3.0]])).at(np.array([[0.5, 0.5], [9.0, 0.0]]))
         array([1.5, 2. ])
@@ -209,9 +225,12 @@ class HeightMap:
 
 
 def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> HeightMap:
-    """The ground's height below points whose ground is nearly z = 0. Raises ValueError for a reach that is none."""
+    """Fit a map of the ground's height to points whose ground is nearly z = 0.
+
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError where it is not above 0.
+    """
     if not 0 < reach < np.inf:
-        raise ValueError(f"reach must be a length above 0 m, got {reach}")
+        raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]
     if not len(near):
         return HeightMap(np.zeros(2), np.zeros((1, 1)))
@@ -220,19 +239,21 @@ def fit_map(points: Float[np.ndarray, "n 3"], *, reach: float = MAP_REACH) -> He
     origin = np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL) * GROUND_CELL + GROUND_CELL / 2
     shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL).astype(np.int64) + 2
     low = low_points(near, GROUND_CELL)
-    low = low[supported(low, _KERB, _SLOPE, others=4)]
-    low = low[lowest_around(low, _SLOPE, _KERB, window=_WINDOW)]
-    low = low[supported(low, _KERB, _SLOPE, others=6)]
+    low = low[support_mask(low, _KERB, _SLOPE, others=4)]
+    low = low[lowest_mask(low, _SLOPE, _KERB, window=_WINDOW)]
+    low = low[support_mask(low, _KERB, _SLOPE, others=6)]
     surface = HeightMap(origin, np.zeros(tuple(shape)))
     for kept, kerb in _DRAWINGS:
-        surface = _redrawn(surface, low, kept, kerb)
+        surface = _redraw(surface, low, kept, kerb)
     on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
-    return _redrawn(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
+    return _redraw(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
 
 
-def _redrawn(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float, kerb: float) -> HeightMap:
-    """The map through those cells that lie at most `kept` (m) above it and twice that below. Cells above it count
-    little: beside a kerb the lower level is the one that wheels stand on."""
+def _redraw(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float, kerb: float) -> HeightMap:
+    """Draw the map again through the cells at most `kept` (m) above it and twice that below.
+
+    Cells above it count little: beside a kerb, wheels stand on the lower level.
+    """
     above = cells[:, 2] - surface.at(cells[:, :2])
     some = (above < kept) & (above > -2 * kept)
     weight = 1 / (1 + (np.clip(above[some], 0, None) / kerb) ** 4)
@@ -242,7 +263,7 @@ def _redrawn(surface: HeightMap, cells: Float64[np.ndarray, "m 3"], kept: float,
 def _smooth(
     cells: Float64[np.ndarray, "m 3"], weight: Float64[np.ndarray, " m"], grid: HeightMap
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Heights on the whole grid from those cells that have one, coarse to fine; zero far from all of them."""
+    """Heights on the whole grid from the cells that have one, coarse to fine; zero far from all of them."""
     from scipy.ndimage import gaussian_filter
 
     known, total = np.zeros(grid.heights.shape), np.zeros(grid.heights.shape)
@@ -261,14 +282,17 @@ def _smooth(
 
 Levelling = Literal["map", "plane"]
 
-TOLERANCE = 0.15  # m that the ground may be off zero before `level_warning` says so
-_HARDLY = 0.02  # share of points between the ground and 4 m that is hardly any
-_FEW = 200  # points, of which nothing can be said
+TOLERANCE = 0.15  # m that the ground may be off zero before `level_warning` warns
+_HARDLY = 0.02  # share of points between the ground and 4 m that counts as hardly any
+_FEW = 200  # points: with fewer there is no warning
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground in some frame: a plane z = a x + b y + c, and how far it deviates from that plane once it is level."""
+    """The ground in some frame: a plane z = a x + b y + c, and a map of deviations.
+
+    deviation: heights above the plane, once the plane is level.
+    """
 
     plane: Float64[np.ndarray, "3"]
     deviation: HeightMap | None = None
@@ -280,7 +304,7 @@ class Ground:
 
     @cached_property
     def level_SE3_frame(self) -> Float64[np.ndarray, "4 4"]:
-        """The rigid part: out of the frame the ground was found in, into the level one."""
+        """Rigid motion (4, 4) from the frame of the ground to the level frame."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
         cross = np.array([[0.0, 0.0, -normal[0]], [0.0, 0.0, -normal[1]], [normal[0], normal[1], 0.0]])
@@ -290,25 +314,25 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """z of the ground (m), in the frame it was found in, at places of that frame."""
+        """Height (m) of the ground at places, all in the frame it was found in."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
     def points(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Points of the frame with z as their height above the ground; their dtype is kept."""
+        """Return points with z as their height above the ground; their dtype is kept."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
     def points_back(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """What `points` undoes: from the level frame into the one the ground was found in."""
+        """Undo `points`: return from the level frame to the frame of the ground."""
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Boxes that stand on the ground, their centres as `points`, their headings turned with the plane."""
+        """Return boxes in the level frame: centres like `points`, headings turned with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
@@ -316,7 +340,7 @@ class Ground:
         return rows
 
     def boxes_back(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """What `boxes` undoes: from the level frame into the one the ground was found in."""
+        """Undo `boxes`: return from the level frame to the frame of the ground."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
         ahead = ahead @ self.level_SE3_frame[:3, :3]
@@ -328,12 +352,18 @@ class Ground:
 
 
 def level(
-    cloud: Any, *, method: Levelling = "map", max_tilt: float = MAX_TILT, reach: float = MAP_REACH, seed: int = 0
+    cloud: PointCloud | Float[np.ndarray, "n 3"],
+    *,
+    method: Levelling = "map",
+    max_tilt: float = MAX_TILT,
+    reach: float = MAP_REACH,
+    seed: int = 0,
 ) -> Ground:
-    """The ground below a cloud: an Open3D one or points (n, 3), in any frame whose z is up to within `max_tilt` (rad).
+    """Find the ground below a cloud in any frame whose z is up to within `max_tilt` (rad).
 
-    method: "plane" for one plane, "map" for a smooth map of heights upon it, as far as `reach` (m) from the middle of
-    the points. The same points and seed give the same ground. Raises ValueError where there is none to be found.
+    cloud: an Open3D cloud or points (n, 3). method: "plane" for one plane, "map" for a smooth map of heights upon it,
+    as far as `reach` (m) from the middle of the points. The same points and seed give the same ground. Raises
+    ValueError where no ground is found.
 
     >>> rng = np.random.default_rng(0)
     >>> street = np.column_stack([rng.uniform(-20, 20, (4000, 2)), np.full(4000, -1.7)])
@@ -341,7 +371,7 @@ def level(
     >>> ground.height(np.array([[5.0, 5.0]])).round(3)
     array([-1.7])
     """
-    points = plain_points(cloud)
+    points = _plain_points(cloud)
     if method not in ("map", "plane"):
         raise ValueError(f'method must be "map" or "plane", got {method!r}')
     if not 0 <= max_tilt < np.pi / 4:
@@ -353,13 +383,13 @@ def level(
     return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64)), reach=reach))
 
 
-def level_warning(cloud: Any, *, height: float = 4.0, seed: int = 0) -> str | None:
-    """One line that says where the ground of a cloud lies, if it is not about z = 0; else nothing.
+def level_warning(cloud: PointCloud | Float[np.ndarray, "n 3"], *, height: float = 4.0, seed: int = 0) -> str | None:
+    """Return a one-line warning if the ground of a cloud is not near z = 0, else None.
 
-    Less than half of the ground within `TOLERANCE` of zero, or no ground and hardly a point between 0 and `height` (m),
-    is worth a warning. A cloud cropped to that slice is not: there is no ground left in it to be found.
+    It warns if less than half of the ground lies within `TOLERANCE` of zero, and if there is no ground and hardly a
+    point between 0 and `height` (m). It does not warn of a cloud cropped to that slice, which has no ground left in it.
     """
-    points = plain_points(cloud)
+    points = _plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
     within = (points[:, 2] > 0) & (points[:, 2] < height)
     if len(points) < _FEW or within.all():
@@ -368,10 +398,8 @@ def level_warning(cloud: Any, *, height: float = 4.0, seed: int = 0) -> str | No
     try:
         ground = Ground(fit_plane(points, seed=seed))
     except ValueError:
-        return (
-            None if within.mean() > _HARDLY else f"{counted}, and no ground is to be found in them: check their frame"
-        )
-    on = points[np.abs(heights_over(ground.plane, points)) < TOLERANCE, 2]
+        return None if within.mean() > _HARDLY else f"{counted}, and no ground is found in them: check their frame"
+    on = points[np.abs(heights_above_plane(ground.plane, points)) < TOLERANCE, 2]
     if (np.abs(on) < TOLERANCE).mean() >= 0.5:
         return None
     return (
@@ -380,8 +408,8 @@ def level_warning(cloud: Any, *, height: float = 4.0, seed: int = 0) -> str | No
     )
 
 
-def plain_points(cloud: Any) -> Float[np.ndarray, "n 3"]:
-    """The points (n, 3) of an array or of an Open3D cloud (anything with `point.positions`)."""
+def _plain_points(cloud: PointCloud | Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return the points (n, 3) of an array or an Open3D cloud."""
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:

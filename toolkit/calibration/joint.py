@@ -1,11 +1,11 @@
-"""Sensors put right without a reference: all at once, from what several of them see of the same standing scene.
+"""Joint alignment of sensors without a reference, by what several of them see of the same standing scene.
 
-The pairs of all pairs of sensors make one linear system in six numbers per sensor (see
-`toolkit.calibration.registration`); a point of one lies on the plane that another measured there. Their common pose is
-not observed, whatever they see: the steps taken are the smallest ones, so the sensors keep, together, where they were
-believed to be, or where those that are held stand. So are motions of sensors that share too little with the others, on
-which objects that both see at the same time say more (`toolkit.calibration.joint`). How far sensors usually are
-off, `USUAL_TURN` and `USUAL_MOVE`, weighs against what few pairs say.
+The pairs of all pairs of sensors make one linear system with six numbers per sensor (see
+`toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured there. The common
+pose of all sensors is not observed, so steps are the smallest possible ones: together, the sensors keep the place where
+they were believed to be, or where the held ones stand. Motions of a sensor that shares too little with the others are
+not observed either; objects that both see at the same time can determine them (`object_pairs`). The usual errors of
+mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
 """
 
 from __future__ import annotations
@@ -18,7 +18,15 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.calibration.registration import LEVER, Surface, after_motion, motion_between, one_each, resistance, tukey
+from toolkit.calibration.registration import (
+    LEVER,
+    Surface,
+    apply_motion,
+    motion_between,
+    resistance,
+    thin_rows,
+    tukey_weight,
+)
 from toolkit.datasets.readings import Readable
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
@@ -26,26 +34,26 @@ from toolkit.objects import Detector
 from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
 
-# Level by level: radius (m) within which counterparts are looked for, voxel (m), least limit (m) of Tukey's weights.
+# Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's weights.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
-_STEPS = 15  # at most, of one level
-_CONVERGED = 1e-4  # of the radius
+_STEPS = 15  # limit for each level
+_CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
 _SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
 _LEAST_SCALE, _TUKEY = 0.01, 4.685
-_RESISTS = 0.1  # of a motion, across the plane: less is the noise of normals
+_RESISTS = 0.1  # fraction of a motion across the plane: less is the noise of normals
 _LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
-_CORRELATED = 9.0  # points that say as much as one alone: errors of neighbours are alike
-USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the poses that are believed, per axis
+_CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
+USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the believed poses, per axis
 
 Poses = Sequence[Float64[np.ndarray, "4 4"]]
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Rows of the linear system: each pulls sensors `one` and `other` together along a direction.
+    """Rows of the linear system; each pulls sensors `one` and `other` together along a direction.
 
-    one_row, other_row: (n, 6) how the residual grows with the motion of each; residual: m, or rad; deviation: its
-    standard deviation, larger where rows err alike; limit: beyond which a row does not count.
+    one_row, other_row: (n, 6) growth of the residual with the motion of each; residual: m, or rad; deviation: its
+    standard deviation, larger where rows err alike; limit: residual beyond which a row does not count.
     """
 
     one: int
@@ -59,7 +67,7 @@ class Pairs:
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:
         """Tukey's weight over the variance."""
-        return tukey(self.residual / self.limit, 1.0) / self.deviation**2
+        return tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +76,8 @@ class Alignment:
 
     covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
     observed; unobserved: (k, 6 n) unit motions of all sensors, turns times `LEVER`, other than the common ones; shared:
-    (n, n) how many rows each two share; scatter: of each sensor, the robust standard deviation (m) of its rows.
+    (n, n) number of rows that each two sensors share; scatter: robust standard deviation (m) of the rows of each
+    sensor.
     """
 
     poses: tuple[Float64[np.ndarray, "4 4"], ...]
@@ -77,8 +86,8 @@ class Alignment:
     shared: Int64[np.ndarray, "n n"]
     scatter: Float64[np.ndarray, " n"]
 
-    def unobserved_of(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
-        """Unit motions of one sensor of which nothing is known, turns times `LEVER`."""
+    def hidden_motions(self, sensor: int) -> Float64[np.ndarray, "_ 6"]:
+        """Unit motions of one sensor that nothing determines, turns times `LEVER`."""
         own = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
         _, size, motions = np.linalg.svd(own, full_matrices=False)
         return motions[size > 0.3]
@@ -91,44 +100,49 @@ def align(
     held: Sequence[int] = (),
     more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
 ) -> Alignment:
-    """The poses of sensors that fit what they see of each other's surfaces, near those they are believed to have.
+    """Fit the poses of sensors to each other by their surfaces, near the believed poses.
 
-    surfaces: of each sensor's empty scene in its own frame, normals towards it; held: numbers of sensors that stay;
-    more: pairs beside those of the surfaces, for poses and a radius within which counterparts are looked for. Raises
-    ValueError for fewer than two sensors, and for a held one that is not there.
+    surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
+    stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
+    for an unknown held one.
     """
     count = len(surfaces)
     if count != len(believed) or count < 2:
-        raise ValueError(f"sensors are aligned with each other, got {count} surfaces and {len(believed)} poses")
+        raise ValueError(
+            f"alignment needs two or more sensors, each with a surface and a pose: got {count} surfaces and "
+            f"{len(believed)} poses"
+        )
     if any(not 0 <= sensor < count for sensor in held):
-        raise ValueError(f"held must be numbers of sensors, 0 to {count - 1}, got {list(held)}")
+        raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, least in _LEVELS:
-        thinned = [one_each(surface.points, voxel) for surface in surfaces]
+        thinned = [thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
             pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
             pairs += list(more(poses, radius)) if more is not None else []
             off = [motion_between(*each) for each in zip(believed, poses, strict=True)]
             system = _Joint(pairs, free, np.concatenate(off))
             step = system.step()
-            poses = [after_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
+            poses = [apply_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
             if np.abs(step).max() < _CONVERGED * radius:
                 break
-    hidden = system.unobserved(_common(poses))
+    hidden = system.hidden_motions(_common_motions(poses))
     return Alignment(tuple(poses), system.covariance(), hidden, system.counts(), system.scatter())
 
 
-def towards_sensor(surface: Surface) -> Surface:
-    """A surface in the frame of the sensor that measured it, its normals turned to the sensor."""
+def face_sensor(surface: Surface) -> Surface:
+    """Turn the normals of a surface, in the frame of the sensor that measured it, to the sensor."""
     away = (surface.points * surface.normals).sum(axis=1) > 0
     return Surface(surface.points, np.where(away[:, None], -surface.normals, surface.normals), surface.roughness)
 
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """The linear system of one step; free: which of the 6 n numbers may change; off: how far each is from what was
-    believed."""
+    """The linear system of one step.
+
+    free: mask of the 6 n numbers that may change; off: difference of each from its believed value.
+    """
 
     pairs: Sequence[Pairs]
     free: Bool[np.ndarray, " m"]
@@ -136,7 +150,7 @@ class _Joint:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and which of them are observed."""
+        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
             rows, where = self._rows(pair)
@@ -158,7 +172,7 @@ class _Joint:
 
     @cached_property
     def _posterior(self) -> Float64[np.ndarray, "m m"]:
-        """Information of what is observed and of what is usual together."""
+        """Information of what is observed and of the usual errors together."""
         values, vectors, observed = self._modes
         return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
 
@@ -167,28 +181,28 @@ class _Joint:
         return np.tile(np.repeat([(LEVER * USUAL_TURN) ** -2, USUAL_MOVE**-2], 3), len(self.free) // 6)
 
     def step(self) -> Float64[np.ndarray, " m"]:
-        """The motion of all sensors that brings the pairs together as far as they say, and all else back."""
+        """Motion of all sensors that brings the pairs together as far as they determine it, and all else back."""
         _, vectors, observed = self._modes
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
             rows, where = self._rows(pair)
             gradient[where] += rows.T @ (pair.weight * pair.residual)
-        said = vectors @ np.where(observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0)
+        determined = vectors @ np.where(observed, vectors.T @ np.where(self.free, gradient, 0.0), 0.0)
         motion = np.zeros(len(self.free))
         free = np.ix_(self.free, self.free)
-        motion[self.free] = -np.linalg.solve(self._posterior[free], (said + self._usual * self.off)[self.free])
+        motion[self.free] = -np.linalg.solve(self._posterior[free], (determined + self._usual * self.off)[self.free])
         return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
-        """In rad and m, zero of sensors that are held."""
+        """Covariance in rad and m, zero for sensors that are held."""
         covariance = np.zeros((len(self.free),) * 2)
         free = np.ix_(self.free, self.free)
         covariance[free] = np.linalg.inv(self._posterior[free])
         unit = np.tile(np.repeat([1 / LEVER, 1.0], 3), len(self.free) // 6)
         return unit[:, None] * covariance * unit
 
-    def unobserved(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
-        """Orthonormal motions that next to no pair resists, less the common ones where no sensor is held."""
+    def hidden_motions(self, common: Float64[np.ndarray, "6 m"]) -> Float64[np.ndarray, "k m"]:
+        """Orthonormal motions that hardly any pair resists, less the common ones where no sensor is held."""
         _, vectors, observed = self._modes
         hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
         if self.free.all():
@@ -197,14 +211,14 @@ class _Joint:
         return motions[size > 0.5]
 
     def counts(self) -> Int64[np.ndarray, "n n"]:
-        """How many rows count between each two sensors."""
+        """Number of rows that count between each two sensors."""
         counts = np.zeros((len(self.free) // 6,) * 2, np.int64)
         for pair in self.pairs:
             counts[pair.one, pair.other] += int((pair.weight > 0).sum())
         return counts + counts.T
 
     def scatter(self) -> Float64[np.ndarray, " n"]:
-        """Robust standard deviation of the rows of each sensor, 0 for one without any."""
+        """Robust standard deviation of the rows of each sensor, 0 without any."""
         own: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(len(self.free) // 6)]
         for pair in self.pairs:
             for sensor in (pair.one, pair.other):
@@ -216,7 +230,7 @@ class _Joint:
 def _surface_pairs(
     surfaces: Sequence[Surface], thinned: Sequence[np.ndarray], poses: Poses, limits: tuple[float, float]
 ) -> list[Pairs]:
-    """Each thinned point of each sensor with the nearest point of each other one, if they look the same way."""
+    """Pair each thinned point of each sensor with the nearest point of each other sensor that faces the same way."""
     radius, least = limits
     made = []
     for one, (surface, some) in enumerate(zip(surfaces, thinned, strict=True)):
@@ -247,7 +261,7 @@ def _surface_pairs(
     return made
 
 
-def _common(poses: Poses) -> Float64[np.ndarray, "6 m"]:
+def _common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
     """Orthonormal motions of all sensors together, as if they hung on one frame."""
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
     motions = np.zeros((6, len(poses), 6))
@@ -258,11 +272,11 @@ def _common(poses: Poses) -> Float64[np.ndarray, "6 m"]:
     return np.linalg.qr(motions.reshape(6, -1).T)[0].T
 
 
-PAIR_GATE = 1.5  # m between the centres that two sensors give one road user, at first and at most
+PAIR_GATE = 1.5  # m: greatest distance between the centres that two sensors give one road user
 _LEAST_GATE = 0.8  # m
 _CENTRE = 0.25  # m, standard deviation of a centre along each axis
 _HEADING = float(np.deg2rad(4.0))  # standard deviation of a heading
-_WORST_HEADING = float(np.deg2rad(20.0))  # between headings of one road user, up to a half turn
+_WORST_HEADING = float(np.deg2rad(20.0))  # greatest difference of the headings of one road user, up to a half turn
 _NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
@@ -272,28 +286,28 @@ class SitedRecording(Readable, Protocol):
 
     @property
     def site(self) -> Site:
-        """Where they were recorded."""
+        """Site of the recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenBoxes:
-    """What one sensor said of one frame, in its own axes: centres (n, 3) and directions ahead (n, 3)."""
+    """Objects that one sensor saw in one frame, in its own axes: centres (n, 3) and directions ahead (n, 3)."""
 
     centres: Float64[np.ndarray, "n 3"]
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
     def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Float64[np.ndarray, "4 4"]) -> SeenBoxes:
-        """Boxes of the world that came of points placed by the believed pose."""
+        """Return boxes of the world in the sensor's axes; their points were placed by the believed pose."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 
 
-SeenFrames = Sequence[Sequence[SeenBoxes]]  # of each frame, of each sensor
+SeenFrames = Sequence[Sequence[SeenBoxes]]  # for each frame, for each sensor
 
 
 def seen_objects(recording: SitedRecording, frames: Sequence[Frame], detector: Detector) -> list[list[SeenBoxes]]:
-    """What a detector finds in the cloud of each sensor alone, frame by frame."""
+    """Detect objects in the cloud of each sensor alone, frame by frame."""
     seen = []
     for frame in frames:
         clouds = frame_points(frame, area=recording.site)
@@ -303,22 +317,22 @@ def seen_objects(recording: SitedRecording, frames: Sequence[Frame], detector: D
 
 
 def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
-    """The rows of all road users that two sensors see, at those poses: three for the centre, one for the heading."""
+    """Rows of all road users that two sensors see, at those poses: three for the centre, one for the heading."""
     gate = float(np.clip(radius, _LEAST_GATE, PAIR_GATE))
     made = []
     for one in range(len(poses)):
         for other in range(one + 1, len(poses)):
-            matches = [_matched(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen]
+            matches = [_match_boxes(frame[one], frame[other], poses[one], poses[other], gate) for frame in seen]
             here, there, turn = (np.concatenate(parts) for parts in zip(_NO_MATCH, *matches, strict=True))
             if len(here):
                 made.append(_pairs(one, other, poses, (here, there, turn), gate))
     return made
 
 
-def _matched(
+def _match_boxes(
     mine: SeenBoxes, theirs: SeenBoxes, pose: np.ndarray, other_pose: np.ndarray, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres by the one and by the other sensor, and by how much the one's heading is ahead of the other's (rad)."""
+    """Return the centres by either sensor, and the first one's headings less the other's (rad)."""
     here, there = transform(pose, mine.centres), transform(other_pose, theirs.centres)
     if not (len(here) and len(there)):
         return _NO_MATCH

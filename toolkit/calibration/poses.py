@@ -20,12 +20,19 @@ from toolkit.calibration.joint import (
     Poses,
     SitedRecording,
     align,
+    face_sensor,
     object_pairs,
     seen_objects,
-    towards_sensor,
 )
-from toolkit.calibration.reference import cloud_surface, read_surface, scene_points
-from toolkit.calibration.registration import NAMES, Registration, Surface, register
+from toolkit.calibration.registration import (
+    NAMES,
+    Registration,
+    Surface,
+    cloud_surface,
+    read_surface,
+    register,
+    scene_points,
+)
 from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, LearntScene, learn_sample_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.doctor import Finding
@@ -243,7 +250,7 @@ def clouds_together(
 ) -> tuple[FoundPose, ...]:
     """The same of sensors whose points of the standing scene are known, each in its own frame; held: numbers; more: see
     `toolkit.calibration.joint.align`."""
-    surfaces = [towards_sensor(cloud_surface(points)) for points in clouds]
+    surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
     alignment = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more)
     return tuple(_found(sensor, k, alignment, k in held) for k, sensor in enumerate(sensors))
 
@@ -262,7 +269,7 @@ def _found(sensor: Sensor, number: int, alignment: Alignment, stays: bool) -> Fo
         Registration(
             alignment.poses[number],
             np.ascontiguousarray(alignment.covariance[own, own]),
-            alignment.unobserved_of(number),
+            alignment.hidden_motions(number),
             min(1.0, shared / max(1, int(alignment.shared.max()))),
             float(alignment.scatter[number]),
         ),

@@ -1,57 +1,80 @@
-"""Where a sensor is, from points it measured of a scene whose surface is known: point to plane, coarse to fine.
+"""Registration of a sensor against a reference: point to plane, coarse to fine.
 
-Each point is paired with the nearest point of the surface, and the pose that brings the points onto the planes there
-is solved for, with Tukey's weights, over and over with a smaller radius (Y. Chen and G. Medioni, 1992; J. W. Tukey).
-Motions are six numbers: turns (rad) about the world's axes through the sensor, and moves (m) along them,
+The reference is a `Surface`: of a site, of a survey's cloud, or of what sensors saw before. Each measured point is
+paired with the nearest point of the surface, and the pose that brings the points onto the planes there is solved for
+with Tukey's weights, again and again with a smaller radius (Y. Chen and G. Medioni, 1992; J. W. Tukey). A motion is six
+numbers: turns (rad) about the world's axes through the sensor, and moves (m) along them,
 
     pose = [exp(turn) R, t + move].
 
-What the points cannot say stays as it was believed: the eigenvectors of the information matrix along which next to no
-point resists (on a bare plane: two moves and a turn) are left out of every step (J. Zhang, M. Kaess and S. Singh, 2016)
-and reported. Open3D's own registration solves for those too, from noise, which is why the step is ours.
+Whatever the points do not determine stays as it was believed: the eigenvectors of the information matrix that hardly
+any point resists (on a bare plane: two moves and a turn) are left out of every step (J. Zhang, M. Kaess and S. Singh,
+2016) and reported. Open3D's own registration solves for those too, from noise, so the step is implemented here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
+from toolkit.datasets.cloud_files import read_points
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.geometry import transform
+from toolkit.rendering.static_scene import scenery
+from toolkit.sensors.error_terms import rotation_about
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+SURFACE_SPACING = 0.15  # m between the sampled points of a surface
+OUTSKIRTS = 30.0  # m beyond the detection area that a site's surface is sampled
+LEAST_FLAT = 50  # points that a surface must have
+GROWS = ("tree", "bush")  # kinds of solids whose leaves no drawing of a site has
+_NEIGHBOURHOOD, _NEIGHBOURS = 2.0, 24  # radius (m) and number of the points that a normal is fitted to
+# A neighbourhood is not flat above this ratio of its least to its middle extent, and is a line below this ratio of its
+# middle to its largest.
+_FLAT, _LONG = 0.35, 0.15
 
 NAMES = ("turn about x", "turn about y", "turn about z", "move along x", "move along y", "move along z")
-LEVER = 10.0  # m; a turn by an angle is compared with a move as that of a point so far off
-# Level by level the radius (m) within which counterparts are looked for, the voxel (m) that leaves one point, and the
-# least limit (m) of Tukey's weights: walls may be farther off than the ground, of which there is so much more.
+LEVER = 10.0  # m: a turn is compared with a move as the move of a point this far off
+# Each level: radius (m) of the search for counterparts, voxel (m) that keeps one point, least limit (m) of Tukey's
+# weights. Walls may be farther off than the ground, which has many more points.
 _COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
 _FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
-_STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z from which the coarse levels begin
-_STEPS = 20  # at most, of one level
-_CONVERGED = 1e-4  # of the radius, that the last step is smaller than
-_AGREES = 0.3  # m, within which a point agrees with a start
-_SAME, _AS_GOOD = 0.05, 0.002  # m between starts that came to the same; agreement that is as good as another
+_STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z that the coarse levels start with
+_STEPS = 20  # limit for each level
+_CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
+_AGREES = 0.3  # m: a point this near agrees with a start
+_SAME, _AS_GOOD = 0.05, 0.002  # m between equal results of two starts; agreement lost by one that is as good
 _TUKEY = 4.685
-_LEAST_SCALE = 0.01  # m, of the residuals that Tukey's weights are scaled by
-_RESISTS = 0.15  # of a unit motion, across the plane: less is the noise of normals
-_LEAST_SHARE, _LEAST_POINTS = 0.0004, 2.0  # of the points, that must resist a motion for it to be observed
-_CORRELATED = 9.0  # points that say as much as one alone: errors of neighbours are alike
+_LEAST_SCALE = 0.01  # m: least scale of the residuals in Tukey's weights
+_RESISTS = 0.15  # fraction of a unit motion across the plane: less is the noise of normals
+_LEAST_SHARE, _LEAST_POINTS = 0.0004, 2.0  # of the points that must resist a motion for it to be observed
+_CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What stands still: points (m) and the unit normals there, either way round, in one frame; roughness: standard
-    deviation (m) of the surface about the plane of each point."""
+    """Standing surfaces: points (m) and unit normals, either way round, in one frame.
+
+    roughness: standard deviation (m) of the surface about the plane of each point.
+    """
 
     points: Float64[np.ndarray, "n 3"]
     normals: Float64[np.ndarray, "n 3"]
     roughness: Float64[np.ndarray, " n"]
 
     @cached_property
-    def tree(self) -> Any:
+    def tree(self) -> cKDTree:
         """SciPy's tree of the points."""
         from scipy.spatial import cKDTree
 
@@ -59,18 +82,103 @@ class Surface:
 
     @cached_property
     def thin(self) -> Surface:
-        """One of its points in each cube of 0.4 m, for what need not be exact yet."""
-        some = one_each(self.points, 0.4)
+        """Surface with one point in each cube of 0.4 m, for coarse steps."""
+        some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
+
+
+def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
+    """Read the surface of a reference: the name of a site, or a file.
+
+    The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud in the frame of the
+    site (see `toolkit.datasets.cloud_files`). A recording gives what its sensors saw in its first `frames` frames, from
+    where they were believed to be, noise-free. Raises ValueError and OSError as the readers do.
+    """
+    ending = Path(reference).suffix.lower()
+    if ending in (".hdf5", ".h5"):
+        with CoopDataset(reference) as recording:
+            scenes = learn_empty_scenes(recording, frames=frames, noise_seed=None)
+            return scenes_surface(scenes, [sensor.pose for sensor in recording.sensors])
+    if ending in ("", ".json", ".geojson"):
+        return site_surface(load_site(reference))
+    return cloud_surface(read_points(reference))
+
+
+def site_surface(site: Site, *, seed: int = 0) -> Surface:
+    """Sample the ground of a site and all that stands on it evenly, without what grows leaves."""
+    mesh = scenery(replace(site, solids=tuple(solid for solid in site.solids if solid.kind not in GROWS)))
+    corners = mesh.vertices[mesh.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    low, high = site.area[:2] - OUTSKIRTS, site.area[2:] + OUTSKIRTS
+    middle = corners.mean(axis=1)[:, :2]
+    wanted = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
+    corners, across, size = corners[wanted], across[wanted], size[wanted]
+    rng = np.random.default_rng(seed)
+    share = size / 2 / SURFACE_SPACING**2
+    count = np.floor(share + rng.random(len(share))).astype(np.int64)  # on average in proportion to its size
+    chosen = np.repeat(np.arange(len(count)), count)
+    u, v = np.sqrt(rng.random(len(chosen))), rng.random(len(chosen))
+    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    points = np.einsum("nk,nkd->nd", weights, corners[chosen])
+    return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
+
+
+def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
+    """Return the surface of a cloud, thinned, with the normals of planes through neighbours.
+
+    Points are left out where the cloud is not flat. Raises ValueError where fewer than `LEAST_FLAT` are left.
+    """
+    import open3d as o3d
+
+    points = np.asarray(points, np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    _check_flat(len(points))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(SURFACE_SPACING)
+    around = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOURHOOD, _NEIGHBOURS)
+    cloud.estimate_normals(around)
+    cloud.estimate_covariances(around)
+    extents = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
+    flat = (extents[:, 0] < _FLAT**2 * extents[:, 1]) & (extents[:, 1] > _LONG**2 * extents[:, 2])
+    _check_flat(int(flat.sum()))
+    return Surface(np.asarray(cloud.points)[flat], np.asarray(cloud.normals)[flat], np.sqrt(extents[flat, 0].clip(0)))
+
+
+def _check_flat(count: int) -> None:
+    if count < LEAST_FLAT:
+        raise ValueError(
+            f"the reference has {count} points on flat ground or walls, {LEAST_FLAT} are needed: use a denser cloud"
+        )
+
+
+def scene_points(
+    scene: EmptyScene, *, least_share: float = 0.5
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"]]:
+    """Return the points of an empty scene in the sensor's frame, and their standard deviations (m).
+
+    Pixels that show something else in more than `least_share` of the frames are left out.
+    """
+    model = scene.model
+    seen: Bool[np.ndarray, "rows columns"] = (scene.first > 0) & (scene.share >= least_share)
+    rays = model.rays().astype(np.float64)[seen]
+    length = np.linalg.norm(rays, axis=1)
+    deviation = scene.spread[seen] * length / np.sqrt(np.maximum(scene.share[seen] * scene.frames, 1))
+    return rays * scene.first[seen].astype(np.float64)[:, None], deviation.astype(np.float64)
+
+
+def scenes_surface(scenes: Sequence[EmptyScene], poses: Sequence[Float64[np.ndarray, "4 4"]]) -> Surface:
+    """Surface that sensors at these poses see of their empty scenes together."""
+    parts = [transform(pose, scene_points(scene)[0]) for scene, pose in zip(scenes, poses, strict=True)]
+    return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A pose that was found again.
+    """A pose that was found.
 
     covariance: of the six numbers of a motion (rad and m), as far as it is observed; unobserved: (k, 6) unit motions,
-    turns times `LEVER`, of which the points say nothing. overlap: share of the points that have a counterpart; scatter:
-    robust standard deviation of their distances from it (m).
+    turns times `LEVER`, that the points do not determine; overlap: share of the points that have a counterpart;
+    scatter: robust standard deviation of their distances from it (m).
     """
 
     pose: Float64[np.ndarray, "4 4"]
@@ -93,56 +201,54 @@ def register(
     *,
     deviation: Float[np.ndarray, " n"] | None = None,
 ) -> Registration:
-    """The pose world_SE3_sensor of a sensor from points of its own frame, near the one it is believed to have.
+    """Find the pose world_SE3_sensor of a sensor near the believed one.
 
-    deviation: of each point (m), by which it counts less. Raises ValueError where fewer than 50 points have a
-    counterpart within 3 m.
+    points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
+    ValueError where fewer than 50 points have a counterpart within 3 m.
     """
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
     believed = np.array(believed, np.float64)
     coarse: list[np.ndarray] = []
     for turn in _STARTS:
-        start = after_motion(believed, np.array([0, 0, turn * LEVER, 0, 0, 0]))
-        pose, _ = _aligned(points, noise, surface.thin, start, _COARSE)
+        start = apply_motion(believed, np.array([0, 0, turn * LEVER, 0, 0, 0]))
+        pose, _ = _align_levels(points, noise, surface.thin, start, _COARSE)
         if all(np.abs(motion_between(pose, other)).max() > _SAME for other in coarse):
             coarse.append(pose)
-    fine = [_aligned(points, noise, surface, pose, _FINE) for pose in coarse]
+    fine = [_align_levels(points, noise, surface, pose, _FINE) for pose in coarse]
     best = max(system.agreement for _, system in fine)
     pose, system = min(
         (each for each in fine if each[1].agreement >= best - _AS_GOOD),
         key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
     )
-    if len(system.unobserved):  # along which a coarse level may have gone astray
+    if len(system.hidden_motions):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
-        motion -= system.unobserved.T @ (system.unobserved @ motion)
-        pose, system = _aligned(points, noise, surface, after_motion(believed, motion), _FINE)
-    return Registration(pose, system.covariance(), system.unobserved, system.overlap, system.scatter)
+        motion -= system.hidden_motions.T @ (system.hidden_motions @ motion)
+        pose, system = _align_levels(points, noise, surface, apply_motion(believed, motion), _FINE)
+    return Registration(pose, system.covariance(), system.hidden_motions, system.overlap, system.scatter)
 
 
-def _aligned(
+def _align_levels(
     points: Float64[np.ndarray, "n 3"],
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
     pose: Float64[np.ndarray, "4 4"],
     levels: Sequence[tuple[float, float, float]],
 ) -> tuple[Float64[np.ndarray, "4 4"], _System]:
-    """The pose after some levels, and the last system that was solved."""
+    """Return the pose after some levels, and the last system that was solved."""
     for radius, voxel, least in levels:
-        some = one_each(points, voxel)
+        some = thin_rows(points, voxel)
         for _ in range(_STEPS):
-            system = _system(points[some], noise[some], surface, pose, (radius, least))
+            system = _build_system(points[some], noise[some], surface, pose, (radius, least))
             step = system.step()
-            pose = after_motion(pose, step)
+            pose = apply_motion(pose, step)
             if np.abs(step).max() < _CONVERGED * radius:
                 break
     return pose, system
 
 
-def after_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
-    """A pose after a motion whose turns are times `LEVER`."""
-    from toolkit.sensors.error_terms import rotation_about
-
+def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
+    """Apply a motion, turns times `LEVER`, to a pose."""
     after = pose.copy()
     after[:3, :3] = rotation_about(motion[:3] / LEVER) @ pose[:3, :3]
     after[:3, 3] += motion[3:]
@@ -150,7 +256,7 @@ def after_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "
 
 
 def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "6"]:
-    """The motion, turns times `LEVER`, that `after_motion` needs from one pose to another."""
+    """Motion, turns times `LEVER`, that `apply_motion` needs from one pose to another."""
     turn = after[:3, :3] @ before[:3, :3].T
     sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     length = float(np.linalg.norm(sine))
@@ -161,12 +267,15 @@ def motion_between(before: Float64[np.ndarray, "4 4"], after: Float64[np.ndarray
 def resistance(
     points: Float64[np.ndarray, "n 3"], position: Float64[np.ndarray, "3"], normals: Float64[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "n 6"]:
-    """How far each point leaves its plane per unit of each number of a motion about a position, turns times `LEVER`."""
+    """Distance by which each point leaves its plane, per unit of each number of a motion.
+
+    The motion is about a position; its turns are times `LEVER`.
+    """
     return np.concatenate([np.cross(points - position, normals) / LEVER, normals], axis=1)
 
 
-def one_each(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarray, " k"]:
-    """Rows of the first point in each cube of that edge (m), so that near ground does not outweigh all else."""
+def thin_rows(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarray, " k"]:
+    """Rows of the first point in each cube of that edge (m), so that near ground does not dominate."""
     cube = np.floor(points / voxel).astype(np.int64)
     if len(cube):
         cube -= cube.min(axis=0)
@@ -175,14 +284,17 @@ def one_each(points: Float64[np.ndarray, "n 3"], voxel: float) -> Int64[np.ndarr
     return np.sort(np.unique(key, return_index=True)[1])
 
 
-def tukey(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:
+def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:
     """Tukey's weight of each residual, zero from the limit on."""
     return np.clip(1 - (residual / limit) ** 2, 0, None) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The linear system of one step. rows: resistance of each pair; weight: of each; residual: along the normal."""
+    """The linear system of one step.
+
+    rows: resistance of each pair; weight: of each; residual: along the normal.
+    """
 
     rows: Float64[np.ndarray, "n 6"]
     residual: Float64[np.ndarray, " n"]
@@ -192,17 +304,17 @@ class _System:
 
     @property
     def agreement(self) -> float:
-        """Share of all points that lie on the surface, near ones more than those 0.3 m off."""
-        return float(tukey(self.residual, _AGREES).mean()) * self.overlap
+        """Share of all points that lie on the surface; near ones count more than those 0.3 m off."""
+        return float(tukey_weight(self.residual, _AGREES).mean()) * self.overlap
 
     @cached_property
     def information(self) -> Float64[np.ndarray, "6 6"]:
-        """The inverse of the covariance, were the pairs independent."""
+        """Inverse of the covariance if the pairs were independent."""
         return self.rows.T @ (self.rows * self.weight[:, None])
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues and eigenvectors (columns) of the information, and which of them are observed."""
+        """Eigenvalues and eigenvectors (columns) of the information, and a mask of the observed ones."""
         values, vectors = np.linalg.eigh(self.information)
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
@@ -210,26 +322,26 @@ class _System:
         return values, vectors, resists > max(_LEAST_SHARE * sound.sum(), _LEAST_POINTS)
 
     @property
-    def unobserved(self) -> Float64[np.ndarray, "k 6"]:
-        """Unit motions that next to no pair resists."""
+    def hidden_motions(self) -> Float64[np.ndarray, "k 6"]:
+        """Unit motions (k, 6) that hardly any pair resists."""
         _, vectors, observed = self._modes
         return vectors[:, ~observed].T
 
     def step(self) -> Float64[np.ndarray, "6"]:
-        """The motion that brings the points onto their planes, as far as they say."""
+        """Motion that brings the points onto their planes, as far as they determine it."""
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
         return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)
 
     def covariance(self) -> Float64[np.ndarray, "6 6"]:
-        """Of what is observed, in rad and m."""
+        """Covariance of the observed motions, in rad and m."""
         values, vectors, observed = self._modes
         inverse = np.where(observed, _CORRELATED / np.where(observed, values, 1.0), 0.0)
         unit = np.repeat([1 / LEVER, 1.0], 3)
         return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
 
 
-def _system(
+def _build_system(
     points: Float64[np.ndarray, "n 3"],
     noise: Float64[np.ndarray, " n"],
     surface: Surface,
@@ -249,5 +361,5 @@ def _system(
     residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
     scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
     spread = np.sqrt(noise[near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
-    weight = tukey(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
+    weight = tukey_weight(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
     return _System(resistance(world[near], pose[:3, 3], normals), residual, weight, len(near) / len(points), scatter)

@@ -70,7 +70,7 @@ def calibrate(
     """
     from toolkit.calibration.corrected_recording import write_corrected
     from toolkit.calibration.poses import find_poses, find_poses_together
-    from toolkit.calibration.reference import read_surface
+    from toolkit.calibration.registration import read_surface
 
     check_errors(errors)
     if reference is not None and (held or detector is not None):
@@ -83,8 +83,12 @@ def calibrate(
             check_new_folder(out, inputs=inputs, overwrite=overwrite)
         check_file(poses, inputs=inputs, overwrite=overwrite)
         opened = opened_clouds(dataset, layout, frames)
-        found = found_poses(opened, reference or TOGETHER, held=sensor_set(",".join(held)) or [] if held else [],
-                            frames=reference_frames)  # fmt: skip
+        found = found_poses(
+            opened,
+            reference or TOGETHER,
+            held=sensor_set(",".join(held)) or [] if held else [],
+            frames=reference_frames,
+        )
         if out is not None:
             write_corrected_clouds(opened, found, out)
         return _said(found, poses, json)
@@ -102,9 +106,7 @@ def calibrate(
                 )
             else:
                 surface = read_surface(reference, frames=reference_frames)
-                found = find_poses(
-                    recording, surface, frames=total, errors=errors, noise_seed=seed, progress=bar.to
-                )  # fmt: skip
+                found = find_poses(recording, surface, frames=total, errors=errors, noise_seed=seed, progress=bar.to)
         if out is not None:
             described = {each.sensor.name: each.described() for each in found}
             write_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=described)

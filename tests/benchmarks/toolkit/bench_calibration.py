@@ -17,7 +17,7 @@ import numpy as np
 
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.poses import find_pose
-from toolkit.calibration.reference import site_surface
+from toolkit.calibration.registration import site_surface
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import evaluate_dataset

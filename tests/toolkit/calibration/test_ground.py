@@ -9,12 +9,12 @@ from toolkit.calibration.ground import (
     HeightMap,
     fit_map,
     fit_plane,
-    heights_over,
+    heights_above_plane,
     level,
     level_warning,
     low_points,
-    lowest_around,
-    supported,
+    lowest_mask,
+    support_mask,
 )
 from toolkit.clouds import from_points
 from toolkit.geometry import invert, pose, transform
@@ -78,13 +78,13 @@ def test_the_same_seed_gives_the_same_plane_and_the_bound_on_tilt_holds():
 
 
 def test_points_that_make_no_ground_are_refused():
-    with pytest.raises(ValueError, match="no ground to be found in 2 points"):
+    with pytest.raises(ValueError, match="no ground found in 2 points"):
         fit_plane(np.zeros((2, 3)))
-    with pytest.raises(ValueError, match="no ground to be found in 0 points"):
+    with pytest.raises(ValueError, match="no ground found in 0 points"):
         fit_plane(np.zeros((0, 3), np.float32))
     patch = np.random.default_rng(0).uniform([-5, -5, 0], [5, 5, 0.1], (200, 3))
     far = np.concatenate([patch, patch + np.array([[3000.0, 3000.0, 0.0]])])
-    with pytest.raises(ValueError, match=r"reach over 30[01]. by 30[01]. m: crop them"):
+    with pytest.raises(ValueError, match=r"points cover 30[01]. by 30[01]. m: crop them"):
         fit_plane(far)
 
 
@@ -102,18 +102,18 @@ def test_the_low_end_of_a_cell_is_a_tenth_of_its_points_up():
 
 
 def test_heights_over_a_plane():
-    assert heights_over(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
+    assert heights_above_plane(np.array([0.5, -1.0, 2.0]), np.array([[2.0, 1.0, 7.0]])).tolist() == [5.0]
 
 
 def test_cells_above_others_and_alone_are_left_out():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2) + 0.5
     cells = np.column_stack([grid, np.zeros(400)])
     cells[210, 2], cells[37, 2] = 1.5, -3.0
-    ground = supported(cells, 0.25, 0.1, others=2)
+    ground = support_mask(cells, 0.25, 0.1, others=2)
     assert np.flatnonzero(~ground).tolist() == [37, 210]
     cells[37, 2] = 0.0
-    assert np.flatnonzero(~lowest_around(cells, 0.1, 0.25, window=5.0)).tolist() == [210]
-    assert lowest_around(cells[:0], 0.1, 0.25).shape == (0,)
+    assert np.flatnonzero(~lowest_mask(cells, 0.1, 0.25, window=5.0)).tolist() == [210]
+    assert lowest_mask(cells[:0], 0.1, 0.25).shape == (0,)
 
 
 def hilly(rng, count, reach=40.0):
@@ -180,7 +180,7 @@ def test_places_outside_have_the_height_of_the_edge():
 
 def test_nothing_near_the_plane_makes_a_flat_map_and_no_reach_is_refused():
     assert fit_map(np.full((10, 3), 50.0)).at(np.zeros((1, 2))).tolist() == [0.0]
-    with pytest.raises(ValueError, match="reach must be a length above 0 m, got -1"):
+    with pytest.raises(ValueError, match="reach must be above 0 m, got -1"):
         fit_map(np.zeros((10, 3)), reach=-1.0)
 
 
@@ -267,7 +267,7 @@ def test_an_open3d_cloud_and_its_points_have_the_same_ground():
     [
         ({"method": "spline"}, "method"),
         ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3"),
-        ({"reach": 0.0}, "reach must be a length above 0 m, got 0"),
+        ({"reach": 0.0}, "reach must be above 0 m, got 0"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message):
@@ -278,7 +278,7 @@ def test_wrong_arguments_are_refused(arguments, message):
 def test_wrong_points_are_refused():
     with pytest.raises(ValueError, match=r"shape \(n, 3\), got \(3, 5\): pass points.T\?"):
         level(np.zeros((3, 5)))
-    with pytest.raises(ValueError, match="no ground to be found"):
+    with pytest.raises(ValueError, match="no ground found"):
         level(np.full((50, 3), np.nan))
 
 
@@ -300,7 +300,7 @@ def test_clouds_that_say_nothing_of_the_ground_make_no_warning():
     assert level_warning(world[:50] - [0, 0, -9.0]) is None
     assert level_warning(np.zeros((0, 3))) is None
     nowhere = np.column_stack([np.zeros((500, 2)), np.linspace(-90, -50, 500)])
-    assert "no ground is to be found" in warned(nowhere)
+    assert "no ground is found" in warned(nowhere)
 
 
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")

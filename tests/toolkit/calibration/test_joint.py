@@ -3,8 +3,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from toolkit.calibration.joint import Pairs, SeenBoxes, align, object_pairs, seen_objects, towards_sensor
-from toolkit.calibration.registration import LEVER, Surface, after_motion
+from toolkit.calibration.joint import Pairs, SeenBoxes, align, face_sensor, object_pairs, seen_objects
+from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
 from toolkit.objects import Detections, Objects
@@ -39,7 +39,7 @@ def world(rng, walls=True):
 def seen_by(pose, rng, walls=True):
     points, normals = world(rng, walls)
     local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
-    return towards_sensor(local)
+    return face_sensor(local)
 
 
 def off(pose, rng, deg=1.0, metres=0.1):
@@ -92,10 +92,10 @@ def test_on_a_bare_plane_each_sensor_keeps_two_moves_and_a_turn():
     surfaces = [seen_by(pose, rng, walls=False) for pose in TRUE]
     found = align(surfaces, [TRUE[0], off(TRUE[1], rng, 0.3, 0.03), TRUE[2]], held=[0])
     assert len(found.unobserved) == 6
-    hidden = found.unobserved_of(1)
+    hidden = found.hidden_motions(1)
     assert len(hidden) == 3
     assert np.abs(hidden[:, [0, 1, 5]]).max() < 0.1
-    assert len(found.unobserved_of(0)) == 0
+    assert len(found.hidden_motions(0)) == 0
 
 
 def test_a_sensor_that_sees_nothing_in_common_is_not_observed_at_all():
@@ -103,7 +103,7 @@ def test_a_sensor_that_sees_nothing_in_common_is_not_observed_at_all():
     far = TRUE[2].copy()
     far[0, 3] += 500.0
     found = align([seen_by(TRUE[0], rng), seen_by(TRUE[1], rng), seen_by(TRUE[2], rng)], [*TRUE[:2], far], held=[0])
-    assert len(found.unobserved_of(2)) == 6
+    assert len(found.hidden_motions(2)) == 6
     assert found.poses[2].tobytes() == far.tobytes()
     assert found.shared[2].sum() == 0
 
@@ -118,7 +118,7 @@ def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one():
     for pose, side in zip(poses, (front, back), strict=True):
         points, normals = (np.concatenate(parts) for parts in zip(*side, strict=True))
         local = Surface(transform(invert(pose), points), normals @ pose[:3, :3], np.full(len(points), 0.005))
-        surfaces.append(towards_sensor(local))
+        surfaces.append(face_sensor(local))
     found = align(surfaces, poses, held=[0])
     assert np.abs(found.poses[1][:2, 3] - poses[1][:2, 3]).max() < 0.02
 
@@ -149,14 +149,14 @@ def test_more_pairs_say_what_the_scene_does_not():
 
 def test_normals_look_at_the_sensor():
     ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
-    assert towards_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
+    assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
 
 
 def test_one_sensor_and_held_ones_that_are_not_there_are_refused():
     surface = seen_by(TRUE[0], np.random.default_rng(6))
     with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
         align([surface], [TRUE[0]])
-    with pytest.raises(ValueError, match=r"held must be numbers of sensors, 0 to 1, got \[2\]"):
+    with pytest.raises(ValueError, match=r"held must be sensor numbers from 0 to 1, got \[2\]"):
         align([surface] * 2, TRUE[:2], held=[2])
 
 
@@ -166,8 +166,15 @@ TRUE_JOINT_OBJECTS = (look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4), look((8.0,
 def cars(rng, count=6):
     """Boxes more than a gate apart."""
     x = np.linspace(-9, 9, count) + rng.uniform(-0.3, 0.3, count)
-    return np.column_stack([x, rng.uniform(-6, 6, count), np.full(count, 0.8), np.tile([4.2, 1.8, 1.5], (count, 1)),
-                            rng.uniform(-3.1, 3.1, count)])  # fmt: skip
+    return np.column_stack(
+        [
+            x,
+            rng.uniform(-6, 6, count),
+            np.full(count, 0.8),
+            np.tile([4.2, 1.8, 1.5], (count, 1)),
+            rng.uniform(-3.1, 3.1, count),
+        ]
+    )
 
 
 def seen_frames(rng, frames=30, noise=0.05):
@@ -175,24 +182,28 @@ def seen_frames(rng, frames=30, noise=0.05):
     seen = []
     for _ in range(frames):
         truth = cars(rng)
-        seen.append([SeenBoxes.of(truth + noise * rng.standard_normal(truth.shape) * [1, 1, 1, 0, 0, 0, 0.2], at)
-                     for at in TRUE_JOINT_OBJECTS])  # fmt: skip
+        seen.append(
+            [
+                SeenBoxes.of(truth + noise * rng.standard_normal(truth.shape) * [1, 1, 1, 0, 0, 0, 0.2], at)
+                for at in TRUE_JOINT_OBJECTS
+            ]
+        )
     return seen
 
 
 def bare_plane(at, rng):
     points = np.column_stack([rng.uniform(-10, 10, (3000, 2)), 0.005 * rng.standard_normal(3000)])
     normals = np.tile([0.0, 0.0, 1.0], (3000, 1)) @ at[:3, :3]
-    return towards_sensor(Surface(transform(invert(at), points), normals, np.full(3000, 0.005)))
+    return face_sensor(Surface(transform(invert(at), points), normals, np.full(3000, 0.005)))
 
 
 def test_road_users_say_what_a_bare_plane_does_not():
     rng = np.random.default_rng(0)
     surfaces = [bare_plane(at, rng) for at in TRUE_JOINT_OBJECTS]
     motion = np.array([0.0, 0.0, LEVER * np.deg2rad(1.0), 0.2, -0.15, 0.0])
-    believed = [TRUE_JOINT_OBJECTS[0], after_motion(TRUE_JOINT_OBJECTS[1], motion)]
+    believed = [TRUE_JOINT_OBJECTS[0], apply_motion(TRUE_JOINT_OBJECTS[1], motion)]
     alone = align(surfaces, believed, held=[0])
-    assert len(alone.unobserved_of(1)) == 3
+    assert len(alone.hidden_motions(1)) == 3
     found = align(surfaces, believed, held=[0], more=partial(object_pairs, seen_frames(rng)))
     assert len(found.unobserved) == 0
     assert np.abs(found.poses[1][:2, 3] - TRUE_JOINT_OBJECTS[1][:2, 3]).max() < 0.03
@@ -210,7 +221,7 @@ def test_rows_are_the_derivatives_of_the_residuals():
             motion[number] = 1e-6
             poses = list(TRUE_JOINT_OBJECTS)
             before = object_pairs(seen, poses, 1.5)[0]
-            poses[sensor] = after_motion(poses[sensor], motion)
+            poses[sensor] = apply_motion(poses[sensor], motion)
             after = object_pairs(seen, poses, 1.5)[0]
             rows = (before.one_row, before.other_row)[sensor][:, number]
             centres = np.arange(len(rows)) < 36  # 12 cars, three numbers each

@@ -20,8 +20,7 @@ from toolkit.calibration.poses import (
     spoken,
     with_corrections,
 )
-from toolkit.calibration.reference import site_surface
-from toolkit.calibration.registration import Registration, Surface
+from toolkit.calibration.registration import Registration, Surface, site_surface
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, pose, transform

@@ -1,18 +1,28 @@
+"""A sensor is registered against the surface of a site, a cloud or other sensors' empty scenes."""
+
 import numpy as np
 import pytest
 
+from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.registration import (
     LEVER,
+    SURFACE_SPACING,
     Surface,
-    after_motion,
+    apply_motion,
+    cloud_surface,
     motion_between,
-    one_each,
     register,
     resistance,
-    tukey,
+    scene_points,
+    scenes_surface,
+    site_surface,
+    thin_rows,
+    tukey_weight,
 )
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.models import DepthCamera
+from toolkit.sites.site import Site, Solid
 
 
 def plane(rng, origin, one, two, count):
@@ -149,19 +159,19 @@ def test_resistance_is_the_derivative_of_the_distance_from_the_plane():
     for k in range(6):
         motion = np.zeros(6)
         motion[k] = 1e-6
-        along = ((transform(after_motion(TRUE, motion), local) - points) * normals).sum(axis=1)
+        along = ((transform(apply_motion(TRUE, motion), local) - points) * normals).sum(axis=1)
         np.testing.assert_allclose(along / 1e-6, rows[:, k], atol=1e-4)
 
 
 def test_a_turn_counts_as_the_move_of_a_point_at_the_levers_end():
-    after = after_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
+    after = apply_motion(np.eye(4), np.array([0, 0, 0.1, 1, 2, 3.0]))
     assert np.arctan2(after[1, 0], after[0, 0]) == pytest.approx(0.1 / LEVER)
     assert after[:3, 3].tolist() == [1, 2, 3]
 
 
 def test_the_motion_between_poses_is_the_one_that_was_made():
     motion = np.array([0.3, -1.2, 0.7, 1.0, 2.0, -3.0])
-    np.testing.assert_allclose(motion_between(TRUE, after_motion(TRUE, motion)), motion, atol=1e-12)
+    np.testing.assert_allclose(motion_between(TRUE, apply_motion(TRUE, motion)), motion, atol=1e-12)
     assert motion_between(TRUE, TRUE).tolist() == [0.0] * 6
 
 
@@ -174,17 +184,81 @@ def test_a_row_of_equal_bays_does_not_catch_a_sensor_that_is_one_bay_off():
     back = plane(rng, [-10, 14.5, 0], [20, 0, 0], [0, 0, 5], 2500)
     reference = surface_of(ground, *fins, end, back)
     points = transform(invert(TRUE), reference.points[::3] + 0.005 * rng.standard_normal(reference.points[::3].shape))
-    turned_off = after_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
+    turned_off = apply_motion(TRUE, np.array([0, 0, LEVER * np.deg2rad(5.0), 0.2, 0.1, 0.0]))
     found = register(points, reference, turned_off)
     assert turned(found.pose, TRUE) < 0.05
     assert np.linalg.norm(found.pose[:3, 3] - TRUE[:3, 3]) < 0.02
 
 
 def test_tukeys_weights_end_at_the_limit():
-    assert tukey(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
+    assert tukey_weight(np.array([0.0, 1.0, -1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.5625, 0.0, 0.0]
 
 
 def test_one_point_of_each_cube_stays():
     points = np.array([[0.1, 0, 0], [0.2, 0, 0], [1.2, 0, 0], [0.3, -0.2, 0], [0.4, 0, 2.0]])
-    assert one_each(points, 1.0).tolist() == [0, 2, 3, 4]
-    assert one_each(points[:0], 1.0).tolist() == []
+    assert thin_rows(points, 1.0).tolist() == [0, 2, 3, 4]
+    assert thin_rows(points[:0], 1.0).tolist() == []
+
+
+SQUARE = np.array([[0.0, 0], [6, 0], [6, 4], [0, 4]])
+PLACE = Site(
+    "place",
+    np.array([-12.0, -12, 12, 12]),
+    solids=(Solid(SQUARE, 0.0, 5.0, "container"), Solid(SQUARE - 9.0, 0.0, 6.0, "tree")),
+)
+
+
+def scene(depth, share=1.0, spread=0.02, frames=16):
+    model = DepthCamera(width=40, height=30, stride=2)
+    values = {"first": depth, "spread": spread, "share": share}
+    values |= {"second": np.nan, "second_spread": 0.0, "second_share": 0.0}
+    images = {name: np.full(model.shape, value, np.float32) for name, value in values.items()}
+    return EmptyScene("c", model, frames=frames, **images)
+
+
+def test_a_site_is_sampled_evenly_with_its_normals_and_without_leaves():
+    surface = site_surface(PLACE)
+    assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1.0)
+    roof = np.isclose(surface.points[:, 2], 5.0)
+    assert roof.sum() == pytest.approx(24 / SURFACE_SPACING**2, rel=0.1)
+    assert np.allclose(np.abs(surface.normals[roof]), [0, 0, 1])
+    wall = np.isclose(surface.points[:, 1], 4.0) & (surface.points[:, 2] > 0.01)
+    assert wall.sum() == pytest.approx(30 / SURFACE_SPACING**2, rel=0.1)
+    assert surface.points[:, 2].max() <= 5.0 + 1e-9
+    assert np.abs(surface.points[:, :2]).max() < 60.0
+    again = site_surface(PLACE)
+    assert again.points.tobytes() == surface.points.tobytes()
+
+
+def test_a_cloud_has_normals_where_it_is_flat():
+    rng = np.random.default_rng(0)
+    ground = np.column_stack([rng.uniform(-5, 5, (20000, 2)), 0.005 * rng.standard_normal(20000)])
+    bush = rng.uniform([6, 6, 0.5], [8, 8, 2.5], (3000, 3))
+    surface = cloud_surface(np.concatenate([ground, bush, [[np.nan, 0, 0]]]))
+    flat = surface.points[:, 2] < 0.1
+    assert np.abs(surface.normals[flat, 2]).mean() > 0.99
+    assert (~flat).sum() < 0.2 * flat.sum()
+    with pytest.raises(ValueError, match="0 points on flat ground or walls, 50 are needed"):
+        cloud_surface(rng.uniform(0, 100, (30, 3)))
+
+
+def test_the_points_of_a_scene_lie_at_its_depth_and_know_how_sure_they_are():
+    points, deviation = scene_points(scene(8.0))
+    assert points.shape == (300, 3)
+    assert np.allclose(points[:, 2], 8.0)
+    slant = np.linalg.norm(points, axis=1) / 8.0
+    np.testing.assert_allclose(deviation, 0.02 * slant / 4.0, rtol=1e-5)
+    assert len(scene_points(scene(0.0))[0]) == 0
+    assert len(scene_points(scene(8.0, share=0.4))[0]) == 0
+    assert len(scene_points(scene(8.0, share=0.4), least_share=0.3)[0]) == 300
+
+
+def test_scenes_of_several_sensors_make_one_surface():
+    poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
+    wide = [scene(8.0), scene(8.0)]
+    surface = scenes_surface(wide, poses)
+    assert np.abs(surface.points[:, 2]).max() < 1e-4
+    assert (surface.points[:, 0] < 10).any()
+    assert (surface.points[:, 0] > 10).any()
+    with pytest.raises(ValueError, match="50 are needed"):
+        scenes_surface([], [])

@@ -80,7 +80,7 @@ def test_clouds_without_points_or_without_ground():
     first, second = detect_samples([nothing, few], Blocks())
     assert len(first.detections) == 0
     assert first.warning is None
-    assert str(second.warning).startswith("not levelled: there is no ground to be found in 1 points")
+    assert str(second.warning).startswith("not levelled: no ground found in 1 points")
     assert len(second.detections) == 1
 
 

@@ -74,7 +74,7 @@ def test_the_doctor_warns_of_a_sensor_that_has_drifted(folder, run):
 
 
 def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, run):
-    from toolkit.calibration.reference import site_surface
+    from toolkit.calibration.registration import site_surface
 
     survey = tmp_path / "survey.ply"
     points = site_surface(PLACE).points
