@@ -15,7 +15,7 @@ AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TORCH_CPU := $(shell sed -n 's/^torch==//p' constraints.txt)+cpu
 TORCH_INDEX :=
 
-.PHONY: setup demo test test-all bench lint docs
+.PHONY: setup demo test test-avx2 test-all bench lint docs
 setup: .venv/all
 
 .venv/bin/python:
@@ -66,6 +66,11 @@ docs: .venv/all
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs out/docs
 
 test: lint docs
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+
+# Rays as another processor casts them: see tests/jittered_rays. NumPy and torch are held to AVX2 as well.
+test-avx2: .venv/all
+	PYTHONPATH=$(CURDIR)/tests/jittered_rays ATEN_CPU_CAPABILITY=avx2 NPY_DISABLE_CPU_FEATURES="AVX512F AVX512CD AVX512_SKX AVX512_ICL" \
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-all: lint docs

@@ -58,7 +58,7 @@ def run(tmp_path: Path, out: Path, workers: int = 1, limit: int = 0) -> subproce
     script.write_text(SCRIPT)
     return subprocess.Popen(
         [sys.executable, "-B", str(script), str(out), str(workers), str(limit)],
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])},
         stderr=subprocess.PIPE,
         text=True,
     )

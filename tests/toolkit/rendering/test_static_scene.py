@@ -36,7 +36,7 @@ def test_bare_ground_is_what_the_site_says_everywhere():
 
 
 def test_flat_ground_is_zero():
-    assert np.abs(drop(scenery(site()), places(np.random.default_rng(0)))).max() < 1e-5
+    assert np.abs(drop(scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
 
 
 def test_pond_is_a_hole_with_banks_and_a_surface():
@@ -59,7 +59,7 @@ def test_pond_is_a_hole_with_banks_and_a_surface():
 def test_plain_solids_fill_their_prism(kind):
     mesh = scenery(site(Solid(SQUARE, -0.3, 2.0, kind)))
     assert np.allclose(drop(mesh, np.array([[0.1, 0.1], [7.9, 5.9], [4, 3]])), 2.0)
-    assert np.allclose(drop(mesh, np.array([[-0.1, 0.1], [8.1, 5.9]])), 0.0, atol=1e-5)
+    assert np.allclose(drop(mesh, np.array([[-0.1, 0.1], [8.1, 5.9]])), 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("outline", [SQUARE, SQUARE[::-1]])
@@ -90,7 +90,7 @@ def test_hedges_are_rough_but_stay_in_place():
     x = np.column_stack([np.linspace(0.3, 5.7, 200), np.full(200, 0.4)])
     heights = drop(mesh, x)
     assert (heights > 1.2).all()
-    assert heights.max() <= 1.4 + 1e-5
+    assert heights.max() <= 1.4 + 1e-4
     assert heights.std() > 0.005
 
 
