@@ -7,13 +7,13 @@ import numpy as np
 
 from placement_env import (
     Objective,
+    estimate_worth,
     exact_worth,
     failures,
     format_failures,
     format_marginal,
     format_worth,
     marginal,
-    sampled_worth,
 )
 
 
@@ -29,7 +29,7 @@ def main(site: str = "tjunction") -> None:
     print("Shares of the AP of all, and synergy of pairs (Shapley value and interaction index), from all 64 sets")
     print(format_worth(exact_worth(ap, sensors), names))
     print("\nThe same from a sample, as for sets of more than 16 sensors; ± is half of a 95 % interval")
-    print(format_worth(sampled_worth(ap, sensors, rounds=8, seed=0), names))
+    print(format_worth(estimate_worth(ap, sensors, rounds=8, seed=0), names))
     print("\nAP when any one or two of them fail")
     print(format_failures([failures(ap, everything, failing=failing) for failing in (1, 2)], names))
     print("\nWhat each adds to the others, and for how much data")

@@ -1,9 +1,11 @@
-from .analysis.failures import failures as failures, format_failures as format_failures
-from .analysis.marginal import format_marginal as format_marginal, marginal as marginal
-from .analysis.shapley import (
+from .analysis.worth import (
+    estimate_worth as estimate_worth,
     exact_worth as exact_worth,
+    failures as failures,
+    format_failures as format_failures,
+    format_marginal as format_marginal,
     format_worth as format_worth,
-    sampled_worth as sampled_worth,
+    marginal as marginal,
     synergy as synergy,
 )
 from .candidates.candidates import Candidates as Candidates

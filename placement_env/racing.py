@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from placement_env.analysis.shrinkage import shrunk
+from placement_env.analysis.shrinkage import shrink
 from placement_env.subsets import SetFunction
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -149,7 +149,7 @@ def race_until(
     with these; confidence: asked for; tolerance: a set that is better by no more does not count; first, eta: frames of
     the first rung, and by how much the next ones are longer; least: frames before which no confidence ends it; most:
     set-frames, beyond which only the best go on; stop: asked after each rung whether to end; predicted: the figure of
-    each, as far as it is known before: then sets go by what `placement_env.analysis.shrinkage.shrunk` makes of both.
+    each, as far as it is known before: then sets go by what `placement_env.analysis.shrinkage.shrink` makes of both.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. What is left of the
     doubt is the share of the resamples in which a set that was not dropped is better than the winner by more than the
@@ -183,7 +183,7 @@ def race_until(
         spent, seen = spent + len(running) * (counted - seen), counted
         measured = found.figure
         if predicted is not None:
-            likely = shrunk(found.figure, found.resamples, predicted[running], found.blocks)
+            likely = shrink(found.figure, found.resamples, predicted[running], found.blocks)
             found = found._replace(figure=likely.figure, resamples=likely.resamples)
         expected[running] = found.figure
         ranked = _best_first(found.figure)

@@ -23,7 +23,7 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     if not 0 <= sensors <= MOST_SENSORS:
         raise ValueError(
             f"too many sets: they are listed for at most {MOST_SENSORS} sensors, got {sensors};"
-            " choose some, or use sampled_worth"
+            " choose some, or use estimate_worth"
         )
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 

@@ -1,1 +1,1 @@
-"""What a set is worth: Shapley values, failures, margins."""
+"""Worth of sensors, intervals of figures, and the places of vehicles on the roads."""

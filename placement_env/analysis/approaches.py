@@ -1,13 +1,14 @@
-"""Approaches: the lanes of a road network that lead motor vehicles to a junction, and where each vehicle is on them.
+"""Approaches: the lanes that lead motor vehicles to a junction, and the place of each vehicle on them.
 
 A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
-approach is an edge that ends in a junction, together with the edges before it as far as the junction before; what
-leaves a junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
+approach is an edge that ends in a junction, together with the edges before it back to the previous junction; an edge
+that leaves a junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -24,15 +25,18 @@ EXIT, JUNCTION, PARKED = "leaving", "junction", "parked"
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """names: of the places a vehicle can be at, the approaches first, each with the direction it comes from; lanes: the
-    centre lines of each but the last one, which is `PARKED`; bays: (n, 3) where vehicles are parked."""
+    """Places of a road network where a vehicle can be.
+
+    names: approaches first, each with the direction it comes from; lanes: centre lines of each place but the last,
+    which is `PARKED`; bays: (n, 3) parking bays.
+    """
 
     names: tuple[str, ...]
     lanes: tuple[shapely.Geometry, ...]
     bays: Float64[np.ndarray, "n 3"]
 
-    def of(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        """Which of `names` each box is at: parked in a bay, else on the lane that is nearest."""
+    def locate(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        """Index into `names` of each box: parked in a bay, else on the nearest lane."""
         spots = shapely.points(boxes[:, :2])
         distance = np.array([shapely.distance(line, spots) for line in self.lanes]).reshape(len(self.lanes), len(boxes))
         place = distance.argmin(axis=0) if len(self.lanes) else np.zeros(len(boxes), np.int64)
@@ -40,8 +44,8 @@ class Approaches:
         return np.where(to_bay <= NEAR_BAY, len(self.names) - 1, place).astype(np.int64)
 
 
-def approaches_of(site: Site) -> Approaches:
-    """The approaches of a site's network; the junction alone where there is no network."""
+def find_approaches(site: Site) -> Approaches:
+    """Find the approaches of a site's network; the junction alone without a network."""
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
     ring = {name for each in root.findall("roundabout") for name in each.get("edges", "").split()}
@@ -65,8 +69,8 @@ def approaches_of(site: Site) -> Approaches:
             groups.setdefault(label, []).extend(line for each in chain for line in _lines(roads[each]))
     used = {line.wkb for lines in groups.values() for line in lines}
     leaving = [line for edge in roads.values() for line in _lines(edge) if line.wkb not in used]
-    within = [line for name, edge in edges.items() if name not in roads for line in _lines(edge)]
-    named = {**dict(sorted(groups.items())), EXIT: leaving, JUNCTION: within}
+    inside = [line for name, edge in edges.items() if name not in roads for line in _lines(edge)]
+    named = {**dict(sorted(groups.items())), EXIT: leaving, JUNCTION: inside}
     kept = {name: shapely.union_all(lines) for name, lines in named.items() if lines}
     if not kept:
         kept = {JUNCTION: shapely.box(*site.area)}
@@ -74,19 +78,19 @@ def approaches_of(site: Site) -> Approaches:
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
-    """The point of the compass that lies in a direction of the site's frame; north is +y of its map."""
+    """Point of the compass in a direction of the site's frame; north is +y of its map."""
     east, north = (site.map_SE3_site[:2, :2] @ offset).tolist()
     return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
 
 
 def _direction(site: Site, first: ElementTree.Element, last: ElementTree.Element) -> str:
-    """Where vehicles come from that drive along edges, seen from where these end."""
+    """Compass point that traffic along a chain of edges comes from, seen from its end."""
     begin, end = _lines(first)[-1].coords[0], _lines(last)[-1].coords[-1]
     return compass(site, np.subtract(begin[:2], end[:2]))
 
 
 def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> list[str]:
-    """An edge and those before it, as far as a junction or the end of the network."""
+    """An edge and those before it, back to a junction or the end of the network."""
     chain = [name]
     while ends[chain[-1]][0] not in junctions:
         start, target = ends[chain[-1]]
@@ -97,10 +101,10 @@ def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> 
     return chain
 
 
-def _junctions(ends: object) -> set[str]:
+def _junctions(ends: Iterable[tuple[str, ...]]) -> set[str]:
     """Nodes with roads to three neighbours or more."""
     neighbours: dict[str, set[str]] = defaultdict(set)
-    for start, end in ends:  # type: ignore[attr-defined]
+    for start, end in ends:
         neighbours[start].add(end)
         neighbours[end].add(start)
     return {node for node, others in neighbours.items() if len(others) >= 3 or node.startswith("roundabout ")}

@@ -1,31 +1,36 @@
-"""Intervals of figures that are measured over frames, by a bootstrap over blocks of consecutive frames.
+"""Intervals of figures measured over frames, by a bootstrap over blocks of consecutive frames.
 
 Objects of the simulated traffic live four frames (paper section III; in `placement_env.fidelity.traffic` parked ones
 too), so frames are not independent but blocks of four are nearly. Frames 0-3, 4-7 and so on form the blocks, the last
-of which may be shorter; as many blocks as there are are drawn with replacement, the figure is computed from what was
-drawn, and the interval holds the middle share of these figures (percentile bootstrap; Efron and Tibshirani 1993,
-chapter 13; blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. Same
-seed, same draws: figures of several sensor sets on the same frames can be compared draw by draw.
+of which may be shorter; blocks are drawn with replacement, as many as there are, the figure is computed from the draw,
+and the interval holds the middle share of these figures (percentile bootstrap; Efron and Tibshirani 1993, chapter 13;
+blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. The same seed
+gives the same draws, so figures of several sensor sets on the same frames can be compared draw by draw.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from placement_env.checks import check_whole
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.detection.metrics import average_precision, precision_recall
+
+if TYPE_CHECKING:
+    from placement_env.fidelity.detector import Outcome
 
 BLOCK_FRAMES = 4  # frames that an object lives
 RESAMPLES = 1000
-HELD_AT_ONCE = 1 << 21  # numbers held at once
+HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
 
 
 class Interval(NamedTuple):
-    """Lower and upper end, NaN where the figure is undefined in every draw."""
+    """Lower and upper end, NaN if the figure is undefined in every draw."""
 
     low: float
     high: float
@@ -34,22 +39,22 @@ class Interval(NamedTuple):
 def block_draws(
     frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0
 ) -> Int64[np.ndarray, "resamples frames"]:
-    """How often each frame is drawn in each resample: equal for all frames of a block.
+    """Count how often each resample draws each frame; frames of one block have equal counts.
 
     >>> block_draws(6, resamples=3)
     array([[1, 1, 1, 1, 1, 1],
            [1, 1, 1, 1, 1, 1],
            [0, 0, 0, 0, 2, 2]])
     """
-    for name, value, least in (("frames", frames, 1), ("block", block, 1), ("resamples", resamples, 1)):
-        check_whole(name, value, least=least)
+    for name, value in (("frames", frames), ("block", block), ("resamples", resamples)):
+        check_whole(name, value, least=1)
     return draws_of_blocks(np.arange(frames) // block, resamples=resamples, seed=seed)
 
 
 def draws_of_blocks(
     blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> Int64[np.ndarray, "resamples frames"]:
-    """The same for frames in any order, of which it is said to which block each belongs.
+    """Count how often each resample draws each frame, given the block of each, in any order.
 
     >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
     array([[1, 1, 1],
@@ -72,9 +77,11 @@ def ap_resamples(
     seed: int = 0,
     draws: Int64[np.ndarray, "resamples frames"] | None = None,
 ) -> Float64[np.ndarray, " resamples"]:
-    """AP of each resample, NaN where it has nothing to find; arguments as of `ap_interval`. draws: how often each frame
-    is drawn in each resample, None for blocks of frames that follow each other."""
-    flat_scores, flat_hits, frame = _pooled(scores, hits, to_find)
+    """Return the AP of each resample, NaN where it has nothing to find.
+
+    Takes the arguments of `ap_interval`. draws: counts of `draws_of_blocks`, None for blocks of consecutive frames.
+    """
+    flat_scores, flat_hits, frame = _pool_detections(scores, hits, to_find)
     if draws is None:
         draws = block_draws(len(to_find), block=block, resamples=resamples, seed=seed)
     resamples = len(draws)
@@ -100,10 +107,10 @@ def ap_interval(
     seed: int = 0,
     confidence: float = 0.95,
 ) -> Interval:
-    """Interval of the AP (`toolkit.detection.metrics`) of what was detected in consecutive frames.
+    """Return the interval of the AP (`toolkit.detection.metrics`) over consecutive frames.
 
-    scores, hits: per frame, of its detections that are not ignored, the score and whether it hit a truth; to_find: how
-    many truths each frame has. Raises ValueError where these do not fit.
+    scores, hits: per frame, score of each detection that is not ignored, and True where it hit a truth; to_find: number
+    of truths in each frame. Raises ValueError where these do not fit.
 
     >>> ap_interval([[0.9], [0.8, 0.7]], [[True], [False, True]], [1, 1], block=1)
     Interval(low=0.5, high=1.0)
@@ -122,7 +129,7 @@ def ratio_interval(
     seed: int = 0,
     confidence: float = 0.95,
 ) -> Interval:
-    """Interval of sum(parts) / sum(wholes), one of each per frame: recall, precision, a share of vehicles, a mean.
+    """Return the interval of sum(parts) / sum(wholes), one of each per frame: recall, precision, a share, a mean.
 
     >>> ratio_interval([1, 3], [2, 4], block=1)
     Interval(low=0.5, high=0.75)
@@ -137,7 +144,7 @@ def ratio_interval(
 
 
 def percentiles(figures: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95) -> Interval:
-    """The middle share of the figures that are defined."""
+    """Return the middle share of the defined figures."""
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     defined = figures[~np.isnan(figures)]
@@ -147,36 +154,102 @@ def percentiles(figures: Float64[np.ndarray, " resamples"], *, confidence: float
     return Interval(float(low), float(high))
 
 
-def interval_about(
+def figure_interval(
     figure: float, resamples: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95
 ) -> Interval:
-    """The middle share of a figure's resamples, widened where the figure itself lies outside.
+    """Return the middle share of a figure's resamples, widened to hold the figure itself.
 
-    >>> interval_about(0.9, np.full(1000, 0.5))
+    >>> figure_interval(0.9, np.full(1000, 0.5))
     Interval(low=0.5, high=0.9)
     """
     low, high = percentiles(resamples, confidence=confidence)
     return Interval(min(low, figure), max(high, figure))
 
 
-def _pooled(
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Detections of one sensor set that count, frame after frame, and the number of truths.
+
+    scores: of each detection; hit: True where it hit a truth; frame: its frame, from 0; truths: number to find in each
+    frame.
+    """
+
+    scores: Float64[np.ndarray, " n"]
+    hit: Bool[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    truths: Int64[np.ndarray, " frames"]
+
+    @staticmethod
+    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> Tally:
+        """Tally the outcomes of one sensor set at the IoU threshold of index `at`."""
+        from placement_env.fidelity.detector import IGNORED
+
+        counts = [each.truth[at] != IGNORED for each in outcomes]
+        scores = [each.scores[counted] for each, counted in zip(outcomes, counts, strict=True)]
+        hit = [each.truth[at, counted] >= 0 for each, counted in zip(outcomes, counts, strict=True)]
+        return Tally.of_frames(scores, hit, truths)
+
+    @staticmethod
+    def of_frames(
+        scores: Sequence[np.ndarray], hit: Sequence[np.ndarray], truths: Sequence[int] | Int64[np.ndarray, " frames"]
+    ) -> Tally:
+        """Tally the detections that count, given frame by frame."""
+        frame = np.repeat(np.arange(len(scores)), [len(each) for each in scores])
+        return Tally(np.concatenate(scores), np.concatenate(hit), frame, np.asarray(truths, np.int64))
+
+    @property
+    def ap(self) -> float:
+        """Average precision; NaN without anything to find."""
+        to_find = int(self.truths.sum())
+        return average_precision(precision_recall(self.scores, self.hit, to_find)) if to_find else float("nan")
+
+    @property
+    def recall(self) -> float:
+        """Share of truths that were hit; NaN without anything to find."""
+        to_find = int(self.truths.sum())
+        return float(self.hit.sum() / to_find) if to_find else float("nan")
+
+    @property
+    def precision(self) -> float:
+        """Share of detections that hit; NaN without a detection."""
+        return float(self.hit.mean()) if len(self.hit) else float("nan")
+
+    def resamples(
+        self, *, seed: int = 0, draws: Int64[np.ndarray, "resamples frames"] | None = None
+    ) -> Float64[np.ndarray, " resamples"]:
+        """Return the AP of each resample of blocks of frames.
+
+        One seed draws the same blocks for every tally. draws: counts of `draws_of_blocks`, None for blocks of
+        consecutive frames.
+        """
+        return ap_resamples(*self._by_frame(), seed=seed, draws=draws)
+
+    def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
+        """Return the interval of the AP over blocks of frames; NaN if no draw has anything to find."""
+        return ap_interval(*self._by_frame(), seed=seed, confidence=confidence)
+
+    def _by_frame(self) -> tuple[list[np.ndarray], list[np.ndarray], list[int]]:
+        rows = [np.flatnonzero(self.frame == k) for k in range(len(self.truths))]
+        return [self.scores[row] for row in rows], [self.hit[row] for row in rows], self.truths.tolist()
+
+
+def _pool_detections(
     scores: Sequence[ArrayLike], hits: Sequence[ArrayLike], to_find: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Score, whether it hit, and frame of each detection of all frames."""
+    """Score, hit and frame of each detection of all frames."""
     frames = len(to_find)
-    rows: list[tuple[Any, Any]] = [
-        (np.asarray(s, np.float64), np.asarray(h, bool)) for s, h in zip(scores, hits, strict=False)
-    ]
-    if not frames or not len(scores) == len(hits) == frames or any(s.shape != h.shape or s.ndim != 1 for s, h in rows):
+    score, hit = [np.asarray(each, np.float64) for each in scores], [np.asarray(each, bool) for each in hits]
+    fits = all(s.shape == h.shape and s.ndim == 1 for s, h in zip(score, hit, strict=False))
+    if not frames or not len(score) == len(hit) == frames or not fits:
         raise ValueError(
             "there must be scores, hits and a number to find for each frame, one hit per score, "
-            f"got {len(scores)}, {len(hits)} and {frames} frames"
+            f"got {len(score)}, {len(hit)} and {frames} frames"
         )
-    for k, ((_, hit), truths) in enumerate(zip(rows, to_find, strict=True)):
-        if not hit.sum() <= truths:
-            raise ValueError(f"frame {k} has {hit.sum()} hits, more than the {truths} there are to find")
-    frame = np.repeat(np.arange(frames), [len(s) for s, _ in rows])
-    return np.concatenate([s for s, _ in rows]), np.concatenate([h for _, h in rows]), frame
+    for k, (each, truths) in enumerate(zip(hit, to_find, strict=True)):
+        if not each.sum() <= truths:
+            raise ValueError(f"frame {k} has {each.sum()} hits, more than the {truths} there are to find")
+    frame = np.repeat(np.arange(frames), [len(each) for each in score])
+    return np.concatenate(score), np.concatenate(hit), frame
 
 
 def _ap(

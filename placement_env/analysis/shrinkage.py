@@ -1,15 +1,15 @@
-"""What is to be believed of several figures that were measured on few frames and predicted before.
+"""Shrinkage: figures measured on few frames, corrected by predictions made before.
 
 Predictions p_i are off by a common amount m and, each by itself, by some τ; measured figures f_i by a noise of variance
-v_i, which their resamples show. The figures that are likeliest then (empirical Bayes; Efron and Morris 1973) are
+v_i, which their resamples show. The likeliest figures are then (empirical Bayes; Efron and Morris 1973)
 
     p_i + m + w_i (f_i - p_i - m)         w_i = τ² / (τ² + v_i)
-    m = mean (f_i - p_i)                  τ² = var (f_i - p_i) - mean v_i, but no less than `SURE`²
+    m = mean (f_i - p_i)                  τ² = var (f_i - p_i) - mean v_i, but no less than `LEAST_SPREAD`²
 
-With much noise it is the predictions that rank, moved to where the figures are; with little the figures themselves.
-What noise all share, such as frames that are hard for all, counts in none of it, and is added again in the end. Of few
-blocks the resamples show too little noise, least for the set that was lucky in all of them, and none where all is found
-in each: so v_i is no less than the mean over the sets, nor than `OF_A_BLOCK`² / blocks, and the draws spread as much.
+With much noise the predictions rank, moved to the level of the figures; with little noise the figures themselves do.
+Noise that all sets share, such as hard frames, counts in none of this and is added again in the end. Resamples of few
+blocks show too little noise, least for a set that was lucky in all of them, and none if everything was found in each:
+so v_i is no less than the mean over the sets, nor than `LEAST_NOISE`² / blocks, and the draws spread as much.
 """
 
 from __future__ import annotations
@@ -21,30 +21,31 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-SURE = 0.02  # in AP, by which predictions of sets that are near the best are off from each other, at least
-OF_A_BLOCK = 0.05  # in AP, by which sets differ by chance on one block of frames, at least
-FEWEST_SETS = 3  # of which it can be said how far predictions are off
+LEAST_SPREAD = 0.02  # least error in AP of a prediction, relative to those of other sets near the best
+LEAST_NOISE = 0.05  # least difference in AP between sets by chance on one block of frames
+FEWEST_SETS = 3  # needed to estimate the errors of predictions
 
 
 class Shrunk(NamedTuple):
-    """Figures of n sets as they are likeliest, and draws that spread as much as these are unsure."""
+    """Likeliest figures of n sets, and draws that spread by their uncertainty."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
 
 
-def shrunk(
+def shrink(
     figure: Float64[np.ndarray, " n"],
     resamples: Float64[np.ndarray, "n resamples"],
     predicted: Float64[np.ndarray, " n"],
     blocks: float = math.inf,
 ) -> Shrunk:
-    """Of n sets. resamples: of each figure, drawn alike for all; blocks: how many these draw from: of one nothing is
-    known of the noise, so that predictions rank. Fewer than `FEWEST_SETS` sets, or figures that are not defined, are
-    left as they are.
+    """Shrink the figures of n sets towards their predictions.
+
+    resamples: of each figure, with the same draws for all; blocks: number drawn from; one block says nothing about the
+    noise, so predictions rank. Fewer than `FEWEST_SETS` sets, and undefined figures, are left as they are.
 
     >>> noisy = np.array([[0.5, 0.7], [0.7, 0.5], [0.6, 0.6]])
-    >>> shrunk(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
+    >>> shrink(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
     array([0.553, 0.647, 0.6  ])
     """
     if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
@@ -59,17 +60,17 @@ def shrunk(
     else:
         variance = noise.var(axis=1) / (1 - 1 / blocks)
         if math.isfinite(blocks):
-            unseen = np.maximum(max(variance.mean(), OF_A_BLOCK**2 / blocks) - variance, 0.0)
-            noise = noise + np.sqrt(unseen)[:, None] * _of_unit_spread(noise.shape)
+            unseen = np.maximum(max(variance.mean(), LEAST_NOISE**2 / blocks) - variance, 0.0)
+            noise = noise + np.sqrt(unseen)[:, None] * _unit_noise(noise.shape)
             variance = variance + unseen
-        spread = max(SURE**2, float(off.var(ddof=1) - variance.mean()))
+        spread = max(LEAST_SPREAD**2, float(off.var(ddof=1) - variance.mean()))
         weight = spread / (spread + variance)
     likeliest = predicted + shift + weight * (off - shift)
     return Shrunk(likeliest, likeliest[:, None] + np.sqrt(weight)[:, None] * noise + (common - common.mean()))
 
 
-def _of_unit_spread(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
-    """Rows of noise of mean 0 and variance 1, the same ones for the same shape."""
+def _unit_noise(shape: tuple[int, int]) -> Float64[np.ndarray, "n resamples"]:
+    """Rows of noise of mean 0 and variance 1, always the same for a shape."""
     drawn = np.random.default_rng(0).standard_normal(shape)
     drawn -= drawn.mean(axis=1, keepdims=True)
     return np.asarray(drawn / np.maximum(drawn.std(axis=1, keepdims=True), 1e-12))

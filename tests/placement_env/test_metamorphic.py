@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from placement_env.analysis.shapley import exact_worth
+from placement_env.analysis.worth import exact_worth
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.detector import Detected
 from placement_env.objective import Objective

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.analysis.shapley import exact_worth
+from placement_env.analysis.worth import exact_worth
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.coverage import Coverage

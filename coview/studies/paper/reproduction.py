@@ -27,7 +27,7 @@ from coview.studies.paper.tables import (
     scheme_runs,
     set_experiment,
 )
-from placement_env.analysis.tables import columns
+from placement_env.analysis.worth import columns
 from placement_env.checks import check_whole
 from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.table import Table, digest_of, load_table, make_table

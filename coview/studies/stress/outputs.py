@@ -13,7 +13,7 @@ import numpy as np
 from coview.studies.stress.crossings import Crossing, best_schemes
 from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.stressing import StressRow
-from placement_env.analysis.failures import failures
+from placement_env.analysis.worth import failures
 from placement_env.fidelity.table import Table, class_column
 from placement_env.report.charts import interval_bars
 from toolkit.arrays import Bool, Float64

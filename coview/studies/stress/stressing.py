@@ -22,8 +22,7 @@ from coview.studies.stress.conditions import (
     make_conditions,
     make_systems,
 )
-from placement_env.analysis.intervals import BLOCK_FRAMES
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.scenes import RecordingScenes

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.approaches import approaches_of, compass
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.approaches import compass, find_approaches
+from placement_env.analysis.intervals import Tally
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, Detected
@@ -179,8 +179,8 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[Brea
 
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[BreakdownRow, ...]:
     """By the lane that each vehicle is nearest to; places without any vehicle are left out."""
-    places = approaches_of(site)
-    rows = by_group(scored, places.names, places.of, seed)
+    places = find_approaches(site)
+    rows = by_group(scored, places.names, places.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 

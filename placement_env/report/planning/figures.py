@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from placement_env.analysis.shapley import exact_worth, sampled_worth
+from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.objective import Objective
 from placement_env.report.content import BuildStep, FailureCase, SchemeFigures, SensorWorth
@@ -81,7 +81,7 @@ def worths(
         aps = [each.ap for each in judge.judge(chosen.rows(all_subsets(count), candidates), progress=progress)]
         worth = exact_worth(lambda _: np.array(aps), count)
     else:
-        worth = sampled_worth(lambda sets: objective.scores(chosen.rows(sets, candidates)).ap, count, rounds=64)
+        worth = estimate_worth(lambda sets: objective.scores(chosen.rows(sets, candidates)).ap, count, rounds=64)
     return tuple(
         SensorWorth(
             name,

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks, interval_about
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_blocks, figure_interval
 from placement_env.cases import IoUs
 from placement_env.classes import Classes
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles
@@ -260,7 +259,7 @@ def mean_resamples(
 
 def _within(judged: Judgement, resamples: Float64[np.ndarray, " resamples"]) -> Judgement:
     """With the interval of its AP's resamples."""
-    low, high = interval_about(judged.ap, resamples, confidence=CONFIDENCE)
+    low, high = figure_interval(judged.ap, resamples, confidence=CONFIDENCE)
     return replace(judged, low=low, high=high)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.analysis.intervals import interval_about
+from placement_env.analysis.intervals import figure_interval
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
@@ -150,7 +150,7 @@ def budget_curve(
     points = []
     for place, won in enumerate(winners):
         ap = float(judged.ap[place])
-        low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
+        low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         points.append(
             CurvePoint(

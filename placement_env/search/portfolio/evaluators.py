@@ -13,8 +13,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, draws_of_blocks
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_blocks
 from placement_env.fidelity.combined.error_profiles import ErrorProfiles, several
 from placement_env.fidelity.combined.prepared import Counting
 from placement_env.fidelity.combined.robust import Failing

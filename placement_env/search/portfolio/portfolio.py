@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, interval_about
+from placement_env.analysis.intervals import BLOCK_FRAMES, figure_interval
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective, Stages
@@ -218,7 +218,7 @@ def aps_at_profiles(
     each = final.at_each(sets, frames)
     return [
         tuple(
-            ProfileAP(name, float(e.ap[n]), *interval_about(e.ap[n], e.resamples[n], confidence=INTERVAL_SHARE))
+            ProfileAP(name, float(e.ap[n]), *figure_interval(e.ap[n], e.resamples[n], confidence=INTERVAL_SHARE))
             for name, e in each.items()
         )
         for n in range(len(sets))
@@ -252,7 +252,7 @@ def judged_in_time(
 
 def _contender(found: Entrants, row: int, judged: Evaluated, place: int) -> Contender:
     ap = float(judged.ap[place])
-    low, high = interval_about(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
+    low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
     members = tuple(np.flatnonzero(found.sets[row]).tolist())
     return Contender(found.searches[row], members, float(found.predicted[row]), ap, low, high)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.analysis.approaches import approaches_of, compass
+from placement_env.analysis.approaches import compass, find_approaches
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -11,11 +11,11 @@ from toolkit.sites.site import Site
 
 def at(places, x, y):
     box = np.array([[x, y, 0.7, 4.0, 2.0, 1.5, 0.0]])
-    return places.names[places.of(box)[0]]
+    return places.names[places.locate(box)[0]]
 
 
 def test_the_t_junction():
-    places = approaches_of(load_site("tjunction"))
+    places = find_approaches(load_site("tjunction"))
     assert places.names == ("from the east", "from the north", "from the south", "leaving", "junction", "parked")
     # +y of the site lies west on its map: the lane along -x at y = 7.3 comes from the north, as -x does there
     assert at(places, -30.0, 7.3) == "from the south"
@@ -28,7 +28,7 @@ def test_the_t_junction():
 
 
 def test_a_roundabout_is_one_junction():
-    places = approaches_of(load_site("roundabout"))
+    places = find_approaches(load_site("roundabout"))
     names = [name for name in places.names if name.startswith("from")]
     assert names == ["from the east", "from the north", "from the south", "from the west"]
     assert at(places, 35.0, 11.5) == "from the east"
@@ -38,10 +38,10 @@ def test_a_roundabout_is_one_junction():
 
 
 def test_without_a_network_all_is_junction():
-    places = approaches_of(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))
+    places = find_approaches(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))
     assert places.names == ("junction", "parked")
-    assert places.of(np.zeros((2, 7))).tolist() == [0, 0]
-    assert places.of(np.zeros((0, 7))).tolist() == []
+    assert places.locate(np.zeros((2, 7))).tolist() == [0, 0]
+    assert places.locate(np.zeros((0, 7))).tolist() == []
 
 
 @pytest.mark.parametrize(

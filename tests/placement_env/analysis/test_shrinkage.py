@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from placement_env.analysis.shrinkage import shrunk
+from placement_env.analysis.shrinkage import shrink
 
 PREDICTED = np.array([0.80, 0.70, 0.75, 0.60])
 
 
 def test_exact_figures_stay_and_noisy_ones_follow_the_predictions():
     figure = PREDICTED + 0.1 + np.array([0.01, -0.02, 0.03, -0.02])
-    exact = shrunk(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED)
+    exact = shrink(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED)
     assert exact.figure == pytest.approx(figure)
     noise = 5.0 * np.random.default_rng(0).standard_normal((4, 400))
-    lost = shrunk(figure, figure[:, None] + noise, PREDICTED)
+    lost = shrink(figure, figure[:, None] + noise, PREDICTED)
     assert lost.figure == pytest.approx(PREDICTED + 0.1, abs=1e-5)
     assert np.argsort(lost.figure).tolist() == np.argsort(PREDICTED).tolist()
 
@@ -21,7 +21,7 @@ def test_exact_figures_stay_and_noisy_ones_follow_the_predictions():
 def test_what_the_noise_shares_counts_for_nothing():
     draws = np.random.default_rng(0).standard_normal(300)
     figure = PREDICTED + np.array([0.0, 0.05, -0.05, 0.0])
-    found = shrunk(figure, figure[:, None] + draws, PREDICTED)
+    found = shrink(figure, figure[:, None] + draws, PREDICTED)
     assert found.figure == pytest.approx(figure)
     assert found.resamples.std(axis=1) == pytest.approx(np.repeat(draws.std(), 4))
 
@@ -38,7 +38,7 @@ def test_weights_are_those_of_the_formula():
     assert (own < own.mean()).tolist() == [True, True, False, False]
     spread = off.var(ddof=1) - variance.mean()
     weight = spread / (spread + variance)
-    found = shrunk(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
+    found = shrink(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
     assert found.figure == pytest.approx(PREDICTED + 0.02 + weight * (off - 0.02))
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure)
     spreads = np.sqrt(weight * (noise.var(axis=1) + variance - own))
@@ -50,23 +50,23 @@ def test_who_was_lucky_in_every_block_is_no_surer_than_the_others():
     noise = 0.03 * rng.standard_normal((4, 500))
     noise[0] *= 0.1
     figure = PREDICTED + np.array([0.1, 0.0, 0.01, -0.01])
-    found = shrunk(figure, figure[:, None] + noise, PREDICTED, blocks=blocks)
+    found = shrink(figure, figure[:, None] + noise, PREDICTED, blocks=blocks)
     assert found.resamples.std(axis=1)[0] > 0.6 * found.resamples.std(axis=1)[1:].mean()
-    assert found.figure[0] < shrunk(figure, figure[:, None] + noise, PREDICTED).figure[0]
-    perfect = shrunk(np.ones(4), np.ones((4, 500)), PREDICTED, blocks=blocks)
+    assert found.figure[0] < shrink(figure, figure[:, None] + noise, PREDICTED).figure[0]
+    perfect = shrink(np.ones(4), np.ones((4, 500)), PREDICTED, blocks=blocks)
     assert (perfect.resamples.std(axis=1) > 0.005).all()
 
 
 def test_of_one_block_nothing_is_known_and_few_or_undefined_figures_are_left():
     figure = np.array([0.9, 0.3, 0.5, 0.7])
     same = np.repeat(figure[:, None], 9, axis=1)
-    assert shrunk(figure, same, PREDICTED, blocks=1.0).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())
-    assert shrunk(figure, same, PREDICTED).figure == pytest.approx(figure)
-    all_found = shrunk(np.ones(4), np.ones((4, 9)), PREDICTED, blocks=3.0).figure
+    assert shrink(figure, same, PREDICTED, blocks=1.0).figure == pytest.approx(PREDICTED - (PREDICTED - figure).mean())
+    assert shrink(figure, same, PREDICTED).figure == pytest.approx(figure)
+    all_found = shrink(np.ones(4), np.ones((4, 9)), PREDICTED, blocks=3.0).figure
     assert np.argsort(all_found).tolist() == np.argsort(PREDICTED).tolist()
-    assert shrunk(figure[:2], same[:2], PREDICTED[:2], blocks=1.0).figure == pytest.approx(figure[:2])
+    assert shrink(figure[:2], same[:2], PREDICTED[:2], blocks=1.0).figure == pytest.approx(figure[:2])
     undefined = np.array([0.9, np.nan, 0.5])
-    assert shrunk(undefined, same[:3], PREDICTED[:3]).figure == pytest.approx(undefined, nan_ok=True)
+    assert shrink(undefined, same[:3], PREDICTED[:3]).figure == pytest.approx(undefined, nan_ok=True)
 
 
 def test_it_errs_less_than_figures_and_predictions_and_picks_better():
@@ -77,7 +77,7 @@ def test_it_errs_less_than_figures_and_predictions_and_picks_better():
         noise = 0.03
         figure = truth + noise * rng.standard_normal(8)
         draws = figure[:, None] + noise * rng.standard_normal((8, 200))
-        found = shrunk(figure, draws, predicted, blocks=24.0).figure
+        found = shrink(figure, draws, predicted, blocks=24.0).figure
         each = (figure, predicted + (figure - predicted).mean(), found)
         errors.append([np.abs(one - truth).mean() for one in each])
         chosen.append([truth.max() - truth[one.argmax()] for one in each])

@@ -7,7 +7,7 @@ import pytest
 
 from coview.studies.stress.crossings import best_schemes, crossing_level, find_crossings
 from coview.studies.stress.stressing import StressRow
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 
 LEVELS = (0.0, 0.2, 0.4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.analysis.tally import Tally
+from placement_env.analysis.intervals import Tally
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.combined.error_profiles import errors_of
 from placement_env.fidelity.combined.prepared import Counting

@@ -1,3 +1,5 @@
+"""Worth of sensors, against its definitions."""
+
 from itertools import combinations, permutations
 from math import comb, factorial
 
@@ -7,8 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from placement_env.analysis import shapley as module
-from placement_env.analysis.shapley import exact_worth, format_worth, sampled_worth, shapley, synergy
+from placement_env.analysis import worth as module
+from placement_env.analysis.worth import (
+    Failures,
+    columns,
+    estimate_worth,
+    exact_worth,
+    failures,
+    format_failures,
+    format_marginal,
+    format_worth,
+    marginal,
+    shapley,
+    synergy,
+)
+from placement_env.protocol import Estimate
 from placement_env.subsets import all_subsets
 
 set_functions = st.builds(
@@ -146,7 +161,7 @@ def test_williams_square(n):
 @pytest.mark.parametrize("n", [2, 5, 6])
 def test_sampling_is_unbiased(n):
     values = np.random.default_rng(n).uniform(size=2**n)
-    exact, sampled = exact_worth(as_function(values), n), sampled_worth(as_function(values), n, rounds=3000)
+    exact, sampled = exact_worth(as_function(values), n), estimate_worth(as_function(values), n, rounds=3000)
     assert sampled.shapley == pytest.approx(exact.shapley, abs=0.01)
     assert sampled.synergy == pytest.approx(exact.synergy, abs=0.03)
     assert sampled.evaluations <= 2**n
@@ -158,7 +173,7 @@ def test_intervals_cover_the_exact_value_as_often_as_they_say():
     pairs = np.triu_indices(n, 1)
     covered, pairs_covered = [], []
     for seed in range(150):
-        worth = sampled_worth(as_function(values), n, rounds=16, confidence=0.9, seed=seed)
+        worth = estimate_worth(as_function(values), n, rounds=16, confidence=0.9, seed=seed)
         covered.append(np.abs(worth.shapley - exact.shapley) <= worth.shapley_margin)
         pairs_covered.append((np.abs(worth.synergy - exact.synergy) <= worth.synergy_margin)[pairs])
     assert 0.86 <= np.mean(covered) <= 0.94
@@ -169,7 +184,7 @@ def test_intervals_cover_the_exact_value_as_often_as_they_say():
 @settings(max_examples=30, deadline=None)
 def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     n = len(values).bit_length() - 1
-    worth, again = (sampled_worth(as_function(values), n, rounds=8, seed=seed) for _ in range(2))
+    worth, again = (estimate_worth(as_function(values), n, rounds=8, seed=seed) for _ in range(2))
     assert worth.shapley.sum() == pytest.approx(values[-1] - values[0], abs=1e-12)
     assert worth.shapley.tobytes() == again.shapley.tobytes()
     assert worth.synergy_margin.tobytes() == again.synergy_margin.tobytes()
@@ -177,7 +192,7 @@ def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
 
 def test_an_additive_function_is_sampled_exactly():
     share = np.arange(1.0, 13.0)
-    worth = sampled_worth(lambda sets: sets @ share, 12, rounds=8)
+    worth = estimate_worth(lambda sets: sets @ share, 12, rounds=8)
     assert worth.shapley == pytest.approx(share)
     assert worth.shapley_margin == pytest.approx(0, abs=1e-12)
     assert worth.synergy == pytest.approx(0, abs=1e-12)
@@ -190,7 +205,7 @@ def test_each_set_is_scored_once_in_one_call():
         calls.append(sets)
         return sets.sum(axis=1) / 10.0
 
-    worth = sampled_worth(value, 10, rounds=8)
+    worth = estimate_worth(value, 10, rounds=8)
     assert len(calls) == 1
     assert len(np.unique(calls[0], axis=0)) == len(calls[0]) == worth.evaluations <= 8 * 2 * 10**2
 
@@ -198,12 +213,12 @@ def test_each_set_is_scored_once_in_one_call():
 @pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"sensors": 0}])
 def test_sampling_refuses(wrong):
     with pytest.raises(ValueError, match="at least 8 rounds"):
-        sampled_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
+        estimate_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
 
 
 def test_sampling_refuses_undefined_values():
     with pytest.raises(ValueError, match="finite"):
-        sampled_worth(lambda sets: np.full(len(sets), np.nan), 3)
+        estimate_worth(lambda sets: np.full(len(sets), np.nan), 3)
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.99])
@@ -213,9 +228,72 @@ def test_student(confidence, freedom):
     assert module._student(confidence, freedom) == pytest.approx(exact, rel=0.01)
 
 
-def test_table():
+def test_table_of_worth():
     names = ["north", "south", "east", "west"]
     share = np.array([0.4, 0.2, 0.0, 0.1])
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
+
+
+def test_failures_of_a_set():
+    share = np.array([0.4, 0.3, 0.2, 0.1])
+    chosen = np.array([True, True, False, True])
+    one = failures(lambda sets: sets @ share, chosen)
+    assert one.intact == pytest.approx(0.8)
+    assert one.lost.tolist() == [[0], [1], [3]]
+    assert one.left == pytest.approx([0.4, 0.5, 0.7])
+    assert one.mean == pytest.approx(1.6 / 3)
+    assert one.worst == pytest.approx(0.4)
+    assert one.most_missed == (0,)
+    two = failures(lambda sets: sets @ share, chosen, failing=2)
+    assert two.most_missed == (0, 1)
+    assert two.left == pytest.approx([0.1, 0.3, 0.4])
+
+
+def test_of_equal_failures_the_first_is_named():
+    assert Failures(1.0, np.array([[2], [5]]), np.array([0.5, 0.5])).most_missed == (2,)
+
+
+@pytest.mark.parametrize("failing", [0, 3])
+def test_failures_refuse(failing):
+    with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
+        failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
+
+
+def test_table_of_failures():
+    share = np.array([0.4, 0.2, 0.0, 0.1])
+    cases = [failures(lambda sets: sets @ share, np.ones(4, bool), failing=k) for k in (1, 2)]
+    *_, two = format_failures(cases, ["north", "south", "east", "west"]).splitlines()
+    assert two.split() == ["N-2", "0.7000", "0.3500", "0.1000", "north,", "south"]
+
+
+class Linear:
+    """Each sensor adds its own AP and kbit."""
+
+    name = "coverage"
+
+    def __call__(self, sets):
+        ap = sets @ np.array([0.4, 0.2, 0.0, 0.1])
+        return Estimate(ap, ap, sets @ np.array([100.0, 10.0, 5.0, 0.0]))
+
+
+@pytest.mark.parametrize("chosen", [[False] * 4, [True] * 4, [True, False, True, False]])
+def test_marginal_gains_in_and_out_of_the_set(chosen):
+    gains = marginal(Linear(), np.array(chosen))
+    assert gains.gain == pytest.approx([0.4, 0.2, 0.0, 0.1])
+    assert gains.kbit == pytest.approx([100, 10, 5, 0])
+    assert gains.per_kbit[:3] == pytest.approx([0.004, 0.02, 0.0], abs=1e-12)
+    assert gains.per_kbit[3] == np.inf
+
+
+def test_table_of_gains():
+    names = ["north", "south", "east", "west"]
+    _, free, south, *_ = format_marginal(marginal(Linear(), np.ones(4, bool)), names).splitlines()
+    assert free.split() == ["west", "+0.1000", "0.00", "+inf"]
+    assert south.split() == ["south", "+0.2000", "10.00", "+20.0000"]
+
+
+def test_cells_are_aligned_and_no_line_ends_in_blanks():
+    lines = columns([["sensor", "AP", ""], ["n", "0.25", "x"]]).splitlines()
+    assert lines == ["sensor    AP", "n       0.25  x"]

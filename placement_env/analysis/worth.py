@@ -1,4 +1,4 @@
-"""Shapley values and synergy: each sensor's share of the AP, and what two are worth together beyond their shares.
+"""Worth of sensors: each one's share of the AP, its marginal gain, and what remains of a set when some fail.
 
 With v a set function, such as the AP of a sensor set, N the n sensors and s = |S|:
 
@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import factorial
 from statistics import NormalDist
 
 import numpy as np
 
-from placement_env.analysis.tables import columns
+from placement_env.protocol import Fidelity
 from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -31,8 +32,11 @@ FEWEST_ROUNDS = 8
 
 @dataclass(frozen=True, eq=False)
 class Worth:
-    """What each of n sensors is worth, in the unit of the set function. synergy: symmetric, 0 on the diagonal.
-    The margins are half widths of each figure's own confidence interval, 0 if exact. evaluations: sets scored."""
+    """Shapley value and synergy of n sensors, in the unit of the set function.
+
+    synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence interval, 0 if
+    exact; evaluations: number of sets scored.
+    """
 
     shapley: Float64[np.ndarray, " n"]
     synergy: Float64[np.ndarray, "n n"]
@@ -42,27 +46,30 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Exact Shapley value of each sensor from the values of all 2^n sets in the order of `all_subsets`.
+    """Return each sensor's exact Shapley value.
 
-    Raises ValueError if the number of values is not 2^n, n <= 16, or one is not finite.
+    values: of all 2^n sets in the order of `all_subsets`. Raises ValueError if their number is not 2^n with n <= 16, or
+    one is not finite.
 
     >>> shapley(np.array([0.0, 0.5, 0.25, 0.75]))
     array([0.5 , 0.25])
     """
-    sets = _sets_of(values)
+    sets = _list_sets(values)
     n, size = sets.shape[1], sets.sum(axis=1)
     weight = _weights(n)
     return values * weight[size - 1] @ sets - values * weight[size] @ ~sets
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Exact Shapley interaction index of each pair of sensors, 0 on the diagonal; `values` and errors as in `shapley`.
+    """Return the exact Shapley interaction index of each pair of sensors, 0 on the diagonal.
+
+    Takes the values and raises the errors of `shapley`.
 
     >>> synergy(np.array([0.0, 0.5, 0.25, 1.0]))
     array([[0.  , 0.25],
            [0.25, 0.  ]])
     """
-    sets = _sets_of(values)
+    sets = _list_sets(values)
     n, size = sets.shape[1], sets.sum(axis=1)
     weight = _weights(n - 1)
     inside, outside = sets.astype(float), (~sets).astype(float)
@@ -75,7 +82,9 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """What each sensor is worth, from the values of all 2^n sets; for errors see `shapley`.
+    """Compute each sensor's worth from the values of all 2^n sets.
+
+    Raises the errors of `shapley`.
 
     >>> exact_worth(lambda sets: sets @ np.array([0.5, 0.25]), 2).shapley
     array([0.5 , 0.25])
@@ -84,10 +93,10 @@ def exact_worth(value: SetFunction, sensors: int) -> Worth:
     return Worth(shapley(values), synergy(values), np.zeros(sensors), np.zeros((sensors, sensors)), len(values))
 
 
-def sampled_worth(
+def estimate_worth(
     value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | np.random.Generator = 0
 ) -> Worth:
-    """What each sensor is worth, estimated from `rounds` independent Williams squares of orders, see above.
+    """Estimate each sensor's worth from `rounds` independent Williams squares of orders.
 
     At most 2 n² sets are scored a round, each set once, all in one call. Margins are Student's over the rounds; as with
     any sample they miss what no round has seen, such as a rare set of great value.
@@ -102,8 +111,8 @@ def sampled_worth(
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
     chains = np.concatenate([_prefixes(order) for order in orders])
-    swapped = np.concatenate([_swapped(order) for order in orders])
-    figures, evaluations = _score_once(value, np.concatenate([chains, swapped]), sensors)
+    swaps = np.concatenate([_swaps(order) for order in orders])
+    figures, evaluations = _score_once(value, np.concatenate([chains, swaps]), sensors)
     chain = figures[: len(chains)].reshape(rounds, sensors, sensors + 1)
     swap = figures[len(chains) :].reshape(rounds, sensors, sensors - 1)
 
@@ -127,7 +136,7 @@ def sampled_worth(
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """A line per sensor, of greatest Shapley value first: its value, margin, synergy with each of the others."""
+    """Return a line per sensor, highest Shapley value first: value, margin, synergy with each other sensor."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     table = [["sensor", "Shapley", "±", *(f"with {names[j]}" for j in order)]]
     for i in order:
@@ -136,11 +145,109 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
     return columns(table)
 
 
-def _sets_of(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
-    """The sets that a table of values is about."""
+@dataclass(frozen=True, eq=False)
+class Failures:
+    """Values of a sensor set under every combination of k failing sensors.
+
+    intact: value with no failure; lost: the sensors that fail, a row for each combination; left: value of the sensors
+    that remain.
+    """
+
+    intact: float
+    lost: Int64[np.ndarray, "k failing"]
+    left: Float64[np.ndarray, " k"]
+
+    @property
+    def mean(self) -> float:
+        """Mean value over the combinations."""
+        return float(self.left.mean())
+
+    @property
+    def worst(self) -> float:
+        """Least value of any combination."""
+        return float(self.left.min())
+
+    @property
+    def most_missed(self) -> tuple[int, ...]:
+        """The sensors whose failure leaves the least; the first of equal combinations."""
+        return tuple(self.lost[self.left.argmin()].tolist())
+
+
+def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
+    """Score what remains of a set for every combination of `failing` sensors: 1 is N-1, 2 is N-2.
+
+    Raises ValueError if the set does not have that many sensors.
+    """
+    members = np.flatnonzero(chosen)
+    if not 1 <= failing <= len(members):
+        raise ValueError(f"from 1 to all {len(members)} sensors of the set can fail, got failing={failing}")
+    lost = np.array(list(combinations(members.tolist(), failing)))
+    sets = np.repeat(chosen[None], len(lost) + 1, axis=0)
+    sets[np.arange(len(lost))[:, None] + 1, lost] = False
+    figures = np.asarray(value(sets), float)
+    return Failures(float(figures[0]), lost, figures[1:])
+
+
+def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
+    """Return a line per number of failing sensors: mean and least value, and the failure that leaves the least."""
+    table = [["failing", "intact", "mean", "worst", "without"]]
+    for case in cases:
+        figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
+        table.append([f"N-{case.lost.shape[1]}", *figures, ", ".join(names[i] for i in case.most_missed)])
+    return columns(table)
+
+
+@dataclass(frozen=True, eq=False)
+class Marginal:
+    """Marginal gain of each of C candidates: added to the set if outside it, missing from it if inside.
+
+    gain: AP; kbit: what the candidate adds to what is sent; per_kbit: AP per kbit, 0 without a gain, ±inf if a gain is
+    free.
+    """
+
+    gain: Float64[np.ndarray, " C"]
+    kbit: Float64[np.ndarray, " C"]
+    per_kbit: Float64[np.ndarray, " C"]
+
+
+def marginal(fidelity: Fidelity, chosen: Bool[np.ndarray, " C"]) -> Marginal:
+    """Compute each candidate's gain and data beside a chosen set, and the AP that each kbit buys."""
+    flipped = np.eye(len(chosen), dtype=bool) ^ chosen
+    figures = fidelity(np.concatenate([chosen[None], flipped]))
+    gain, kbit = (np.where(chosen, of[0] - of[1:], of[1:] - of[0]) for of in (figures.ap, figures.kbit))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Marginal(gain, kbit, np.where(gain == 0, 0.0, gain / kbit))
+
+
+def format_marginal(gains: Marginal, names: Sequence[str]) -> str:
+    """Return a line per candidate, greatest gain per kbit first."""
+    table = [["sensor", "gain", "kbit", "gain/Mbit"]]
+    table += [
+        [names[i], f"{gains.gain[i]:+z.4f}", f"{gains.kbit[i]:.2f}", f"{1e3 * gains.per_kbit[i]:+z.4f}"]
+        for i in np.argsort(-gains.per_kbit, kind="stable").tolist()
+    ]
+    return columns(table)
+
+
+def columns(table: Sequence[Sequence[str]]) -> str:
+    """Align rows of cells as columns, the first one to the left.
+
+    >>> print(columns([["sensor", "AP"], ["north", "0.5"]]))
+    sensor   AP
+    north   0.5
+    """
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    sides = [str.ljust] + [str.rjust] * (len(widths) - 1)
+    return "\n".join(
+        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, widths, strict=True)).rstrip()
+        for row in table
+    )
+
+
+def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
     sensors = len(values).bit_length() - 1
     if len(values) != 2 ** max(sensors, 0):
-        raise ValueError(f"values must be of all 2^n sets, the empty one first, got {len(values)} of them")
+        raise ValueError(f"values must be given for all 2^n sets, the empty one first, got {len(values)} values")
     sets = all_subsets(sensors)
     if not np.isfinite(values).all():
         wrong = int(np.flatnonzero(~np.isfinite(values))[0])
@@ -149,7 +256,7 @@ def _sets_of(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
 
 
 def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros, so that sizes a set cannot have, -2 and -1 among them, weigh 0."""
+    """s! (n-s-1)! / n! for s below n, then zeros, so that impossible sizes of sets, -2 and -1 among them, weigh 0."""
     return np.array([factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)] + [0.0] * 3)
 
 
@@ -168,13 +275,13 @@ def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
 
 
 def _prefixes(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """The sets of the first 0, 1 … n sensors of each order."""
+    """Sets of the first 0, 1 … n sensors of each order."""
     place = np.argsort(orders, axis=1)
     return (place[:, None, :] < np.arange(orders.shape[1] + 1)[:, None]).reshape(-1, orders.shape[1])
 
 
-def _swapped(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
-    """The sets of the first k sensors and the one after the next, for k from 0 to n - 2."""
+def _swaps(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
+    """Sets of the first k sensors and the one after the next, for k from 0 to n - 2."""
     place, k = np.argsort(orders, axis=1)[:, None, :], np.arange(orders.shape[1] - 1)[:, None]
     return ((place < k) | (place == k + 1)).reshape(-1, orders.shape[1])
 
@@ -182,7 +289,7 @@ def _swapped(orders: Int64[np.ndarray, "m n"]) -> Bool[np.ndarray, "rows n"]:
 def _score_once(
     value: SetFunction, sets: Bool[np.ndarray, "rows n"], sensors: int
 ) -> tuple[Float64[np.ndarray, " rows"], int]:
-    """The value of each row, equal rows being scored once, and how many were."""
+    """Value of each row, equal rows being scored once, and the number of different ones."""
     packed, row_of = np.unique(np.packbits(sets, axis=1), axis=0, return_inverse=True)
     figures = np.asarray(value(np.unpackbits(packed, axis=1, count=sensors).astype(bool)), float)
     if not np.isfinite(figures).all():
