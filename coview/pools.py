@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def asked_pool(site: Site, candidates: str, model: Sequence[str], sensors: Path | None) -> tuple[Candidates, str]:
     """The candidates, and the currency of their prices ("" for those of one ordinary pole). sensors: catalogue of
     models and prices. Raises ValueError where these do not fit, and what the files raise."""
-    from placement_env.candidates.choice import chosen_candidates
+    from placement_env.candidates.pool import choose_candidates
     from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
     from placement_env.report.planning.question import with_terms
 
@@ -28,10 +28,10 @@ def asked_pool(site: Site, candidates: str, model: Sequence[str], sensors: Path 
     if model and sensors is not None:
         raise ValueError("--model and --sensors both say what may be mounted: leave one of them out")
     if sensors is None:
-        return chosen_candidates(site, candidates, _models(model)), ""
+        return choose_candidates(site, candidates, _models(model)), ""
     catalogue = load_sensor_catalogue(sensors)
     models, prices = [each.model for each in catalogue.models], [each.price for each in catalogue.models]
-    found = chosen_candidates(site, candidates, models, prices=prices)
+    found = choose_candidates(site, candidates, models, prices=prices)
     pole_price = 1.0 if catalogue.pole_price is None else catalogue.pole_price
     return with_terms(found, pole_price, None), catalogue.currency
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from placement_env.candidates.places import added_prices, fit_together, room_beside
+from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
 from placement_env.checks import check_whole
 from placement_env.classes import VEHICLES, Classes, classes_of
 from placement_env.fidelity.combined.error_profiles import AskedErrors, errors_of
@@ -337,7 +337,7 @@ class Objective:
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Which candidates may join a set and leave it feasible: on mounts with room, for what is left of the money."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
-        price = self.price(row[None])[0] + added_prices(self.candidates, row)
+        price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
 
     @property

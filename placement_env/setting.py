@@ -109,14 +109,14 @@ class Setting:
     def pool(self) -> Candidates:
         """The candidates. Raises ValueError and OSError where there are none."""
         from placement_env.candidates.candidates import Candidates
-        from placement_env.candidates.choice import chosen_candidates
+        from placement_env.candidates.pool import choose_candidates
 
         asked = self.candidates
         if isinstance(asked, Candidates):
             return asked
         if callable(asked):
             return asked(self.place)
-        return chosen_candidates(self.place, "paper" if asked is None else asked)
+        return choose_candidates(self.place, "paper" if asked is None else asked)
 
     @property
     def fusion(self) -> Scheme:

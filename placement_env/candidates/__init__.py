@@ -1,1 +1,1 @@
-"""Candidates: the sensors that may be built, from pools of poses and poles of a city."""
+"""Sensors that may be built: pools of poses, the poles of a city, catalogues of models."""

@@ -2,26 +2,32 @@
 
 Heading is counter-clockwise from +x, tilt below the horizon (rad), height above the mount's foot (m). The five indices
 of a candidate are its `factors`; not every combination of them is a candidate.
+
+A mount carries up to `Mount.max_sensors` sensors; everything they send shares its one link, and the mount itself is
+paid once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float64, Int64
+from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount
+
+ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """What the factors after the mount count: heights (m), headings and tilts (rad), sensor models.
+    """Values of the factors after the mount: heights (m), headings and tilts (rad), sensor models.
 
     prices: of each model, in the unit of the mounts' prices; empty where sensors cost nothing beside their mounts.
     Raises ValueError unless there is one, finite and not negative, for each model.
@@ -39,22 +45,22 @@ class Axes:
         if not all(0 <= price < np.inf for price in self.prices):
             raise ValueError(f"prices of models must be finite and not negative, got {self.prices}")
 
-    def prices_of(self, models: Sequence[SensorModel]) -> tuple[float, ...]:
-        """`prices` for some of the models, in the order given."""
+    def select_prices(self, models: Sequence[SensorModel]) -> tuple[float, ...]:
+        """Return `prices` of some of the models, in the given order."""
         return tuple(self.prices[self.models.index(model)] for model in models) if self.prices else ()
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """How many heights, headings, tilts and models there are."""
+        """Number of heights, headings, tilts and models."""
         return len(self.heights), len(self.headings), len(self.tilts), len(self.models)
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """C sensors to choose from. sensors: their names differ; mount: which of the M mounts each hangs on; factors: its
-    mount and its places on the `axes` (a mount's own range may have moved its height).
+    """C sensors to choose from, on M mounts.
 
-    Raises ValueError where the fields do not fit together.
+    sensors: with different names; mount: index of each sensor's mount; factors: the mount and the place on each of the
+    `axes` (a mount's own range may have moved its height). Raises ValueError where the fields do not fit together.
     """
 
     sensors: tuple[Sensor, ...]
@@ -71,7 +77,9 @@ class Candidates:
                 f"{len(self.factors)} rows"
             )
         if len({sensor.name for sensor in self.sensors}) < count:
-            raise ValueError(f"names of candidates must differ, got {repeated(s.name for s in self.sensors)!r} twice")
+            raise ValueError(
+                f"names of candidates must differ, got {find_repeat(s.name for s in self.sensors)!r} twice"
+            )
         if count and not ((self.factors >= 0) & (self.factors < self.shape)).all():
             raise ValueError(f"factors must lie in 0..{self.shape}, got up to {self.factors.max(axis=0).tolist()}")
         if not np.array_equal(self.mount, self.factors[:, 0]):
@@ -82,7 +90,7 @@ class Candidates:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """How many mounts, heights, headings, tilts and models the factors tell apart."""
+        """Number of mounts, heights, headings, tilts and models."""
         return len(self.mounts), *self.axes.shape
 
     @cached_property
@@ -92,7 +100,7 @@ class Candidates:
 
     @cached_property
     def model_prices(self) -> Float64[np.ndarray, " C"]:
-        """Price of the sensor of each candidate, without its mount."""
+        """Price of each candidate's sensor, without its mount."""
         each = np.array(self.axes.prices or np.zeros(len(self.axes.models)), np.float64)
         return each[self.factors[:, 4]]
 
@@ -103,37 +111,34 @@ class Candidates:
 
     @cached_property
     def places(self) -> Int64[np.ndarray, " M"]:
-        """How many sensors each mount may carry."""
+        """Most sensors that each mount may carry."""
         return np.array([mount.max_sensors for mount in self.mounts], np.int64)
 
     @cached_property
     def several(self) -> bool:
-        """Whether any mount may carry more than one."""
+        """True where some mount may carry more than one sensor."""
         return bool((self.places > 1).any())
 
     @cached_property
     def links(self) -> Float64[np.ndarray, " M"]:
-        """What the link of each mount carries (kbit per frame)."""
+        """Capacity of each mount's link (kbit per frame)."""
         return np.array([mount.capacity for mount in self.mounts], np.float64)
 
     @cached_property
     def capacity(self) -> Float64[np.ndarray, " C"]:
-        """What the link of each candidate's mount carries (kbit per frame)."""
+        """Capacity of the link of each candidate's mount (kbit per frame)."""
         return self.links[self.mount]
 
-    @cached_property
-    def on_mount(self) -> Bool[np.ndarray, "C M"]:
-        """Which candidates hang on which mount; `on_mount @ on_mount[c]` are the rivals of candidate c, and itself."""
-        return self.mount[:, None] == np.arange(len(self.mounts))
-
     def per_mount(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n M"]:
-        """How many sensors of each set hang on each mount."""
+        """Count the sensors of each set on each mount."""
         chosen, candidate = np.nonzero(subsets)
         cells = chosen * len(self.mounts) + self.mount[candidate]
         return np.bincount(cells, minlength=len(subsets) * len(self.mounts)).reshape(len(subsets), len(self.mounts))
 
-    def at(self, mount: Any, height: Any, heading: Any, tilt: Any, model: Any) -> Any:
-        """The candidate with these factors, -1 where there is none; of arrays of indices, an array."""
+    def at(
+        self, mount: ArrayLike, height: ArrayLike, heading: ArrayLike, tilt: ArrayLike, model: ArrayLike
+    ) -> np.int64 | Int64[np.ndarray, "..."]:
+        """Return the candidate with these factors, -1 where there is none; for arrays of indices, an array."""
         factors = np.broadcast_arrays(mount, height, heading, tilt, model)
         inside = np.logical_and.reduce([(f >= 0) & (f < n) for f, n in zip(factors, self.shape, strict=True)])
         if not len(self):
@@ -144,7 +149,7 @@ class Candidates:
         return np.where(inside & (keys[place] == asked), order[place], -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
-        """Some of the candidates, in the order given; mounts and axes stay, so factors keep their meaning."""
+        """Return some of the candidates, in the given order; mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
         sensors = tuple(self.sensors[i] for i in chosen)
         return Candidates(sensors, self.mount[chosen], self.mounts, self.factors[chosen], self.axes)
@@ -163,13 +168,68 @@ class Candidates:
 
     @cached_property
     def _by_factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """The candidates in order of their flat factors, and those."""
+        """Candidates in the order of their flat factors, and these."""
         flat = np.ravel_multi_index(tuple(self.factors.T), self.shape)
         order = np.argsort(flat, kind="stable")
         return order, flat[order]
 
 
-def repeated(names: Iterable[str]) -> str:
-    """The first name that occurs twice."""
+def find_repeat(names: Iterable[str]) -> str:
+    """Return the first name that occurs twice."""
     seen: set[str] = set()
     return next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+
+
+def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Heading and tilt below the horizon (rad) of each sensor."""
+    turns = np.array([sensor.pose[:3, :3] for sensor in sensors]).reshape(-1, 3, 3)
+    forward = np.array([sensor.model.body_SE3_sensor[0, :3] for sensor in sensors]).reshape(-1, 3)  # sensor frames
+    x, y, z = np.einsum("nij,nj->in", turns, forward)
+    return np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+
+
+def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float) -> Sensor:
+    """Return the sensor at another position and aim, without roll; angles as of `aims`."""
+    x, y, z = position.tolist()
+    return replace(sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor)
+
+
+def fit_together(
+    candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
+) -> Bool[np.ndarray, " n"]:
+    """Tell for each set whether its sensors fit on their mounts and the mounts' links.
+
+    sent: kbit per frame of each candidate, None where links always suffice; a link used by one sensor alone is not
+    checked here.
+    """
+    per_mount = candidates.per_mount(subsets)
+    fits = np.asarray((per_mount <= candidates.places).all(axis=1))
+    if sent is None or not candidates.several:
+        return fits
+    loads = np.zeros(per_mount.shape)
+    row, candidate = subsets.nonzero()
+    np.add.at(loads, (row, candidates.mount[candidate]), sent[candidate])
+    return np.asarray(fits & ((loads <= candidates.links * (1 + ROUNDED)) | (per_mount <= 1)).all(axis=1))
+
+
+def room_beside(
+    candidates: Candidates, row: Bool[np.ndarray, " C"], sent: Float64[np.ndarray, " C"] | None = None
+) -> Bool[np.ndarray, " C"]:
+    """Tell for each candidate whether its mount and link have room for it beside a set.
+
+    sent: as of `fit_together`.
+    """
+    count = np.bincount(candidates.mount[row], minlength=len(candidates.mounts))
+    room = np.asarray((count < candidates.places)[candidates.mount] & ~row)
+    if sent is None or not candidates.several:
+        return room
+    load = np.bincount(candidates.mount[row], sent[row], minlength=len(candidates.mounts))
+    shared = (load[candidates.mount] + sent <= candidates.capacity * (1 + ROUNDED)) | (count[candidates.mount] == 0)
+    return np.asarray(room & shared)
+
+
+def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
+    """Price that each candidate adds to a set: its sensor, and its mount unless already paid."""
+    paid = np.zeros(len(candidates.mounts), np.bool_)
+    paid[candidates.mount[row]] = True
+    return np.where(paid[candidates.mount], candidates.model_prices, candidates.prices)

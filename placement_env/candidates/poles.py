@@ -1,13 +1,14 @@
 """Poles of a city as mounts: a GeoJSON of points, and of the areas that must be kept free of sensors.
 
-Point features are poles, and so is every point of a MultiPoint; of several in one feature the names are numbered from
-1. Properties, all optional: name, height or max_height and min_height (m above the foot), price (in units of one
-ordinary mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind:
-"keep_out"` are keep-out areas. Other geometries are ignored; other properties too, with a warning that names them.
-Sensors and parking bays of files that coview wrote (`layer`) are no poles.
+Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1.
+Properties, all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary
+mount), capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind: "keep_out"`
+are keep-out areas. Other geometries are ignored; other properties too, with a warning that names them and, since GIS
+exports call things as their owners do (`Height`, `cost_eur`, `Höhe_m`), the property they may mean: none is guessed
+into a plan. Sensors and parking bays of files that coview wrote (`layer`) are no poles.
 
-Coordinates are longitude and latitude (RFC 7946, WGS84), whose altitude is not used: poles stand on the ground of the
-site. A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
+Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
+A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,6 @@ import numpy as np
 import shapely
 from shapely.geometry import shape
 
-from placement_env.candidates.pole_properties import not_understood
 from toolkit.arrays import Float64
 from toolkit.runtime.files import read_json
 from toolkit.sites.georeference import site_metres
@@ -31,22 +32,43 @@ from toolkit.sites.site import Mount, Site
 
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
-ABOVE_GROUND = 20.0  # m between the foot of a pole and the ground, beyond which it was an altitude
+ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
+
+UNDERSTOOD = {
+    "name": "name",
+    "height": "height (m above the foot)",
+    "max_height": "max_height (m above the foot)",
+    "min_height": "min_height (m above the foot)",
+    "price": "price (1: that of an ordinary pole)",
+    "capacity_kbit": "capacity_kbit (of the link, per frame)",
+    "max_sensors": "max_sensors (that the pole may carry)",
+    "keep_out": "keep_out (true or false, of a polygon)",
+}
+SILENT = {"capacity", "kind", "layer", "used"}  # understood, or written by coview itself
+WORDS = {
+    "min_height": ("min", "minimum", "lowest"),
+    "max_height": ("max", "maximum", "highest"),
+    "height": ("height", "hgt", "hoehe", "höhe", "hauteur", "altura", "elevation"),
+    "price": ("price", "cost", "costs", "preis", "kosten", "eur", "euro", "usd", "money"),
+    "capacity_kbit": ("capacity", "kapazität", "bandwidth", "bitrate", "kbit", "kbits", "mbit", "mbits", "link"),
+    "keep_out": ("keepout", "forbidden", "exclude", "exclusion", "barred"),
+    "name": ("name", "label", "title", "ref"),
+}
 
 
 def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
-    """The poles in `path` where sensors may hang at `site`; unnamed ones are called pole and their number in the file.
+    """Load the poles in `path` where sensors may hang at `site`.
 
-    A warning names the properties that were not understood. Poles in a keep-out area of the file or on the carriageway
-    are left out with a warning that names them. A "/" in a name becomes "-".
-    Raises ValueError in one line where the file is damaged, holds no pole, one twice, or one that is not near the site;
-    ImportError where a map's projection other than coview's own needs pyproj.
+    Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
+    the file or on the carriageway are left out. Warnings name these, and properties that are not understood.
+    Raises ValueError in one line if the file is damaged, has no pole, the same one twice, or one far from the site;
+    ImportError if the site's map projection is not coview's own and pyproj is missing.
     """
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
     points = [single for i, f in features for single in _points(i, f, f"{where}: features[{i}]")]
-    _say_not_understood(features, where)
+    _warn_unknown(features, where)
     if not points:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     coordinates = np.array([_coordinates(f["geometry"], f"{where}: features[{i}]") for i, f in points])
@@ -60,8 +82,41 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
-    """The keep-out areas in `path`, in the site's metres. Raises ValueError in one line where one is damaged."""
+    """Load the keep-out areas in `path`, in the site's metres.
+
+    Raises ValueError in one line if one is damaged.
+    """
     return _keep_out(_read(Path(path)), site, str(path))
+
+
+def list_unknown(properties: Iterable[Mapping[str, Any]], *, areas: bool = False) -> str:
+    """List the properties that coview does not know, each once, with what they may mean; "" if it knows all.
+
+    areas: the features are polygons, which have many properties of their own: only those that may mean keep_out count.
+
+    >>> list_unknown([{"name": "L1", "Height": 9}, {"cost_eur": 900, "owner": "tram"}])
+    'Height: height (m above the foot)?, cost_eur: price (1: that of an ordinary pole)?, owner'
+    """
+    unknown = dict.fromkeys(key for each in properties for key in each if key not in UNDERSTOOD and key not in SILENT)
+    meant = {key: guess_property(key) for key in unknown}
+    if areas:
+        meant = {key: near for key, near in meant.items() if near == "keep_out"}
+    return ", ".join(key[:60] if near is None else f"{key[:60]}: {UNDERSTOOD[near]}?" for key, near in meant.items())
+
+
+def guess_property(key: str) -> str | None:
+    """Return the property near to a name in other letters, words or units, None if there is none.
+
+    >>> [guess_property(key) for key in ("MAX HEIGHT", "heigth", "Höhe_m", "KeepOut", "linkMbit", "material")]
+    ['max_height', 'height', 'height', 'keep_out', 'capacity_kbit', None]
+    """
+    parts = [part.lower() for part in re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key))]
+    joined = {*parts, "".join(parts)}
+    for meant, words in WORDS.items():
+        if joined & set(words):
+            return meant
+    close = get_close_matches("_".join(parts), UNDERSTOOD, 1, 0.75)
+    return close[0] if close else None
 
 
 def _read(path: Path) -> Json:
@@ -77,10 +132,12 @@ def _read(path: Path) -> Json:
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Number and feature, its geometry and properties being objects; without the sensors and bays of a site."""
+    """Yield number and feature, with geometry and properties checked; without the sensors and bays of a site."""
     for i, feature in enumerate(collection["features"]):
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
-            raise ValueError(f"{where}: features[{i}].geometry must be an object {{...}}: remove what has no place")
+            raise ValueError(
+                f"{where}: features[{i}].geometry must be an object {{...}}: remove features without a place"
+            )
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
             raise ValueError(f"{where}: features[{i}].properties must be an object {{...}}, got {str(properties)[:60]}")
@@ -89,7 +146,7 @@ def _features(collection: Json, where: str) -> Iterator[tuple[int, Json]]:
 
 
 def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]]:
-    """Number and feature of each pole of a feature: itself if it is a Point, one for each point of a MultiPoint."""
+    """Yield number and feature of each pole: the feature itself if a Point, one for each point of a MultiPoint."""
     geometry = feature["geometry"]
     if geometry.get("type") == "Point":
         yield number, feature
@@ -104,12 +161,12 @@ def _points(number: int, feature: Json, where: str) -> Iterator[tuple[int, Json]
         yield number, {**feature, "properties": properties, "geometry": {"type": "Point", "coordinates": place}}
 
 
-def _say_not_understood(features: Sequence[tuple[int, Json]], where: str) -> None:
-    """Warn of properties and geometries that were meant to say something, once each."""
+def _warn_unknown(features: Sequence[tuple[int, Json]], where: str) -> None:
+    """Warn once of each property and geometry that is ignored but seems to be meant."""
     kinds = [feature["geometry"].get("type") for _, feature in features]
     poles = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if kind in ("Point", "MultiPoint")]
     areas = [f["properties"] for (_, f), kind in zip(features, kinds, strict=True) if "Polygon" in str(kind)]
-    for unknown in (not_understood(poles), not_understood(areas, areas=True)):
+    for unknown in (list_unknown(poles), list_unknown(areas, areas=True)):
         if unknown:
             warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=3)
     if "GeometryCollection" in kinds:
@@ -122,14 +179,14 @@ def _is_local(collection: Json) -> bool:
 
 
 def _coordinates(geometry: Json, where: str) -> list[float]:
-    """x, y, z or longitude, latitude, altitude; NaN for a third one that is not there."""
+    """x, y, z or longitude, latitude, altitude; NaN for a missing third one."""
     row = geometry.get("coordinates")
     if not isinstance(row, list) or len(row) not in (2, 3) or not all(_is_number(value) for value in row):
         raise ValueError(f"{where}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
     return [float(value) for value in (*row, np.nan)[:3]]
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
@@ -173,15 +230,15 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
     top = number(8.0, "max_height", "height")
     heights = number(min(3.0, top), "min_height"), top
     price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
-    sensors: Any = number(1.0, "max_sensors")
+    sensors = number(1.0, "max_sensors")
     try:
-        return Mount(name, foot, *heights, price, capacity, sensors)
+        return Mount(name, foot, *heights, price, capacity, sensors)  # type: ignore[arg-type]  # checked there
     except ValueError as error:
         raise ValueError(f"{where} (pole {name!r}): {error}") from None
 
 
 def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
-    """ValueError where a pole is there twice, not near the site, or not near the ground."""
+    """Raise ValueError for a pole that is there twice, far from the site, or far above the ground."""
     names = [mount.name for mount in mounts]
     feet = np.array([mount.position for mount in mounts])
     spots = shapely.points(feet[:, :2])
@@ -226,16 +283,16 @@ def _area(geometry: Json, collection: Json, site: Site, where: str) -> shapely.G
     try:
         drawn = shapely.force_2d(shape(geometry))
     except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.ShapelyError):
-        raise ValueError(f"{where}.coordinates are no closed rings of [x, y] pairs: draw the area again") from None
+        raise ValueError(f"{where}.coordinates must be closed rings of [x, y] pairs: draw the area again") from None
     if drawn.is_empty or not np.isfinite(shapely.get_coordinates(drawn)).all():
         raise ValueError(f"{where}.coordinates are empty or hold NaN: draw the area again")
     if not drawn.is_valid:
-        raise ValueError(f"{where} is no simple polygon ({shapely.is_valid_reason(drawn)}): draw the area again")
+        raise ValueError(f"{where} must be a simple polygon ({shapely.is_valid_reason(drawn)}): draw the area again")
     return shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))
 
 
 def _without(mounts: list[Mount], keep_out: Sequence[shapely.Geometry], site: Site, where: str) -> tuple[Mount, ...]:
-    """The mounts neither in a keep-out area nor on the carriageway; a warning names the others."""
+    """Mounts neither in a keep-out area nor on the carriageway; a warning names the others."""
     spots = shapely.points([mount.position[:2] for mount in mounts])
     lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
     free = np.ones(len(mounts), bool)

@@ -1,15 +1,16 @@
-"""Candidates of a site: its own sensors, and the pool of every pose on every mount."""
+"""Candidates of a site: its own sensors, every pose on every mount, the poles of a file, or random samples."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import shapely
 
-from placement_env.candidates.aim import aims
-from placement_env.candidates.candidates import Axes, Candidates, repeated
+from placement_env.candidates.candidates import Axes, Candidates, aims, find_repeat
+from placement_env.candidates.poles import load_keep_out, load_poles
 from toolkit.arrays import Bool, Float64
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera
@@ -18,24 +19,29 @@ from toolkit.sites.site import Mount, Site
 
 HEIGHTS = (4.0, 6.0, 8.0)  # m above the foot of the mount
 TILTS = (float(np.deg2rad(5.0)), float(np.deg2rad(15.0)), float(np.deg2rad(25.0)))  # rad below the horizon
-ON_ITS_MOUNT = 1.0  # m from a sensor to the foot of the mount that is said to carry it, seen from above
-CELLS = 16  # the area is taken as CELLS x CELLS places, to tell which poses see nothing of it
+ON_ITS_MOUNT = 1.0  # m, seen from above, between a sensor and the foot of a mount that carries it
+CELLS = 16  # the area is checked at CELLS x CELLS places for poses that see none of it
 CELL_HEIGHT = 1.0  # m above the street
+PAPER = (DepthCamera(),)
+MOST_POSES = 8  # of the pool in one random set
+Models = Sequence[SensorModel] | Mapping[SensorModel, float]  # with their prices, if sensors cost anything
 
 
 class NoCandidates(ValueError):
-    """There is no place, or no pose, where a sensor may be built."""
+    """No mount, or no pose, is left where a sensor may be built."""
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """The sensors that hang at `site` now, each on a mount of its own: the site's where it has one that near, of which
-    the second sensor gets a copy, else one made where the sensor is. Raises ValueError where the site has no sensors.
+    """Return the sensors that hang at `site` now, each on a mount of its own.
+
+    That is the nearest mount of the site, if within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where
+    the sensor is. Raises ValueError if the site has no sensors.
     """
     if not site.sensors:
         raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
     mounts: list[Mount] = []
     for sensor in site.sensors:
-        mounts.append(_mount_of(sensor, site, {mount.name for mount in mounts}))
+        mounts.append(_find_mount(sensor, site, {mount.name for mount in mounts}))
     heights = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
     headings, tilts = aims(site.sensors)
     up, around, down = (np.unique(np.round(v, 6), return_inverse=True) for v in (heights, headings, tilts))
@@ -52,23 +58,22 @@ def pool(
     heights: Sequence[float] = HEIGHTS,
     headings: int = 8,
     tilts: Sequence[float] = TILTS,
-    models: Sequence[SensorModel] = (DepthCamera(),),
-    prices: Sequence[float] = (),
+    models: Models = PAPER,
     keep_out: Sequence[shapely.Geometry] = (),
     mounts: Sequence[Mount] | None = None,
     blind: bool = False,
 ) -> Candidates:
-    """Every model on every mount, at every height, heading and tilt.
+    """Return every model on every mount, at every height, heading and tilt.
 
-    heights (m) are clipped to the range of the mount, those that thereby coincide kept once; headings: how many,
-    evenly spaced from +x on; tilts: rad below the horizon; prices: of the models, none where only mounts cost;
-    keep_out: no mount that stands within these is used; mounts: None for the site's; blind: keep also the poses whose
-    field of view misses the whole detection area (whatever stands in between), which are left out otherwise.
+    heights: m, clipped to the range of the mount, those that then coincide kept once; headings: number of them, evenly
+    spaced from +x on; tilts: rad below the horizon; models: with their prices, or without if only mounts cost;
+    keep_out: areas whose mounts are not used; mounts: None for the site's; blind: keep poses whose field of view
+    misses the whole detection area (whatever stands in between).
 
     Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
     """
     chosen = _usable(site.mounts if mounts is None else mounts, keep_out, site.name)
-    axes = _axes(heights, headings, tilts, models, prices)
+    axes = _axes(heights, headings, tilts, models)
     feet = np.array([mount.position for mount in chosen])
     mounted = _heights(chosen, axes.heights)
     shape = (len(chosen), *axes.shape)
@@ -92,7 +97,81 @@ def pool(
     return Candidates(sensors, factors[:, 0].copy(), chosen, factors, axes)
 
 
-def _mount_of(sensor: Sensor, site: Site, taken: set[str]) -> Mount:
+def choose_candidates(
+    site: Site,
+    which: str | Path,
+    models: Sequence[SensorModel] = (),
+    *,
+    prices: Sequence[float] = (),
+    keep_out: Sequence[shapely.Geometry] = (),
+) -> Candidates:
+    """Return the candidates that a user names.
+
+    which: "pool" for every pose on the site's mounts, "paper" for the site's own sensors, else a GeoJSON file of poles;
+    models: to mount at each pose, none for the paper's camera; prices: of these, none if only mounts cost; keep_out:
+    areas whose mounts are not used, beside those of the file. Raises ValueError if models are given for sensors that
+    hang already, and what `load_poles` and `pool` raise.
+    """
+    if which == "paper":
+        if models:
+            raise ValueError("the site's own sensors have their models: give models with 'pool' or a file of poles")
+        return paper_candidates(site)
+    offer = _price_models(models, prices) if prices else models or PAPER
+    if which == "pool":
+        return pool(site, models=offer, keep_out=keep_out)
+    areas = (*keep_out, *load_keep_out(which, site))
+    return pool(site, mounts=load_poles(which, site), keep_out=areas, models=offer)
+
+
+def _price_models(models: Sequence[SensorModel], prices: Sequence[float]) -> Models:
+    if len(prices) != len(models):
+        raise ValueError(f"need a price for each of {len(models)} models, got {len(prices)}")
+    if len(set(models)) < len(models):
+        raise ValueError("two of the priced models are equal: leave one of them out")
+    return dict(zip(models, prices, strict=True))
+
+
+def own_and_random(
+    site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
+) -> Candidates:
+    """Return the site's own sensors, if any, each on its own mount, then some random poses of its pool.
+
+    models: to draw from, none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would
+    be no sensor.
+    """
+    more, least = pool(site, models=tuple(models) or PAPER), 0 if site.sensors else 1
+    if not least <= poses <= len(more):
+        raise ValueError(f"poses must be {least} to the {len(more)} of the pool of {site.name!r}, got {poses}")
+    more = more.select(np.sort(rng.choice(len(more), poses, replace=False)))
+    if not site.sensors:
+        return more
+    own = paper_candidates(site)
+    mount = np.concatenate([own.mount, len(own.mounts) + more.mount])
+    return replace(
+        own,
+        sensors=(*own.sensors, *more.sensors),
+        mounts=(*own.mounts, *more.mounts),
+        mount=mount,
+        factors=np.column_stack([mount, np.zeros((len(mount), 4), np.int64)]),
+    )
+
+
+def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
+    """Draw up to `count` different sets: half of them from the first `own` candidates, if there are any.
+
+    The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount.
+    """
+    sets, of_own = np.zeros((count, len(candidates)), bool), count // 2 if own else 0
+    for row in sets[:of_own]:
+        row[rng.choice(own, rng.integers(1, own + 1), replace=False)] = True
+    for row in sets[of_own:]:
+        members = own + rng.permutation(len(candidates) - own)
+        _, first = np.unique(candidates.mount[members], return_index=True)
+        row[members[np.sort(first)][: rng.integers(1, MOST_POSES + 1)]] = True
+    return np.unique(sets, axis=0)
+
+
+def _find_mount(sensor: Sensor, site: Site, taken: set[str]) -> Mount:
     x, y, z = sensor.position.tolist()
     near = min(site.mounts, key=lambda m: float(np.hypot(*(m.position[:2] - (x, y)))), default=None)
     if near is not None and np.hypot(*(near.position[:2] - (x, y))) <= ON_ITS_MOUNT:
@@ -104,7 +183,7 @@ def _mount_of(sensor: Sensor, site: Site, taken: set[str]) -> Mount:
 
 def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site: str) -> tuple[Mount, ...]:
     if len({mount.name for mount in mounts}) < len(mounts):
-        raise ValueError(f"mounts[].name must differ, got {repeated(m.name for m in mounts)!r} twice: rename one")
+        raise ValueError(f"mounts[].name must differ, got {find_repeat(m.name for m in mounts)!r} twice: rename one")
     spots = shapely.points([mount.position[:2] for mount in mounts]) if len(mounts) else np.zeros(0, object)
     free = ~shapely.intersects(shapely.union_all(list(keep_out)), spots)
     if not np.any(free):
@@ -112,13 +191,7 @@ def _usable(mounts: Sequence[Mount], keep_out: Sequence[shapely.Geometry], site:
     return tuple(mount for mount, is_free in zip(mounts, free, strict=True) if is_free)
 
 
-def _axes(
-    heights: Sequence[float],
-    headings: int,
-    tilts: Sequence[float],
-    models: Sequence[SensorModel],
-    prices: Sequence[float],
-) -> Axes:
+def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
     if not (np.isfinite(heights).all() and min(heights) >= 0):
@@ -127,14 +200,12 @@ def _axes(
         raise ValueError(f"tilts must lie in -pi/2..pi/2 rad, got {list(tilts)}: give degrees as np.deg2rad(10)")
     around = np.arange(headings) * 2 * np.pi / headings
     up, down = np.unique(np.asarray(heights, np.float64)), np.unique(np.asarray(tilts, np.float64))
-    different = tuple(dict.fromkeys(models))
-    if prices and len(different) < len(models):
-        raise ValueError("two of the priced models are equal: leave one of them out")
-    return Axes(up, around, down, different, tuple(float(price) for price in prices))
+    prices = tuple(float(price) for price in models.values()) if isinstance(models, Mapping) else ()
+    return Axes(up, around, down, tuple(dict.fromkeys(models)), prices)
 
 
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
-    """Each height in the range of each mount; NaN where one nearer to what was asked comes to the same."""
+    """Each height in the range of each mount; NaN where a height nearer to the asked one is clipped to the same."""
     low, high = np.array([[mount.min_height, mount.max_height] for mount in mounts]).T[:, :, None]
     clipped = np.clip(heights, low, high)
     mounted = np.full(clipped.shape, np.nan)
@@ -154,7 +225,7 @@ def _rotations(axes: Axes) -> Float64[np.ndarray, "Y T models 3 3"]:
 def _sees_area(
     site: Site, position: np.ndarray, factors: np.ndarray, rotations: np.ndarray, models: Sequence[SensorModel]
 ) -> Bool[np.ndarray, " C"]:
-    """Which poses have a place of the detection area in their field of view, as if nothing stood in between."""
+    """True for poses with some of the detection area in their field of view, as if nothing stood in between."""
     xmin, ymin, xmax, ymax = site.area
     middles = (np.arange(CELLS) + 0.5) / CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
@@ -169,12 +240,12 @@ def _sees_area(
 
 
 def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray) -> list[str]:
-    """Such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
+    """Names such as post07_6.0m_h90_t15_camera: mount, height, heading and tilt (degrees), model."""
     heights, place = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
     height, heading, tilt = (
-        _written(heights, 1),
-        _written(np.rad2deg(axes.headings), 0),
-        _written(np.rad2deg(axes.tilts), 0),
+        _format(heights, 1),
+        _format(np.rad2deg(axes.headings), 0),
+        _format(np.rad2deg(axes.tilts), 0),
     )
     kinds = [model.kind for model in axes.models]
     model = [kind if kinds.count(kind) == 1 else f"{kind}{kinds[:i].count(kind)}" for i, kind in enumerate(kinds)]
@@ -184,7 +255,7 @@ def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np
     ]
 
 
-def _written(values: np.ndarray, decimals: int) -> list[str]:
-    """Different numbers with as few decimals as tell them apart."""
+def _format(values: np.ndarray, decimals: int) -> list[str]:
+    """Different numbers with the fewest decimals that tell them apart."""
     texts = [f"{value:.{decimals}f}" for value in values]
-    return texts if len(set(texts)) == len(texts) or decimals > 15 else _written(values, decimals + 1)
+    return texts if len(set(texts)) == len(texts) or decimals > 15 else _format(values, decimals + 1)

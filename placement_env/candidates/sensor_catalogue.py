@@ -1,10 +1,10 @@
-"""A catalogue of sensor models with prices, in TOML: what may be bought, and what an ordinary pole costs.
+"""Catalogue of sensor models with prices, in TOML: models that may be bought, and the cost of an ordinary pole.
 
 currency = "EUR"
-pole_price = 4000          # of one ordinary mount, whose price is 1; left out: mounts cost what their price says
+pole_price = 4000          # of one ordinary mount, whose price is 1; without it prices of mounts are in the currency
 
 [[sensor]]
-name = "camera"            # in the plan's tables
+name = "camera"            # as shown in the plan's tables
 model = "DepthCamera"      # or in words: depth-camera
 price = 1500
 fov_deg = 90               # fields of the model; angles in degrees, named so
@@ -18,7 +18,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from toolkit.sensors.models import make_model, model_class
 from toolkit.sensors.sensor import SensorModel, is_angle
@@ -30,7 +29,10 @@ DEGREES = "_deg"
 
 @dataclass(frozen=True)
 class PricedModel:
-    """A sensor model that may be bought. name: in tables; price: in the catalogue's currency."""
+    """Sensor model that may be bought.
+
+    name: as tables show it; price: in the catalogue's currency.
+    """
 
     name: str
     model: SensorModel
@@ -39,16 +41,19 @@ class PricedModel:
 
 @dataclass(frozen=True)
 class SensorCatalogue:
-    """models: what may be bought; currency: of all prices; pole_price: of one ordinary mount, None where mounts cost
-    what their own price says; digest: of the document."""
+    """Models that may be bought, and prices.
+
+    currency: of all prices; pole_price: of one ordinary mount, None if prices of mounts are in the currency already;
+    digest: SHA-256 of the document.
+    """
 
     models: tuple[PricedModel, ...]
     currency: str = ""
     pole_price: float | None = None
     digest: str = ""
 
-    def name_of(self, model: SensorModel) -> str:
-        """The catalogue's name of a model. Raises ValueError for one that it does not hold."""
+    def get_name(self, model: SensorModel) -> str:
+        """Return the catalogue's name of a model. Raises ValueError for an unknown model."""
         for each in self.models:
             if each.model == model:
                 return each.name
@@ -56,15 +61,17 @@ class SensorCatalogue:
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """The catalogue in a TOML file. Raises OSError; ValueError in one line, which says where, for anything that does
-    not belong there."""
+    """Load the catalogue in a TOML file.
+
+    Raises OSError, and ValueError in one line that says where the file is wrong.
+    """
     content = Path(path).read_bytes()
     try:
         document = tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a TOML file") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: no TOML ({str(error)[:120]}): see the example in the documentation") from None
+        raise ValueError(f"{path}: not TOML ({str(error)[:120]}): see the example in the documentation") from None
     unknown = [key for key in document if key not in KNOWN]
     if unknown:
         raise ValueError(f"{path}: {unknown[0]} is unknown: a catalogue has {', '.join(KNOWN)}")
@@ -76,13 +83,13 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
         pole_price = _price(document["pole_price"], f"{path}: pole_price")
     rows = document.get("sensor")
     if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{path}: sensor must be a list of at least one: begin each with [[sensor]]")
-    models = tuple(_priced(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
+        raise ValueError(f"{path}: sensor must be a list of at least one sensor: begin each with [[sensor]]")
+    models = tuple(_read_sensor(row, f"{path}: sensor[{i}]") for i, row in enumerate(rows))
     _check_different(models, str(path))
     return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest())
 
 
-def _priced(row: Any, where: str) -> PricedModel:
+def _read_sensor(row: object, where: str) -> PricedModel:
     if not isinstance(row, Mapping):
         raise ValueError(f"{where} must be a table, got {row!r:.60}: begin it with [[sensor]]")
     for key in ("model", "price"):
@@ -91,7 +98,7 @@ def _priced(row: Any, where: str) -> PricedModel:
     name = row.get("name", row["model"])
     for key, text in (("model", row["model"]), ("name", name)):
         if not isinstance(text, str) or not text:
-            raise ValueError(f"{where}.{key} must be a text that is not empty, got {text!r:.60}")
+            raise ValueError(f"{where}.{key} must be a non-empty text, got {text!r:.60}")
     try:
         angles = {field.name: is_angle(field) for field in fields(model_class(row["model"]))}
     except ValueError as error:
@@ -105,8 +112,8 @@ def _priced(row: Any, where: str) -> PricedModel:
     return PricedModel(name, model, _price(row["price"], f"{where}.price"))
 
 
-def _value(key: str, value: Any, angles: Mapping[str, bool], where: str) -> tuple[str, Any]:
-    """A field of the model, angles in rad. angles: whether each field is one."""
+def _value(key: str, value: object, angles: Mapping[str, bool], where: str) -> tuple[str, object]:
+    """Field of the model, angles in rad. angles: True for fields that are one."""
     written = [f"{field}{DEGREES}" if is_one else field for field, is_one in angles.items()]
     if key not in written:
         raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
@@ -117,7 +124,7 @@ def _value(key: str, value: Any, angles: Mapping[str, bool], where: str) -> tupl
     return key.removesuffix(DEGREES), math.radians(value)
 
 
-def _price(value: Any, where: str) -> float:
+def _price(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
     return float(value)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Space
 
-from placement_env.candidates.aim import aimed
-from placement_env.candidates.candidates import Axes, Candidates
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
 from placement_env.envs.config import PoseConfig, gathered
 from placement_env.envs.env import PlacementEnv, observation_space
 from placement_env.envs.episode import Conditions, Episode, Sites, check_options, check_scored, draw_conditions
@@ -60,10 +59,10 @@ class Rig:
         factors = np.stack([mount, count, count, count, model], axis=1)
         feet = _feet(self.candidates)
         sensors = tuple(
-            aimed(s, np.array([*s.position[:2], foot + h]), float(y), float(t))
+            aim_sensor(s, np.array([*s.position[:2], foot + h]), float(y), float(t))
             for s, foot, h, y, t in zip(self.candidates.sensors, feet, height, heading, tilt, strict=True)
         )
-        axes = Axes(height, heading, tilt, models, self.candidates.axes.prices_of(models))
+        axes = Axes(height, heading, tilt, models, self.candidates.axes.select_prices(models))
         return Candidates(sensors, mount, self.candidates.mounts, factors, axes)
 
 

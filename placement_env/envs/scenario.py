@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.aim import aims
-from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.candidates import Candidates, aims
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.places import ROUNDED
+from placement_env.candidates.candidates import ROUNDED
 from placement_env.checks import check_whole
 from placement_env.envs.episode import Episode
 from placement_env.envs.scenario import STATIC, Scenario

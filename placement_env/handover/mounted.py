@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.candidates.aim import aims
-from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.candidates import Candidates, aims
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
@@ -193,7 +192,7 @@ def mounted_sensors(
         members,
         kbit=kbit.mean(axis=0),
         peak_kbit=kbit.max(axis=0),
-        model_names=None if catalogue is None else [catalogue.name_of(model) for model in models],
+        model_names=None if catalogue is None else [catalogue.get_name(model) for model in models],
         model_prices=candidates.model_prices[list(members)],
     )
 

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from placement_env.candidates.aim import aimed, aims
-from placement_env.candidates.candidates import Axes, Candidates
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
 from placement_env.objective import Objective, Score
 from placement_env.search import greedy
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
@@ -238,7 +237,7 @@ def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: 
     model = np.array([models.index(sensor.model) for sensor in sensors])
     factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
     numbered = tuple(replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors))
-    axes = Axes(heights, headings, tilts, models, () if priced is None else priced.prices_of(models))
+    axes = Axes(heights, headings, tilts, models, () if priced is None else priced.select_prices(models))
     return Candidates(numbered, factors[:, 0].copy(), mounts, factors, axes)
 
 
@@ -281,7 +280,7 @@ class Coding:
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = angles(self.start.sensors[c])[1] + np.pi * turn
             aim = float(heading), float(TILT_RANGE[0] + tilt * (TILT_RANGE[1] - TILT_RANGE[0]))
-            sensors.append(aimed(self.start.sensors[c], position, *aim))
+            sensors.append(aim_sensor(self.start.sensors[c], position, *aim))
         return tuple(sensors)
 
     def options(self) -> dict[str, Any]:

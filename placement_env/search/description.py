@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from placement_env.candidates.aim import aims
+from placement_env.candidates.candidates import aims
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting
 from placement_env.search.result import Assessment, ProfileAP

@@ -233,7 +233,7 @@ def fit_sites(
     resamples: see `fit`; cache: where detections are kept, so that what was broken off goes on; progress: called with a
     scheme, frames done and how many. Raises ValueError where a class is not there or is always hit.
     """
-    from placement_env.candidates.sampling import own_and_random, random_sets
+    from placement_env.candidates.pool import own_and_random, random_sets
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.traffic import simulate_traffic

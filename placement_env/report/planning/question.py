@@ -12,7 +12,7 @@ from typing import Any
 import shapely
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.choice import chosen_candidates
+from placement_env.candidates.pool import choose_candidates
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.cases import IoUs
 from placement_env.checks import check_whole
@@ -136,7 +136,7 @@ class Question:
         catalogue = self.catalogue
         models = () if catalogue is None else tuple(each.model for each in catalogue.models)
         prices = () if catalogue is None else tuple(each.price for each in catalogue.models)
-        found = chosen_candidates(self.site, self.candidates, models, prices=prices, keep_out=self.keep_out)
+        found = choose_candidates(self.site, self.candidates, models, prices=prices, keep_out=self.keep_out)
         return with_terms(found, self.pole_price, self.capacity_kbit)
 
     @property

@@ -105,8 +105,7 @@ def of_table(asked: argparse.Namespace) -> tuple:
 def of_poses(asked: argparse.Namespace) -> tuple:
     """Visibility, sets and AP of random poses of a pool, on traffic of the seed."""
     from models.detector import load_detector
-    from placement_env.candidates.pool import pool
-    from placement_env.candidates.sampling import random_sets
+    from placement_env.candidates.pool import pool, random_sets
     from placement_env.fidelity.detector import Detected
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.traffic import simulate_traffic

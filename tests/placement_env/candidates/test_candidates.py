@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from placement_env.candidates.candidates import Candidates, repeated
+from placement_env.candidates.candidates import Candidates, aim_sensor, aims, find_repeat
 from placement_env.candidates.pool import pool
+from toolkit.geometry import look, pose
+from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 
 
@@ -36,7 +41,6 @@ def test_sensors_are_counted_by_mount():
     first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
     subsets = sets(candidates, (), (first[0],), (first[0], first[1]), (first[0], second[0], third[0]))
     assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
-    assert np.flatnonzero(candidates.on_mount @ candidates.on_mount[second[0]]).tolist() == second.tolist()
     assert candidates.prices[third[0]] == 3.0
     assert candidates.capacity[third[0]] == 2000.0
 
@@ -58,8 +62,32 @@ def test_fields_that_do_not_fit_are_refused():
 
 
 def test_the_first_name_that_occurs_twice_is_named():
-    assert repeated(["a", "b", "c", "b", "a"]) == "b"
+    assert find_repeat(["a", "b", "c", "b", "a"]) == "b"
     good = pool(square())
     twice = (good.sensors[0], good.sensors[0], *good.sensors[2:])
     with pytest.raises(ValueError, match=f"{good.sensors[0].name}' twice"):
         replace(good, sensors=twice)
+
+
+MODELS = [DepthCamera(), SpinningLidar(channels=4), SolidStateLidar()]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+@given(heading=st.floats(-3.1, 3.1), tilt=st.floats(-1.4, 1.4))
+def test_a_sensor_looks_where_it_is_aimed(model, heading, tilt):
+    sensor = aim_sensor(Sensor("s", model, np.eye(4)), np.array([1.0, -2.0, 6.0]), heading, tilt)
+    assert np.allclose(aims([sensor]), [[heading], [tilt]], atol=1e-9)
+    assert sensor.position.tolist() == [1.0, -2.0, 6.0]
+    assert (sensor.name, sensor.model) == ("s", model)
+
+
+def test_a_camera_looks_along_its_axis_and_a_lidar_along_x():
+    camera = Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.5))
+    lidar = Sensor("l", SpinningLidar(channels=4), pose(0.0, 0.0, 5.0, yaw=-2.0, pitch=0.1))
+    headings, tilts = aims([camera, lidar])
+    assert np.allclose(headings, [1.0, -2.0])
+    assert np.allclose(tilts, [0.5, 0.1])
+
+
+def test_of_no_sensors_there_are_no_aims():
+    assert [len(each) for each in aims([])] == [0, 0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.candidates.poles import load_keep_out, load_poles
+from placement_env.candidates.poles import guess_property, list_unknown, load_keep_out, load_poles
 from placement_env.candidates.pool import pool
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site, save_site
@@ -148,8 +148,8 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([{"type": "Feature", "properties": {}, "geometry": None}], r"features\[0\].geometry must be an object"),
         ([point([0.0, 10.0]) | {"properties": []}, 3], r"features\[1\].geometry must be an object"),
         ([point([0.0, 10.0]) | {"properties": [1]}], r"features\[0\].properties must be an object"),
-        ([point([0.0, 10.0]), polygon(BOW, keep_out=True)], r"features\[1\].geometry is no simple polygon"),
-        ([point([0.0, 10.0]), polygon([[0.0]], keep_out=True)], "no closed rings"),
+        ([point([0.0, 10.0]), polygon(BOW, keep_out=True)], r"features\[1\].geometry must be a simple polygon"),
+        ([point([0.0, 10.0]), polygon([[0.0]], keep_out=True)], "must be closed rings"),
         ([point([0.0, 10.0], keep_out=True)], "must be Polygon or MultiPolygon, got Point"),
         (
             [point([0.0, 10.0]), polygon(BOX, keep_out="true")],
@@ -298,3 +298,50 @@ def test_mounts_of_an_exported_site_come_back(site, tmp_path):
         ("b", 2.0, 9.0, 0.5, 800.0),
     ]
     assert np.abs(np.array([m.position for m in found]) - [m.position for m in mounts]).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("Height", "height"),
+        ("HEIGHT_M", "height"),
+        ("pole height [m]", "height"),
+        ("heigth", "height"),
+        ("Höhe", "height"),
+        ("minHeight", "min_height"),
+        ("Max. height", "max_height"),
+        ("cost_eur", "price"),
+        ("Preis", "price"),
+        ("Price", "price"),
+        ("capacity_mbit", "capacity_kbit"),
+        ("Capacity", "capacity_kbit"),
+        ("linkKbit", "capacity_kbit"),
+        ("Name", "name"),
+        ("keepout", "keep_out"),
+        ("Keep_Out", "keep_out"),
+        ("keep-out", "keep_out"),
+        ("owner", None),
+        ("fid", None),
+        ("", None),
+        ("2024", None),
+    ],
+)
+def test_what_was_meant(key, meant):
+    assert guess_property(key) == meant
+
+
+def test_each_is_named_once_and_known_ones_are_not():
+    known = {"name": 1, "height": 2, "max_height": 3, "min_height": 4, "price": 5, "capacity_kbit": 6, "capacity": 7}
+    assert list_unknown([known | {"keep_out": True, "kind": "x", "layer": "mount", "used": False}]) == ""
+    assert list_unknown([]) == ""
+    poles = [{"Price": 1, "fid": 3}, {"fid": 4, "Price": 2}, {"colour": "red"}]
+    assert list_unknown(poles) == "Price: price (1: that of an ordinary pole)?, fid, colour"
+
+
+def test_of_areas_only_what_may_keep_sensors_out():
+    areas = [{"building": "yes", "Height": 9, "KeepOut": True}]
+    assert list_unknown(areas, areas=True) == "KeepOut: keep_out (true or false, of a polygon)?"
+
+
+def test_long_names_are_cut():
+    assert len(list_unknown([{"x" * 500: 1}])) == 60

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.pool import choose_candidates, pool
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
@@ -37,26 +37,26 @@ def test_a_catalogue(tmp_path):
     eye, lidar = catalogue.models
     assert (eye.name, eye.model, eye.price) == ("eye", DepthCamera(fov=np.pi / 3, width=80), 1500.0)
     assert (lidar.name, lidar.model, lidar.price) == ("spinning-lidar", SpinningLidar(), 6000.5)
-    assert catalogue.name_of(SpinningLidar()) == "spinning-lidar"
+    assert catalogue.get_name(SpinningLidar()) == "spinning-lidar"
     with pytest.raises(ValueError, match="the catalogue has no DepthCamera"):
-        catalogue.name_of(DepthCamera())
+        catalogue.get_name(DepthCamera())
 
 
 def test_candidates_cost_their_mount_and_their_model():
     site = load_site("tjunction")
     models = (DepthCamera(), SpinningLidar())
-    both = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models, prices=(2.0, 5.0))
+    both = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict(zip(models, (2.0, 5.0), strict=True)))
     kinds = np.array([sensor.model.kind for sensor in both.sensors])
     assert np.array_equal(both.prices, both.mount_prices[both.mount] + np.where(kinds == "camera", 2.0, 5.0))
     free = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models)
-    none = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models, prices=(0.0, 0.0))
+    none = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict.fromkeys(models, 0.0))
     assert free.digest() == none.digest() != both.digest()
     with pytest.raises(ValueError, match="need a price for each of 2 models, got 1"):
-        pool(site, models=models, prices=(1.0,))
+        choose_candidates(site, "pool", models, prices=(1.0,))
     with pytest.raises(ValueError, match="must be finite and not negative"):
-        pool(site, models=models, prices=(1.0, -1.0))
+        choose_candidates(site, "pool", models, prices=(1.0, -1.0))
     with pytest.raises(ValueError, match="two of the priced models are equal"):
-        pool(site, models=(models[0], models[0]), prices=(1.0, 2.0))
+        choose_candidates(site, "pool", (models[0], models[0]), prices=(1.0, 2.0))
 
 
 SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
@@ -65,7 +65,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("currency = [", "no TOML"),
+        ("currency = [", "not TOML"),
         ("", "sensor must be a list of at least one"),
         ("sensor = 3", "sensor must be a list of at least one"),
         ("sensor = [3]", r"sensor\[0\] must be a table, got 3"),
@@ -76,7 +76,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         ('[[sensor]]\nmodel = "DepthCamera"\n', r"sensor\[0\].price is missing"),
         ("[[sensor]]\nprice = 3\n", r"sensor\[0\].model is missing"),
         ('[[sensor]]\nmodel = "Radar"\nprice = 3\n', r"sensor\[0\].model: no sensor model 'Radar': there are Depth"),
-        ('[[sensor]]\nmodel = 3\nprice = 3\n', r"sensor\[0\].model must be a text"),
+        ('[[sensor]]\nmodel = 3\nprice = 3\n', r"sensor\[0\].model must be a non-empty text"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = nan\n', r"sensor\[0\].price must be a number from 0 up, got nan"),
         ('[[sensor]]\nmodel = "DepthCamera"\nprice = "9 EUR"\n', r"sensor\[0\].price must be a number"),
         (SENSOR + "fov = 1.5\n", r"sensor\[0\].fov is unknown: the model has .*fov_deg"),

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.candidates.aim import aimed
-from placement_env.candidates.candidates import Axes, Candidates
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.handover.mounted import (
@@ -78,7 +77,7 @@ def test_nowhere_on_earth(candidates, chosen):
 
 def test_sensors_that_were_moved(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
-    moved = (aimed(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
+    moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
     north, east = planned_sensors(SITE, candidates, chosen, moved, **KBIT)
     assert (north.name, north.pole, north.height) == ("north_6.25m_h275.5_t7.0_camera", "north", 6.25)
     assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
@@ -89,7 +88,7 @@ def test_sensors_that_were_moved(candidates, chosen):
 
 
 def test_a_sensor_may_roam_to_another_mount(candidates, chosen):
-    moved = (aimed(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
+    moved = (aim_sensor(candidates.sensors[chosen[0]], np.array([20.0, 0.0, 5.0]), 0.0, 0.0),)
     (there,) = planned_sensors(SITE, candidates, chosen[:1], moved, kbit=[1.0], peak_kbit=[1.0])
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
     assert [mount.name for mount in unused_mounts(candidates, chosen[:1], moved)] == ["north"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import placement_env.report.first_sensors as first_sensors
-from placement_env.candidates.aim import aims
+from placement_env.candidates.candidates import aims
 from placement_env.fidelity.visibility import Visibility
 from placement_env.report.first_sensors import HalvedViews, with_first_sensors
 from toolkit.sites.files import load_site

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.candidates.aim import aimed
+from placement_env.candidates.candidates import aim_sensor
 from placement_env.objective import Objective
 from placement_env.search import cmaes, greedy
 from placement_env.setting import Weights
@@ -146,7 +146,7 @@ def test_poses_are_looked_at_in_panoramas_and_the_answer_is_scored_by_rays(panor
 def test_an_answer_that_panoramas_overrate_is_its_start(panoramic):
     objective = panoramic
     start = objective.candidates.select(greedy.search(objective, 2).best.subset)
-    skyward = tuple(aimed(s, s.position, cmaes.angles(s)[1], -1.5) for s in start.sensors)
+    skyward = tuple(aim_sensor(s, s.position, cmaes.angles(s)[1], -1.5) for s in start.sensors)
 
     def overrated(score_poses, there, left):
         assert left is None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import placement_env.envs.registration
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
-from placement_env.candidates.aim import aimed, aims
+from placement_env.candidates.candidates import aim_sensor, aims
 from placement_env.candidates.pool import paper_candidates, pool
 from placement_env.envs.scenario import poses
 from placement_env.fidelity.renders import Renders
@@ -231,7 +231,7 @@ def test_no_point_of_a_box_is_nearer_than_said(model):
 def test_aims_are_where_it_looks(model):
     sensor = hung(model, "s", (1.0, 2.0, 5.0), 1.0, 0.5)
     assert np.allclose(aims([sensor]), [[1.0], [0.5]])
-    turned = aimed(sensor, np.array([3.0, 2.0, 6.0]), -2.0, 0.1)
+    turned = aim_sensor(sensor, np.array([3.0, 2.0, 6.0]), -2.0, 0.1)
     assert np.allclose(aims([turned]), [[-2.0], [0.1]])
     assert turned.position.tolist() == [3, 2, 6]
     ahead = transform(pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]]))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.candidates.places import added_prices, fit_together, room_beside
+from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
 from placement_env.envs.scenario import Scenario
 from placement_env.envs.state import with_room
 from placement_env.objective import Objective
@@ -62,7 +62,7 @@ def test_all_sets_against_the_rule_in_words(make, capacity, most):
 
 def test_a_second_sensor_costs_no_second_mount(three):
     row = np.isin(np.arange(12), [0])
-    added = added_prices(three.candidates, row)
+    added = extra_prices(three.candidates, row)
     assert added[:4].tolist() == [0.25] * 4
     assert added[4] == three.candidates.prices[4] == three.candidates.mounts[1].price + 0.25
     assert three.price(row[None])[0] == three.candidates.prices[0]
