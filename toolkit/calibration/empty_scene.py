@@ -1,18 +1,20 @@
-"""`EmptyScene`: what one sensor measures where nobody is, learnt from its own frames, pixel by pixel.
+"""`EmptyScene`: one sensor's measurements of a place without road users, learnt from its frames, pixel by pixel.
 
 The measurements of a pixel over time, sorted, fall into clusters wherever two neighbours lie farther apart than noise
-explains; nothing returned is a cluster of its own, farther off than any other. Of these
+explains; "nothing returned" is a cluster of its own, the farthest one. The scene of a pixel is
 
-    the farthest with a tenth of the measurements is the scene: who passes or parks stands before it, never behind it;
-    a nearer one belongs to the scene too where it comes and goes, at least a quarter as often as draws by chance would,
-    and is the farthest of a pixel at most two off: leaves that move and edges of a pole that sways continue in the
-    image, while a queue at a stop line stands before the ground that its neighbours see, and who parks comes once; or
-    where nothing returns in the rest of the time and it is there in half of it: drop-outs.
+    the farthest cluster with a tenth of the measurements: road users pass or park before the scene, never behind it;
+    and a nearer cluster, if it comes and goes at least a quarter as often as random draws would, and continues the
+    farthest surface of a pixel at most two off. So leaves that move and edges of a pole that sways belong to the
+    scene. A queue at a stop line does not, since it stands before ground that its neighbours see, nor does a parked
+    car, which comes once. Where nothing returns in the rest of the time, half of the measurements suffice: drop-outs.
 
 Each of the two has a median and a spread, the median deviation scaled to a standard deviation and never below the
-sensor model's own. Who stands close before the scene falls into its cluster: where a spread is more than twice what is
-usual at that distance, the densest stretch of the cluster takes its place. The one that is there more often is the
-`first`. A parked car that leaves for a tenth of the time is not in the scene; one that never leaves is.
+sensor model's own. Road users close to a surface fall into its cluster; so where a spread is more than twice the usual
+one at that distance, the densest stretch of the cluster takes its place. The more frequent of the two is `first`. A
+parked car that is away a tenth of the time is not in the scene; one that never leaves is.
+
+`SceneAdaptation` lets a scene follow slow changes.
 """
 
 from __future__ import annotations
@@ -34,31 +36,31 @@ from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, returned
 
-SAMPLE = 128  # images that are kept of a sensor
-SIGMAS = 4.0  # spreads from a median within which a measurement shows the empty scene
-LEAST_SHARE = 0.1  # of the measurements that make a cluster the scene's
-HALF = 0.5  # of the measurements, from which on a surface before nothing is the scene's
-GAP_SIGMAS, GAP_SHARE = 4.0, 0.004  # a gap between clusters: standard deviations of the model, share of the measurement
-BROAD = 2.0  # times the usual spread at a distance, from which on a cluster is more than one surface
-DISTANCES = 24  # steps of distance, on a scale of its logarithm, in which the usual spread is found
-NEIGHBOURS = 2  # pixels up to which a surface continues
-OTHER_SURFACE = 0.1  # share by which a depth differs from that of the plane through two others, if it is not on it
-LEAST_FLICKER = 0.25  # how often what belongs to the scene comes, per time that draws by chance would
+SAMPLE = 128  # images kept of a sensor
+SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
+LEAST_SHARE = 0.1  # fraction of the measurements that makes a cluster part of the scene
+HALF = 0.5  # fraction of the measurements that makes a surface before no return part of the scene
+GAP_SIGMAS, GAP_SHARE = 4.0, 0.004  # gap between clusters: standard deviations of the model, share of the measurement
+BROAD = 2.0  # times the usual spread at a distance: a broader cluster is more than one surface
+DISTANCES = 24  # steps of log distance, each with a usual spread
+NEIGHBOURS = 2  # pixels: a surface continues this far
+OTHER_SURFACE = 0.1  # fraction by which a depth must leave the plane through two others to be another surface
+LEAST_FLICKER = 0.25  # least rate at which a part of the scene comes and goes, relative to random draws
 _MAD_TO_SIGMA = 1.4826
 _IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
-_BLOCK = 1 << 21  # measurements that are sorted at once
-_AT_ONCE = 256  # pixels whose measurements are compared pair by pair
+_BLOCK = 1 << 21  # measurements sorted at once
+_AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """The empty scene of a sensor (by its name and model); all images are (rows, columns) float32.
+    """The empty scene of one sensor (its name and model); all images are (rows, columns) float32.
 
-    first: the median measurement, 0 where nothing returns; spread: its standard deviation; share: of the frames that
-    show it; second, second_spread, second_share: the same of the other measurement that the scene has there, NaN, 0 and
-    0 where it has one only. frames: how many it was learnt from.
+    first: median measurement, 0 where nothing returns; spread: its standard deviation; share: fraction of the frames
+    that show it; second, second_spread, second_share: the same for the other measurement of the scene, NaN, 0 and 0
+    where it has only one; frames: number of frames it was learnt from.
 
-    Raises ValueError where images have another shape than the model's, or numbers that no scene has.
+    Raises ValueError where an image does not fit the model's shape, or is negative or infinite.
     """
 
     name: str
@@ -76,11 +78,11 @@ class EmptyScene:
             _check_image(self, image)
             getattr(self, image).setflags(write=False)
         if self.frames < 1:
-            raise ValueError(f"an empty scene is learnt from a frame at least, got {self.frames}")
+            raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
     def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
-        """The scene that is known from a render without noise, its spread the sensor model's."""
+        """Return the scene known from a render without noise, with the sensor model's spread."""
         first = np.where(returned(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
@@ -89,34 +91,43 @@ class EmptyScene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all it holds: sensor and fusion centre have the same scene where it is equal."""
-        said = sha256(json.dumps([self.name, _described(self.model), self.frames], sort_keys=True).encode())
+        """SHA-256 of all it holds; sensor and fusion centre have the same scene if it is equal."""
+        digest = sha256(json.dumps([self.name, _describe_model(self.model), self.frames], sort_keys=True).encode())
         for image in _IMAGES:
-            said.update(np.ascontiguousarray(getattr(self, image)).tobytes())
-        return said.hexdigest()
+            digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
+        return digest.hexdigest()
 
     def shows(
         self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS
     ) -> Bool[np.ndarray, "rows columns"]:
-        """Which pixels of an image show the empty scene: within so many spreads of one of its medians, or nothing
-        returned where nothing may."""
-        if measurement.shape != self.first.shape:
-            raise ValueError(
-                f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}"
-            )
+        """Mask of the pixels of an image that show the empty scene.
+
+        They lie within `sigmas` spreads of one of its medians, or have no return where that may be.
+        """
+        self.check_shape(measurement)
         there = returned(measurement, self.model.max_range)
         near = np.abs(measurement - self.first) <= sigmas * self.spread
         near |= np.abs(measurement - self.second) <= sigmas * self.second_spread
         return np.where(there, near, (self.first == 0) | (self.second == 0))
 
-    def renamed(self, name: str) -> EmptyScene:
-        """The scene of a sensor that is called otherwise."""
+    def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
+        """Raise ValueError where an image has another shape than the scene's."""
+        if measurement.shape != self.first.shape:
+            raise ValueError(
+                f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}: "
+                "pass an image of the same sensor"
+            )
+
+    def with_name(self, name: str) -> EmptyScene:
+        """Return the scene for a sensor of another name."""
         return replace(self, name=name)
 
 
 class SceneLearner:
-    """Learns the empty scene of a sensor from images that come one after another, in memory that does not grow: of n
-    images every 2^k-th is kept, so that no more than `sample` are."""
+    """Learns the empty scene of a sensor image by image, in bounded memory.
+
+    Every 2^k-th image is kept, so that there are at most `sample`.
+    """
 
     def __init__(self, sensor: Sensor, sample: int = SAMPLE) -> None:
         if sample < 2:
@@ -125,7 +136,7 @@ class SceneLearner:
         self._every, self._kept = 1, list[np.ndarray]()
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
-        """One more image."""
+        """Add an image."""
         if measurement.shape != self.sensor.model.shape:
             raise ValueError(
                 f"sensor {self.sensor.name!r} measures {self.sensor.model.shape} pixels, got {measurement.shape}"
@@ -138,7 +149,7 @@ class SceneLearner:
         self.frames += 1
 
     def scene(self) -> EmptyScene:
-        """The empty scene as far as it is known. Raises ValueError before the first image."""
+        """Return the empty scene as known so far. Raises ValueError before the first image."""
         if not self._kept:
             raise ValueError(f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene")
         model = self.sensor.model
@@ -151,9 +162,9 @@ class SceneLearner:
         fars, nears, flickering = zip(*blocks, strict=True)
         far, near = (_Mode(*map(np.concatenate, zip(*modes, strict=True))) for modes in (fars, nears))
         usual = _usual_spread(far, model)
-        far, near = (_narrowed(mode, usual(mode.median), self._kept) for mode in (far, near))
+        far, near = (_narrow_broad(mode, usual(mode.median), self._kept) for mode in (far, near))
         flickers = np.concatenate(flickering) & (near.share >= LEAST_SHARE)
-        continues = _continues(near, far.median)
+        continues = _continuation_mask(near, far.median)
         kept = flickers & (continues | ((far.median == 0) & (near.share >= HALF)))
         first, second = far, near.where(kept, _no_mode(model.shape))
         swap = second.share > first.share
@@ -189,13 +200,13 @@ def learn_empty_scenes(
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
     """Write the empty scenes of some sensors as one .npz file with a checksum, whole or not at all."""
-    said = [{"name": each.name, "model": _described(each.model), "frames": each.frames} for each in scenes]
+    said = [{"name": each.name, "model": _describe_model(each.model), "frames": each.frames} for each in scenes]
     arrays = {f"{k}_{image}": getattr(scene, image) for k, scene in enumerate(scenes) for image in _IMAGES}
     write_arrays(path, {"scenes": np.array(json.dumps(said)), **arrays})
 
 
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
-    """The empty scenes of a file. Raises FileNotFoundError; ValueError where it is damaged or holds none."""
+    """Read the empty scenes of a file. Raises FileNotFoundError; ValueError where it is damaged or holds none."""
     arrays = read_arrays(path)
     try:
         said = parse_json(str(arrays["scenes"]))
@@ -209,12 +220,127 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
             for k, each in enumerate(said)
         )
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} holds no empty scenes ({error}): write them with save_empty_scenes") from None
+        raise ValueError(f"{path} has no empty scenes ({error}): write them with save_empty_scenes") from None
+
+
+SECONDS = 600.0  # time constant (s) of pixels that show the scene
+SETTLE = 86_400.0  # s until a nearer surface is the scene: longer than a visitor parks
+REVEAL = 60.0  # s until a farther surface is the scene
+
+
+class SceneAdaptation:
+    """An empty scene that follows slow changes without learning parked vehicles; times in s.
+
+    Each image moves the scene, pixel by pixel:
+
+        shows the scene    the median and the spread of that mode move towards it, by 1 - exp(-dt / `seconds`)
+        stands nearer      the scene is frozen; an object that stands there unchanged for `settle` becomes the scene
+        lies farther       the surface before it has gone; after `reveal` unchanged, the farther one becomes the scene
+
+    Unchanged means within the tolerance of `EmptyScene.shows`, by the spread of the scene. Road users that pass before
+    a waiting surface hide it without interrupting the wait; anything farther starts it anew. No return counts as
+    farthest.
+
+    Sensor and fusion centre need the same scene. A message names its scene by digest, so a new scene is sent before it
+    is used; read `scene` only as often as that is worth it.
+
+    Raises ValueError for times that are not above 0.
+    """
+
+    def __init__(
+        self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL
+    ) -> None:
+        for name, value in (("seconds", seconds), ("settle", settle), ("reveal", reveal)):
+            if not value > 0:
+                raise ValueError(f"{name} must be above 0 s, got {value}")
+        self._began, self._seconds, self._settle, self._reveal = scene, seconds, settle, reveal
+        self._medians = [np.array(scene.first), np.array(scene.second)]
+        self._spreads = [np.array(scene.spread), np.array(scene.second_spread)]
+        self._candidate = np.full(scene.first.shape, np.nan, np.float32)  # infinite for nothing returned
+        self._since = np.full(scene.first.shape, np.inf)
+        self._time: float | None = None
+        self._frames = 0
+
+    @property
+    def scene(self) -> EmptyScene:
+        """The empty scene as it is now."""
+        began = self._began
+        first, second = (each.copy() for each in self._medians)
+        spread, second_spread = (each.copy() for each in self._spreads)
+        second_share = np.where(np.isnan(second), 0, began.second_share).astype(np.float32)
+        return replace(
+            began,
+            first=first,
+            spread=spread,
+            share=np.array(began.share),
+            second=second,
+            second_spread=second_spread,
+            second_share=second_share,
+            frames=began.frames + self._frames,
+        )
+
+    def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
+        """Take in an image. Raises ValueError for another shape, or a time before the last one."""
+        self._began.check_shape(measurement)
+        if self._time is not None and time < self._time:
+            raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
+        share = 0.0 if self._time is None else 1 - np.exp(-(time - self._time) / self._seconds)
+        self._time, self._frames = time, self._frames + 1
+        there = returned(measurement, self._began.model.max_range)
+        seen = np.where(there, measurement, np.inf).astype(np.float32)
+        shown = np.zeros(seen.shape, bool)
+        for median, spread in zip(self._medians, self._spreads, strict=True):
+            shown |= self._follow(median, spread, seen, share)
+        self._absorb(seen, shown, time)
+
+    def _follow(
+        self,
+        median: Float32[np.ndarray, "rows columns"],
+        spread: Float32[np.ndarray, "rows columns"],
+        seen: Float32[np.ndarray, "rows columns"],
+        share: float,
+    ) -> Bool[np.ndarray, "rows columns"]:
+        """Mask of the pixels that show a mode; its median and spread follow them."""
+        finite = np.isfinite(seen)
+        off = np.where(finite, seen, 0) - median
+        shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
+        median[shows] += share * off[shows]
+        least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
+        squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
+        spread[shows] = np.maximum(np.sqrt(squared), least[shows])
+        return shows | (~finite & (median == 0))
+
+    def _absorb(
+        self, seen: Float32[np.ndarray, "rows columns"], shown: Bool[np.ndarray, "rows columns"], time: float
+    ) -> None:
+        """Start, continue or end the wait of surfaces that stand out; at its end they become the scene."""
+        first, spread = self._medians[0], self._spreads[0]
+        surface = np.where(first > 0, first, np.inf)
+        known = np.where(np.isfinite(self._candidate), self._candidate, 0)
+        within = SIGMAS * np.maximum(spread, self._began.model.deviation(known))
+        with np.errstate(invalid="ignore"):
+            same = (np.abs(seen - self._candidate) <= within) | (np.isinf(seen) & np.isinf(self._candidate))
+            hidden = seen < self._candidate - within
+        goes_on = np.isfinite(self._since) & (same | (hidden & ~shown))
+        begins = ~shown & ~goes_on
+        self._candidate = np.where(goes_on, self._candidate, np.where(begins, seen, np.nan)).astype(np.float32)
+        self._since = np.where(goes_on, self._since, np.where(begins, time, np.inf))
+        farther = self._candidate > surface
+        waited: Float64[np.ndarray, "rows columns"] = time - self._since
+        ripe = goes_on & same & (waited >= np.where(farther, self._reveal, self._settle))
+        if ripe.any():
+            gone = np.isinf(self._candidate) & ripe
+            first[ripe] = np.where(gone, 0, self._candidate)[ripe]
+            spread[ripe] = np.where(gone, 0, np.broadcast_to(self._began.model.deviation(known), first.shape))[ripe]
+            self._medians[1][ripe], self._spreads[1][ripe] = np.nan, 0
+            self._candidate[ripe], self._since[ripe] = np.nan, np.inf
 
 
 class _Mode(NamedTuple):
-    """A cluster of every pixel: median (0 for nothing returned, NaN for no cluster), spread, share, least and greatest
-    measurement."""
+    """One cluster per pixel.
+
+    median: 0 for nothing returned, NaN for no cluster; least, greatest: extreme measurements.
+    """
 
     median: Float32[np.ndarray, "rows columns"]
     spread: Float32[np.ndarray, "rows columns"]
@@ -223,7 +349,7 @@ class _Mode(NamedTuple):
     greatest: Float32[np.ndarray, "rows columns"]
 
     def where(self, mask: Bool[np.ndarray, "rows columns"], other: _Mode) -> _Mode:
-        """This one where the mask is set, else the other."""
+        """Return this mode where the mask is set, else the other."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 
 
@@ -235,8 +361,10 @@ def _no_mode(shape: tuple[int, ...]) -> _Mode:
 def _clusters(
     images: Float32[np.ndarray, "n rows columns"], model: SensorModel
 ) -> tuple[_Mode, _Mode, Bool[np.ndarray, "rows columns"]]:
-    """Of every pixel the farthest cluster that is the scene's, the largest of the nearer ones, and whether that one
-    comes and goes."""
+    """Find two clusters per pixel, and a mask of the pixels whose nearer one flickers.
+
+    The first is the farthest that belongs to the scene, the second the largest of the nearer ones.
+    """
     shape, n = images.shape[1:], len(images)
     in_time = np.where(returned(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
     values = np.sort(in_time, axis=1)
@@ -244,42 +372,42 @@ def _clusters(
     solid = np.where(finite, values, np.float32(0))
     gap = np.maximum(GAP_SIGMAS * np.asarray(model.deviation(solid)), GAP_SHARE * solid)[:, :-1]
     begins = np.ones(values.shape, bool)
-    with np.errstate(invalid="ignore"):  # nothing twice is infinity less infinity: no gap
+    with np.errstate(invalid="ignore"):  # two missing returns are infinity less infinity: no gap
         begins[:, 1:] = values[:, 1:] - values[:, :-1] > gap
     starts = np.flatnonzero(begins)
     ends = np.append(starts[1:], values.size)
     pixel, size = starts // n, ends - starts
     enough = size >= min(n, max(2, int(np.ceil(LEAST_SHARE * n))))
     nothing = ~finite.ravel()[starts]
-    far = _last_of(pixel, np.arange(len(starts)), enough, size, len(values))
+    far = _pick_cluster(pixel, np.arange(len(starts)), enough, size, len(values))
     rivals = enough & (np.arange(len(starts)) < far[pixel]) & ~nothing
-    near = _last_of(pixel, np.where(rivals, size, 0), rivals, np.zeros_like(size), len(values))
+    near = _pick_cluster(pixel, np.where(rivals, size, 0), rivals, np.zeros_like(size), len(values))
     nearest, farthest = (values.ravel()[each][:, None] for each in (starts[near], ends[near] - 1))
     present = (in_time >= nearest) & (in_time <= farthest)
-    flickers = rivals[near] & _comes_and_goes(present)
+    flickers = rivals[near] & _flicker_mask(present)
     far_mode, near_mode = (
-        _Mode(*(each.reshape(shape) for each in _measured(solid.ravel(), starts, ends, chosen, n, model)))
+        _Mode(*(each.reshape(shape) for each in _measure_mode(solid.ravel(), starts, ends, chosen, n, model)))
         for chosen in (far, np.where(rivals[near], near, -1))
     )
     return far_mode, near_mode, flickers.reshape(shape)
 
 
-def _comes_and_goes(present: Bool[np.ndarray, "pixels n"]) -> Bool[np.ndarray, " pixels"]:
-    """Whether something comes at least `LEAST_FLICKER` times as often as draws by chance, as often there, would."""
+def _flicker_mask(present: Bool[np.ndarray, "pixels n"]) -> Bool[np.ndarray, " pixels"]:
+    """Mask of the pixels that something enters at least `LEAST_FLICKER` times as often as by chance."""
     share = present.mean(axis=1)
     comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
     return comes >= LEAST_FLICKER * share * (1 - share) * present.shape[1]
 
 
-def _last_of(
+def _pick_cluster(
     pixel: np.ndarray, rank: np.ndarray, eligible: np.ndarray, otherwise: np.ndarray, pixels: int
 ) -> np.ndarray:
-    """Of every pixel the eligible cluster of the highest rank; the one with the most of `otherwise` where none is."""
+    """Pick the eligible cluster of highest rank for each pixel, else the one with the most of `otherwise`."""
     order = np.lexsort((np.arange(len(pixel)), np.where(eligible, rank, otherwise), eligible, pixel))
     return order[np.searchsorted(pixel[order], np.arange(pixels), side="right") - 1]
 
 
-def _measured(
+def _measure_mode(
     values: np.ndarray, starts: np.ndarray, ends: np.ndarray, chosen: np.ndarray, n: int, model: SensorModel
 ) -> _Mode:
     """Median, spread and share of one cluster of every pixel, -1 for none; values: sorted within each."""
@@ -306,7 +434,7 @@ def _measured(
 def _usual_spread(
     far: _Mode, model: SensorModel
 ) -> Callable[[Float32[np.ndarray, "rows columns"]], Float32[np.ndarray, "rows columns"]]:
-    """The spread that most pixels have at a distance, as a function of it, from those that see the scene mostly."""
+    """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
     if not len(distance):
@@ -324,21 +452,21 @@ def _usual_spread(
     return at
 
 
-def _narrowed(
+def _narrow_broad(
     mode: _Mode, usual: Float32[np.ndarray, "rows columns"], images: Sequence[Float32[np.ndarray, "rows columns"]]
 ) -> _Mode:
-    """Where a cluster is broad, its densest stretch of `SIGMAS` usual spreads to either side."""
+    """Replace broad clusters by their densest stretch of `SIGMAS` usual spreads to either side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
     for first in range(0, len(every), _AT_ONCE):
-        _narrow(found, every[first : first + _AT_ONCE], usual, images)
+        _narrow_block(found, every[first : first + _AT_ONCE], usual, images)
     return found
 
 
-def _narrow(
+def _narrow_block(
     mode: _Mode, broad: np.ndarray, usual: np.ndarray, images: Sequence[Float32[np.ndarray, "rows columns"]]
 ) -> None:
-    """The same of some pixels, written into the mode."""
+    """Narrow the clusters of some pixels in place."""
     least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
     values = np.stack([image.ravel()[broad] for image in images], axis=1)
     values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf), axis=1)
@@ -355,10 +483,12 @@ def _narrow(
     mode.share.ravel()[broad] = size / len(images)
 
 
-def _continues(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
-    """Where a pixel at most `NEIGHBOURS` off has as its farthest surface the nearer one of a pixel, and that surface is
-    not the pixel's own farthest one going on, as the ground does below the foot of a car: planes have inverse depths
-    that are linear in the image."""
+def _continuation_mask(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    """Mask of the pixels whose nearer surface is the farthest one of a pixel at most `NEIGHBOURS` off.
+
+    It must not be the pixel's own farthest surface going on, as the ground does below the foot of a car: planes have
+    inverse depths that are linear in the image.
+    """
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)
@@ -374,7 +504,7 @@ def _continues(near: _Mode, far: Float32[np.ndarray, "rows columns"]) -> Bool[np
     return same
 
 
-def _described(model: SensorModel) -> dict[str, object]:
+def _describe_model(model: SensorModel) -> dict[str, object]:
     return {"class": type(model).__name__, **{key: value for key, value in asdict(model).items() if value is not None}}
 
 

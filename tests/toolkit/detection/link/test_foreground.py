@@ -89,9 +89,9 @@ def test_another_scene_or_sensor_is_refused():
     with pytest.raises(ValueError, match="whose scene is"):
         decode_foreground(message, other)
     with pytest.raises(ValueError, match="whose sensor is"):
-        decode_foreground(message, scene.renamed("t"))
+        decode_foreground(message, scene.with_name("t"))
     with pytest.raises(ValueError, match="the empty scene is of 't'"):
-        encode_foreground(image, scene.renamed("t"))
+        encode_foreground(image, scene.with_name("t"))
 
 
 def test_two_thousand_damaged_messages():
