@@ -34,11 +34,12 @@ from .detection.metrics import (
     evaluate as evaluate,
     precision_recall as precision_recall,
 )
-from .detection.scheme import Scheme as Scheme
-from .detection.schemes import fuse_frame as fuse_frame
+from .detection.scheme import Fused as Fused, Scheme as Scheme
+from .detection.schemes import find_scheme as find_scheme, fuse_frame as fuse_frame
 from .detection.sensor_monitor import Fault as Fault, SensorMonitor as SensorMonitor, Shown as Shown
 from .detection.site_background import site_background as site_background
 from .detection.survey import survey as survey
+from .detection.view import View as View, suppress as suppress
 from .frame import Frame as Frame, empty_scene as empty_scene
 from .geometry import look as look, pose as pose
 from .objects import Detections as Detections, Detector as Detector, Objects as Objects

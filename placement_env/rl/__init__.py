@@ -1,1 +1,1 @@
-"""Learning: policies, Stable-Baselines3, training over many sites."""
+"""Reinforcement learning on the environments, with Stable-Baselines3."""

@@ -1,7 +1,9 @@
-"""Stable-Baselines3 trains on the native vector environments as arrays; on all other environments one by one.
+"""Adapter that lets Stable-Baselines3 train on the native vector environments.
 
 vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64)
 MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
+
+All other environments are stepped one by one.
 """
 
 from __future__ import annotations
@@ -27,9 +29,10 @@ X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come n
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
-    """A vector environment of `gymnasium.make_vec("coview/...")` as Stable-Baselines3 and sb3-contrib train on it.
+    """Adapt a vector environment for Stable-Baselines3 and sb3-contrib.
 
-    augment: see `SB3VecEnv`. Raises ValueError for a vector environment that is not coview's own.
+    vector: of `gymnasium.make_vec("coview/...")`; augment: see `SB3VecEnv`. Raises ValueError for a vector environment
+    that is not coview's own.
     """
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
@@ -37,12 +40,13 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
     return SB3VecEnv(native, augment=augment)
 
 
-def vectorized(
+def vectorize(
     first: gym.Env[Any, Any], make_env: Callable[[], gym.Env[Any, Any]], n: int, *, augment: bool = False
 ) -> VecEnv:
-    """n episodes of an environment and others like it, stepped together; those of ours share its scenarios.
+    """Step n episodes of an environment and others like it together.
 
-    Raises ValueError where `augment`, of `SB3VecEnv`, is asked of an environment that is not ours.
+    Coview's own environments share its scenarios. Raises ValueError for `augment`, see `SB3VecEnv`, with any other
+    environment.
     """
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
@@ -53,13 +57,13 @@ def vectorized(
 
 
 class SB3VecEnv(VecEnv):
-    """A native vector environment for Stable-Baselines3: an episode that has ended starts anew within the step.
+    """A native vector environment for Stable-Baselines3.
 
-    Infos hold what a training reads and are empty until an episode ends: its return `r` and length `l` (`episode`, as
-    Stable-Baselines3's `Monitor` gives them), the set it ended with (`subset`), whether it was cut off
-    (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
+    An episode that has ended restarts within the step. Infos are empty until an episode ends; then they hold its return
+    `r` and length `l` (`episode`, as in Stable-Baselines3's `Monitor`), its final set (`subset`), whether it was cut
+    off (`TimeLimit.truncated`) and its last observation (`terminal_observation`).
 
-    augment: each episode's junction is rotated by a multiple of 90° and perhaps mirrored at random, as agents see it.
+    augment: each episode's junction is rotated by a multiple of 90° and mirrored at random, as seen by agents.
     """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
@@ -87,7 +91,7 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the actions: observations, rewards, which episodes have ended, infos."""
+        """Take the actions: observations, rewards, ends and infos."""
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._as_seen(observations)
         self._returns += rewards
@@ -125,11 +129,11 @@ class SB3VecEnv(VecEnv):
         self.vector.close()
 
     def get_images(self) -> tuple[Any, ...]:
-        """A picture of each episode, None where the vector environment was made without a render mode."""
+        """Picture of each episode, None without a render mode."""
         return self.vector.render() or (None,) * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the vector environment, for each episode asked for."""
+        """Attribute of the vector environment, for each episode asked for."""
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -137,17 +141,17 @@ class SB3VecEnv(VecEnv):
         setattr(self.vector, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """What a method of the vector environment answers for each episode asked for, as `action_masks` does."""
+        """Result of a method such as `action_masks`, for each episode asked for."""
         answers = getattr(self.vector, method_name)(*method_args, **method_kwargs)
         return [answers[index] for index in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
-        """As if in a `Monitor`, whose infos these are; no other wrapper is there."""
+        """Return True for `Monitor`, whose infos these are."""
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
 def rotations(rng: np.random.Generator, n: int) -> Float32[np.ndarray, "n 2 2"]:
-    """Rotations of the plane by random multiples of 90°, half of them mirrored."""
+    """Draw rotations of the plane by multiples of 90°, half of them mirrored."""
     cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
     side = rng.choice([-1, 1], n)
     return np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32).transpose(2, 0, 1)

@@ -1,7 +1,7 @@
-"""A policy network that judges every candidate with the same weights.
+"""Policy network that judges every candidate with the same weights.
 
-What it learns of one candidate holds for all others, at any junction and however they are numbered; a plain network
-would have to learn it for each slot again. It has some thousand weights whatever the number of slots.
+Knowledge of one candidate holds for all others, at any junction and in any order; a plain network would learn it anew
+for each slot. It has some thousand weights for any number of slots.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ FEATURES = len(STATIC) + len(DYNAMIC)
 
 
 class CandidateNetwork(nn.Module):
-    """Observations of choosing among candidates (`placement_env.envs.state`) -> a logit of each action, and what the
-    value is estimated from.
+    """Logits of actions and features of the value, from observations of candidates.
 
-    A candidate is judged by its own features, those of the whole, and the mean and the maximum over all candidates of
-    what the first layer makes of them.
+    A candidate is judged by its own features, those of the whole, and the mean and maximum over all candidates of the
+    first layer's output (`placement_env.envs.state`).
     """
 
     def __init__(self, slots: int, width: int) -> None:
@@ -36,18 +35,18 @@ class CandidateNetwork(nn.Module):
             nn.init.zeros_(parameter)  # at first all actions are equally likely
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (n, slots + 1) and features of the value (n, width) of observations (n, size)."""
+        """Return logits (n, slots + 1) and value features (n, width) of observations (n, size)."""
         different, which = distinct(observations)
         each, pooled = self._first(different)
         return self._logits(each, pooled)[which], torch.relu(self.value(pooled))[which]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
-        """The logits alone."""
+        """Return the logits alone."""
         different, which = distinct(observations)
         return self._logits(*self._first(different))[which]
 
     def forward_critic(self, observations: Tensor) -> Tensor:
-        """The features of the value alone."""
+        """Return the value features alone."""
         different, which = distinct(observations)
         return torch.relu(self.value(self._first(different)[1]))[which]
 
@@ -63,8 +62,10 @@ class CandidateNetwork(nn.Module):
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """The different ones among rows (n, k), in the order they come, and which of them each row is: all episodes of one
-    junction begin with the same observation, and those of a trained policy go on with the same."""
+    """Find distinct rows (n, k) in order, and the number of each row among them.
+
+    All episodes of one junction start with the same observation, and a trained policy continues with equal ones.
+    """
     number: dict[bytes, int] = {}
     which = [number.setdefault(row.tobytes(), len(number)) for row in rows.numpy()]
     _, first = np.unique(which, return_index=True)
@@ -72,7 +73,7 @@ def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class CandidatePolicy(MaskableActorCriticPolicy):
-    """sb3-contrib's policy with a `CandidateNetwork`, of the width that `net_arch` begins with."""
+    """sb3-contrib's policy with a `CandidateNetwork` as wide as `net_arch` begins."""
 
     def _build(self, lr_schedule: Schedule) -> None:
         self.mlp_extractor = CandidateNetwork(int(self.action_space.n) - 1, self.net_arch[0])  # type: ignore

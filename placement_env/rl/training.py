@@ -1,15 +1,16 @@
-"""Policies that place sensors: MaskablePPO (sb3-contrib) where actions have masks, PPO (Stable-Baselines3) elsewhere.
+"""Training of policies that place sensors.
 
-Training goes in rounds of some PPO updates. Each starts from reset environments and generators seeded by the run's seed
-and the number of the round, so weights, optimiser and the count of steps are the whole state: a training that was
-killed and called again ends with the weights of one that was not. Checkpoints hold tensors and numbers only.
+MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others. Training goes in
+rounds of some PPO updates. Each starts from reset environments and generators seeded by the run's seed and the number
+of the round, so weights, optimiser and the count of steps are the whole state: a training that is killed and called
+again ends with the same weights. Checkpoints hold tensors and numbers only.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -37,12 +38,15 @@ ROUNDS_KEPT = 1000  # of which a search knows what it met until then; a policy i
 
 @dataclass(frozen=True)
 class Learning:
-    """How a policy is trained. envs: stepped side by side; rollout: steps of each between updates; width: of the two
-    hidden layers, of `policy_network` where candidates are chosen one after another; the others are PPO's (Schulman et
-    al. 2017). Episodes are short, so nothing is discounted.
+    """Settings of a training.
 
-    augment: junctions are rotated and mirrored at random, an episode each, so that a policy trained over several learns
-    less of them by heart (our own environments only)."""
+    envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden layers, or of
+    `policy_network` if candidates are chosen one after another; the others are PPO's (Schulman et al. 2017). Episodes
+    are short, so nothing is discounted.
+
+    augment: junctions are rotated and mirrored at random in every episode, so that a policy for several junctions
+    memorises less of them (coview's own environments only).
+    """
 
     envs: int = 16
     rollout: int = 16
@@ -53,6 +57,7 @@ class Learning:
     discount: float = 1.0
     width: int = 32
     augment: bool = False
+    checkpoint_s: float = field(default=60.0, repr=False, compare=False)  # seconds between checkpoints
 
 
 PLAIN = Learning()
@@ -69,11 +74,10 @@ def search(
     learning: Learning = EXPLORING,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """MaskablePPO trained at this objective alone; then `EPISODES` episodes of it. The best set of all, also of those
-    that it met in training.
+    """Train MaskablePPO at this objective alone, then play `EPISODES` episodes.
 
-    Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: where the policy is
-    kept, and the best set met until each round.
+    Returns the best set of all, including those met in training. Every step counts as an evaluation; without a limit
+    `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and the best set up to each round.
     """
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
@@ -92,7 +96,7 @@ def search(
     with TemporaryDirectory() as own:
         folder = checkpoint.place("policy") or Path(own)
         rounds = [] if (kept := checkpoint.load()) is None else kept["rounds"]
-        if (before := met_until(folder, rounds)) is not None:
+        if (before := restore_rounds(folder, rounds)) is not None:
             limits.resume(before["limits"])
             best, chosen = float(before["best"]), objective.row(before["chosen"])
 
@@ -103,9 +107,15 @@ def search(
 
         left = None if seconds is None else max(0.0, seconds - limits.elapsed)
         policy = train_policy(
-            make_env, folder, steps=steps, seconds=left, seed=seed, learning=learning, watch=watch, progress=note,
-            every_s=checkpoint.every,
-        )  # fmt: skip
+            make_env,
+            folder,
+            steps=steps,
+            seconds=left,
+            seed=seed,
+            learning=replace(learning, checkpoint_s=checkpoint.every),
+            watch=watch,
+            progress=note,
+        )
     rolled_out = rollout(policy, make_env(), episodes=EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
     trained = objective.score(np.flatnonzero(chosen))
@@ -123,19 +133,15 @@ def train_policy(
     seconds: float | None = None,
     seed: int = 0,
     learning: Learning = PLAIN,
-    every_s: float = 60.0,
     progress: Callable[[int, float], None] | None = None,
     watch: Callable[[list[dict[str, Any]]], None] | None = None,
 ) -> OnPolicyAlgorithm:
-    """Train until `steps` environment steps are done in all, or `seconds` have passed in this call.
+    """Train until `steps` environment steps are done in all, or `seconds` in this call.
 
-    `out/policy.pt` is kept; called again with the folder training resumes. Whole rounds are trained, so there
-    may be some more steps.
-
-    progress: called with the steps done and the mean return of the last 100 episodes, NaN before there is one; watch:
-    called with the infos of each step, see `placement_env.rl.adapter`.
-    Raises ValueError without a limit and where `out` holds a training of other settings, ImportError without the
-    libraries.
+    `out/policy.pt` is kept; called again with the folder, training resumes. Whole rounds are trained, so there may be
+    some more steps. progress: called with the steps done and the mean return of the last 100 episodes, NaN before the
+    first; watch: called with the infos of each step, see `placement_env.rl.adapter`. Raises ValueError without a limit
+    and if `out` holds a training of other settings, ImportError without the libraries.
     """
     from models.weight_files import save_atomically
 
@@ -156,16 +162,18 @@ def train_policy(
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
-        if time.monotonic() - saved > every_s:
+        if time.monotonic() - saved > learning.checkpoint_s:
             save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
             saved = time.monotonic()
     save_atomically(out / CHECKPOINT, {**identity, **_state(model)})
     return model
 
 
-def met_until(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
-    """What was met until the round after which the policy in a folder was kept, which goes where that is not known.
-    rounds: steps and what was met until each, ascending; later ones are dropped."""
+def restore_rounds(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
+    """Return the state of a search up to the round of the kept policy.
+
+    A policy without such a state is removed. rounds: steps and state of each, ascending; later ones are dropped.
+    """
     from models.weight_files import read_checkpoint
 
     path = folder / CHECKPOINT
@@ -179,7 +187,7 @@ def met_until(folder: Path, rounds: list[list[Any]]) -> KeptState | None:
 
 
 def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[[dict[str, Any], Any], bool] | None:
-    """As a callback of Stable-Baselines3, whose training goes on while it returns True."""
+    """Wrap a function as a callback of Stable-Baselines3 that never stops the training."""
 
     def callback(local: dict[str, Any], _: Any) -> bool:
         assert watch is not None
@@ -192,9 +200,9 @@ def _callback(watch: Callable[[list[dict[str, Any]]], None] | None) -> Callable[
 def load_policy(
     path: Path, make_env: Callable[[], gym.Env[Any, Any]], *, seed: int = 0, learning: Learning = PLAIN
 ) -> OnPolicyAlgorithm:
-    """The policy of a checkpoint or its folder, for environments with the same spaces. Nothing in the file is executed.
+    """Load the policy of a checkpoint or its folder, for environments with the same spaces.
 
-    Raises ValueError where the settings or the spaces differ, FileNotFoundError where there is none.
+    Nothing in the file is executed. Raises ValueError for other settings or spaces, FileNotFoundError without a file.
     """
     model = _model(make_env, learning, seed)
     _restore(model, path / CHECKPOINT if path.is_dir() else path, _identity(model, learning, seed))
@@ -210,14 +218,14 @@ def rollout(
     seconds: float | None = None,
     options: dict[str, Any] | None = None,
 ) -> Result:
-    """The best set that a policy meets in some episodes from the same reset: the likeliest actions in the first,
-    drawn from its distribution in the others. Every step counts as an evaluation.
+    """Return the best set that a policy meets in some episodes from the same reset.
 
-    Raises ValueError below 1 episode.
+    The first takes the likeliest actions, others draw from the policy's distribution. Every step counts as an
+    evaluation. Raises ValueError below 1 episode.
     """
     import torch
 
-    limits, masked = Limits(seconds, None), _masked(env)
+    limits, masked = Limits(seconds, None), _has_masks(env)
     torch.manual_seed(seed)
     best: Score | None = None
     sensors: tuple[Sensor, ...] = ()
@@ -245,7 +253,7 @@ def rollout(
 
 
 def _score(info: dict[str, Any]) -> Score:
-    """What the environment says of the set it holds."""
+    """Score of the set that an environment holds."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
@@ -257,15 +265,15 @@ def _score(info: dict[str, Any]) -> Score:
 
 
 def _sensors(env: gym.Env[Any, Any]) -> tuple[Sensor, ...]:
-    """The sensors that one of our environments holds now, as they stand; none of a foreign environment."""
+    """Sensors that one of our environments holds now; empty for other environments."""
     if not isinstance(env.unwrapped, PlacementEnv):
         return ()
     objective, members = env.unwrapped.placed()
     return tuple(objective.candidates.sensors[member] for member in members)
 
 
-def _masked(env: gym.Env[Any, Any]) -> bool:
-    """Whether the environment says which actions are legal, in a form that MaskablePPO takes."""
+def _has_masks(env: gym.Env[Any, Any]) -> bool:
+    """Return True if the environment has action masks that MaskablePPO takes."""
     discrete = isinstance(env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary)
     return discrete and env.has_wrapper_attr("action_masks")
 
@@ -277,13 +285,13 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
         from stable_baselines3.common.logger import Logger
     except ImportError as error:
         raise ImportError("policies need Stable-Baselines3 and sb3-contrib: pip install coview[rl]") from error
-    from placement_env.rl.adapter import vectorized
+    from placement_env.rl.adapter import vectorize
 
     first = make_env()
-    algorithm = MaskablePPO if _masked(first) else PPO
+    algorithm = MaskablePPO if _has_masks(first) else PPO
     model = algorithm(
         _network(first),
-        vectorized(first, make_env, learning.envs, augment=learning.augment),
+        vectorize(first, make_env, learning.envs, augment=learning.augment),
         n_steps=learning.rollout,
         batch_size=learning.batch,
         n_epochs=learning.epochs,
@@ -299,7 +307,10 @@ def _model(make_env: Callable[[], gym.Env[Any, Any]], learning: Learning, seed: 
 
 
 def _network(env: gym.Env[Any, Any]) -> Any:
-    """Candidates that are chosen one after another are all judged alike; other environments get a plain network."""
+    """Choose the network.
+
+    Candidates chosen one after another are all judged alike; other environments get a plain network.
+    """
     from placement_env.rl.policy_network import CandidatePolicy
 
     one_by_one = isinstance(env.unwrapped, SensorSelectEnv) and isinstance(env.action_space, gym.spaces.Discrete)
@@ -307,7 +318,7 @@ def _network(env: gym.Env[Any, Any]) -> Any:
 
 
 def _identity(model: OnPolicyAlgorithm, learning: Learning, seed: int) -> dict[str, Any]:
-    """What two trainings must share to be the same."""
+    """Settings that two trainings must share to be the same."""
     return {
         "algorithm": type(model).__name__,
         "spaces": f"{model.observation_space} {model.action_space}",
@@ -337,7 +348,7 @@ def _restore(model: OnPolicyAlgorithm, path: Path, identity: dict[str, Any]) -> 
 
 
 def _begin_round(model: OnPolicyAlgorithm, seed: int, number: int) -> None:
-    """Every generator and environment as the number of the round says, whatever was before."""
+    """Seed every generator and environment by the number of the round."""
     model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
     envs = model.get_env()
     assert envs is not None

@@ -3,10 +3,6 @@
 import subprocess
 import sys
 
-import pytest
-
-import models
-
 
 def run(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -26,13 +22,3 @@ def test_inference_and_training_need_torch_numpy_h5py_and_shapely_only():
         "('network.sparse', 'detector', 'published', 'network.voxels', 'training.losses', 'training.samples', 'train')]"
     )
     run(code.replace("{heavy}", repr(heavy)))
-
-
-@pytest.mark.parametrize("name", dir(models))
-def test_every_public_name_is_there(name):
-    assert getattr(models, name) is not None
-
-
-def test_other_names_are_not():
-    with pytest.raises(AttributeError, match="no attribute 'resnet'"):
-        models.resnet  # type: ignore[attr-defined]  # noqa: B018

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import GLOBAL
 from placement_env.envs.subset import SensorSubsetEnv
-from placement_env.rl.adapter import HEADING, SB3VecEnv, X, as_sb3, vectorized
+from placement_env.rl.adapter import HEADING, SB3VecEnv, X, as_sb3, vectorize
 
 N = 3
 
@@ -31,7 +31,7 @@ def test_it_agrees_with_scalar_environments_step_by_step(make, actions):
             return SensorSubsetEnv(objective=objective, budget=2)
         return SensorSelectEnv(objective=objective, budget=2, actions=actions)
 
-    native, scalar = vectorized(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
+    native, scalar = vectorize(make_env(), make_env, N), DummyVecEnv([lambda: Monitor(make_env())] * N)
     assert isinstance(native, SB3VecEnv)
     assert is_masking_supported(native)
     native.seed(3)
@@ -67,7 +67,7 @@ def features_of(observations: Any) -> np.ndarray:
 def test_a_turned_junction_keeps_its_distances_and_headings(make):
     objective = make(5, 3)
     env = SensorSelectEnv(objective=objective, budget=2)
-    plain, turned = vectorized(env, lambda: env, 64), vectorized(env, lambda: env, 64, augment=True)
+    plain, turned = vectorize(env, lambda: env, 64), vectorize(env, lambda: env, 64, augment=True)
     turned.seed(3)
     before, seen = (features_of(vector.reset()) for vector in (plain, turned))
 
@@ -81,7 +81,7 @@ def test_a_turned_junction_keeps_its_distances_and_headings(make):
     turned.seed(3)
     np.testing.assert_array_equal(features_of(turned.reset()), seen)
     with pytest.raises(ValueError, match="only junctions of our own"):
-        vectorized(gym.make("CartPole-v1"), lambda: env, 2, augment=True)
+        vectorize(gym.make("CartPole-v1"), lambda: env, 2, augment=True)
 
 
 def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
@@ -96,7 +96,7 @@ def test_wrapped_inherited_and_foreign_environments_are_played_one_by_one(make):
         lambda: gym.wrappers.TimeLimit(SensorSelectEnv(objective=objective, budget=2), 3),
         lambda: gym.make("CartPole-v1"),
     ):
-        assert isinstance(vectorized(of(), of, 2), DummyVecEnv)
+        assert isinstance(vectorize(of(), of, 2), DummyVecEnv)
 
 
 def trained(algorithm, vector, **given):

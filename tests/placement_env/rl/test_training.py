@@ -181,7 +181,7 @@ def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
 def test_a_policy_of_which_nothing_else_is_known_begins_anew(trained, tmp_path):
     (tmp_path / learning.CHECKPOINT).write_bytes((trained[1] / learning.CHECKPOINT).read_bytes())
     rounds = [[512, {"best": 0.5}], [768, {"best": 0.7}], [1024, {"best": 0.9}]]
-    assert learning.met_until(tmp_path, rounds) == {"best": 0.7}
+    assert learning.restore_rounds(tmp_path, rounds) == {"best": 0.7}
     assert [steps for steps, _ in rounds] == [512, 768]
-    assert learning.met_until(tmp_path, rounds[:1]) is None
+    assert learning.restore_rounds(tmp_path, rounds[:1]) is None
     assert not (tmp_path / learning.CHECKPOINT).exists()
