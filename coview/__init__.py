@@ -78,10 +78,20 @@ else:
         "models": ("load_detector",),
         "placement_env": ("Objective", "Question", "Result", "Setting", "Weights", "as_sb3", "plan"),
         "toolkit": (
-            "Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "from_depth", "fuse", "load_site",
-            "points_per_box", "save_site", "simulate",
+            "Detections",
+            "Objects",
+            "Renderer",
+            "Run",
+            "catalogue",
+            "crop",
+            "from_depth",
+            "fuse",
+            "load_site",
+            "points_per_box",
+            "save_site",
+            "simulate",
         ),
-    }  # fmt: skip
+    }
     _HOMES = {name: face for face, names in _FACES.items() for name in names}
 
     def __getattr__(name: str) -> Any:

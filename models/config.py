@@ -166,11 +166,21 @@ class VoxelNetConfig:
         It has a quarter of the width, folds the height into channels and has no 3x3 head.
         """
         light: dict[str, Any] = {
-            "point_features": "local", "vfe_widths": (), "voxel_width": 32, "middle_widths": (), "column_width": 32,
-            "rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
-            "upsample": "add", "upsample_width": 64, "head3x3": 0,
-            "head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75,
-        }  # fmt: skip
+            "point_features": "local",
+            "vfe_widths": (),
+            "voxel_width": 32,
+            "middle_widths": (),
+            "column_width": 32,
+            "rpn_widths": (48, 80, 96),
+            "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
+            "upsample": "add",
+            "upsample_width": 64,
+            "head3x3": 0,
+            "head": "quality",
+            "anchor_z": 0.8,
+            "quality_power": 1.0,
+            "averaging": 0.75,
+        }
         return cls(**{"area": tuple(float(side) for side in area), **light, **changes})
 
     @property
@@ -285,7 +295,7 @@ def _kinds(values: Any) -> tuple[AnchorKind, ...]:
     return tuple(AnchorKind(**{name: _tuples(entry) for name, entry in value.items()}) for value in values)
 
 
-def _check_type(value: Any, example: Any, name: str) -> None:
+def _check_type(value: object, example: object, name: str) -> None:
     """Raise ValueError unless a value has the type of the example.
 
     Types are texts, finite whole or other numbers, and tuples of these.

@@ -54,9 +54,14 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
                 f"weights must be finite, but {name} is not: the training diverged, save an earlier network"
             )
     metadata = {
-        "format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_tensors(tensors),
-        "site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap),
-    }  # fmt: skip
+        "format": FORMAT,
+        "config": json.dumps(network.config.to_dict()),
+        "digest": digest_tensors(tensors),
+        "site": header.site,
+        "seed": str(header.seed),
+        "commit": header.commit,
+        "ap": json.dumps(header.ap),
+    }
     write_bytes(path, header_in_order(save(tensors, metadata)))
 
 
@@ -155,16 +160,28 @@ def digest_tensors(tensors: dict[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-def digest_detector(weights: str, *settings: Any) -> str:
+def digest_detector(weights: str, *settings: object) -> str:
     """SHA-256 of a weights digest and a detector's settings, as JSON."""
     return hashlib.sha256(json.dumps([weights, *settings], sort_keys=True).encode()).hexdigest()
 
 
 # What torch.load was seen to raise on damaged files, besides the OSError of a file that cannot be opened.
 _TORCH_RAISES = (
-    pickle.UnpicklingError, RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError, IndexError,
-    OverflowError, MemoryError, AssertionError, OSError, zipfile.BadZipFile, NotImplementedError,
-)  # fmt: skip
+    pickle.UnpicklingError,
+    RuntimeError,
+    EOFError,
+    KeyError,
+    ValueError,
+    AttributeError,
+    TypeError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    AssertionError,
+    OSError,
+    zipfile.BadZipFile,
+    NotImplementedError,
+)
 
 
 def load_tensors(path: str | Path, device: str = "cpu") -> Any:
@@ -182,7 +199,7 @@ def load_tensors(path: str | Path, device: str = "cpu") -> Any:
         raise ValueError(f"{path} is damaged or no checkpoint of tensors alone: {reason}") from None
 
 
-def save_atomically(path: Path, state: dict[str, Any]) -> None:
+def save_atomically(path: Path, state: dict[str, object]) -> None:
     """Write a checkpoint, complete or not at all."""
     content = BytesIO()
     torch.save(state, content)
@@ -203,7 +220,7 @@ def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
     return state
 
 
-def check_identity(path: Path, state: dict[str, Any], identity: dict[str, Any]) -> None:
+def check_identity(path: Path, state: dict[str, object], identity: dict[str, object]) -> None:
     """Raise ValueError unless a checkpoint belongs to the run of `identity`.
 
     identity: settings by name.
@@ -225,7 +242,7 @@ def checkpoint_errors(path: Path) -> Iterator[None]:
         raise ValueError(f"{path} is no checkpoint of this training ({reason}): remove it to begin anew") from None
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return tuples as lists, so that settings compare equal after a round trip."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}

@@ -113,9 +113,11 @@ def label_scores(prediction: Prediction, config: VoxelNetConfig) -> Float[Tensor
 
 
 def _scores(
-    logits: Float[Tensor, "*n K"], quality: Float[Tensor, "*n 1"] | None, label: Int64[Tensor, "*m"],
+    logits: Float[Tensor, "*n K"],
+    quality: Float[Tensor, "*n 1"] | None,
+    label: Int64[Tensor, "*m"],
     config: VoxelNetConfig,
-) -> Float[Tensor, "*n L"]:  # fmt: skip
+) -> Float[Tensor, "*n L"]:
     """Score anchors of these labels: all anchors, or those of one cell."""
     if config.head == "published":
         return torch.softmax(logits, -1)[..., 1:]

@@ -273,7 +273,7 @@ class TiledVoxelNet:
             yield self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
 
     def _convolved(
-        self, conv: Any, bank: Tensor, before: Entries, after: Entries, size: int
+        self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
     ) -> Iterator[Float32[Tensor, "m t t K"]]:
         """Entries after a 3x3 convolution and its ReLU."""
         for _, tiles, union in _parts(after):
@@ -302,7 +302,9 @@ class TiledVoxelNet:
             yield self._head(maps, first, tiles, union)
 
     @torch.inference_mode()
-    def _head(self, maps: list[tuple[Tensor, Entries]], first: int, tiles: Any, union: Any) -> TilePredictions:
+    def _head(
+        self, maps: list[tuple[Tensor, Entries]], first: int, tiles: np.ndarray, union: np.ndarray
+    ) -> TilePredictions:
         fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
         x = _cells(self._finest, fine)
         for conv, y in zip(self._raised, coarser, strict=True):

@@ -56,12 +56,18 @@ class Preset:
 PRESETS = {
     "fast": Preset(),
     "paper": Preset(
-        epochs=30.0, batch=1, optimiser="sgd", learning_rate=1e-3, weight_decay=1e-4, schedule="step", loss="published",
+        epochs=30.0,
+        batch=1,
+        optimiser="sgd",
+        learning_rate=1e-3,
+        weight_decay=1e-4,
+        schedule="step",
+        loss="published",
         examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
     ),
     "general": Preset(examples=SampleRecipe(augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2)),
     "varied": Preset(examples=SampleRecipe(errors=0.4, thinned=0.2, tilted=0.3, elsewhere=0.2)),
-}  # fmt: skip
+}
 
 
 def make_config(
@@ -192,16 +198,19 @@ class TrainingState:
     step: int = 0
     recent: list[dict[str, float]] = field(default_factory=list)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """Return plain tensors and numbers.
 
         torch's generator is included, though the loop draws nothing from it.
         """
         return {
-            "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
-            "scheduler": self.scheduler.state_dict(), "step": self.step, "rng": torch.get_rng_state(),
+            "network": self.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "scheduler": self.scheduler.state_dict(),
+            "step": self.step,
+            "rng": torch.get_rng_state(),
             "recent": self.recent,
-        }  # fmt: skip
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Resume from a state."""
@@ -323,7 +332,7 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
     return TrainingState(network, optimiser, schedule)
 
 
-def _resume(run: TrainingState, path: Path, identity: dict[str, Any], device: str) -> None:
+def _resume(run: TrainingState, path: Path, identity: dict[str, object], device: str) -> None:
     if not path.exists():
         return
     state = read_checkpoint(path, device)

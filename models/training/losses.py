@@ -93,9 +93,13 @@ def assign_by_kind(
         own = labels == label_index(kind.label)
         rows = np.flatnonzero(own & asked)
         found = assign(
-            anchors[:, :, first:last], boxes[rows], positive=kind.positive, negative=kind.negative,
-            ignored=boxes[own & ~asked], margin=kind.margin,
-        )  # fmt: skip
+            anchors[:, :, first:last],
+            boxes[rows],
+            positive=kind.positive,
+            negative=kind.negative,
+            ignored=boxes[own & ~asked],
+            margin=kind.margin,
+        )
         owner = np.where(found.labels == POSITIVE, np.append(rows, 0)[found.owner], 0)
         parts.append(Assignment(found.labels, owner))
         first = last

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol, SupportsFloat, runtime_checkable
+from typing import Protocol, SupportsFloat, runtime_checkable
 
 import h5py
 import numpy as np
@@ -193,7 +193,7 @@ class _Changes:
     def __iter__(self) -> Iterator[Change]:
         return (change(self.rig, self.frames[k]) for k in range(self.count))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return tuple, (list(self),)
 
 

@@ -20,6 +20,8 @@ from toolkit.arrays import Float32, Float64
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor
 
+Amount = float | Float64[np.ndarray, "*shape"]
+
 
 class Message(NamedTuple):
     """Message from a sensor to the fusion centre.
@@ -59,7 +61,7 @@ class Codec(Protocol):
         """Decode the detections that arrive at the fusion centre."""
         ...
 
-    def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Any:
+    def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
         """Expected bits of messages that hold these points and boxes together.
 
         Numbers, or arrays of one shape. For fidelities that count points without seeing them; an estimate if the size
@@ -135,7 +137,7 @@ class PaperCodec:
         """Return the very boxes."""
         return message.content
 
-    def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Float64[np.ndarray, "*shape"]:
+    def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
         """Bits of points and boxes, in any number of messages."""
         bits = np.asarray(points, np.float64) * self.bits_per_point + np.asarray(boxes) * self.bits_per_box
         return np.asarray(bits)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,7 @@ class LinkLoad:
     one_packet: float
     shares: dict[str, float]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
         return dict(vars(self))
 
@@ -52,7 +51,7 @@ class SetLoad:
     sensors: tuple[int, ...]
     load: LinkLoad
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
         return {"scheme": self.scheme, "sensors": self.sensors, **self.load.as_dict()}
 

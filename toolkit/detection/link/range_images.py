@@ -17,12 +17,11 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.detection.codec import PAPER, Codec, Message, RangeImage
+from toolkit.detection.codec import PAPER, Amount, Codec, Message, RangeImage
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_fixed, write_fixed
 from toolkit.detection.link.message import (
     OVERHEAD,
@@ -174,7 +173,7 @@ class RangeImages:
         check_header(header, MessageKind.BOXES, step_mm=step_in_mm(BOX_STEP))
         return decode_boxes(content)
 
-    def bits(self, *, points: Any = 0, boxes: Any = 0, messages: Any = 1) -> Float64[np.ndarray, "*shape"]:
+    def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits; the size of a message depends on its content."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * OVERHEAD)
