@@ -1,4 +1,4 @@
-"""Oriented boxes as (n, 7) arrays: corners, intersection over union, non-maximum suppression, points inside.
+"""Oriented boxes as (n, 7) arrays: corners, overlap, non-maximum suppression, points inside.
 
 A row is x, y, z (geometric centre), length, width, height (m, full extents), yaw (rad, counter-clockwise from +x):
 
@@ -11,8 +11,8 @@ A row is x, y, z (geometric centre), length, width, height (m, full extents), ya
 Corners 0 1 2 3 are the bottom, counter-clockwise from front left; 4 5 6 7 stand on top of them.
 
 Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y| <= w/2, and the
-overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box):
-a closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
+overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box): a
+closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Overlap = Literal["bev", "3d"]
 
 FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 _PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
-_ROUNDS = 4  # of suppression by the best boxes around; they settle nearly all candidates of a detector
+_ROUNDS = 4  # of suppression by the locally best boxes; they settle nearly all candidates of a detector
 
 # Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
 _FRONT = np.array([1.0, -1.0, -1.0, 1.0])
@@ -37,7 +37,7 @@ _LEFT = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def check_boxes(boxes: ArrayLike, name: str = "boxes") -> Float64[np.ndarray, "n 7"]:
-    """`boxes` as float64 if every row is a box; else ValueError that names the row and what is wrong with it.
+    """Return `boxes` as float64, or raise ValueError that names the first bad row and its fault.
 
     >>> check_boxes([]).shape
     (0, 7)
@@ -61,7 +61,7 @@ def check_boxes(boxes: ArrayLike, name: str = "boxes") -> Float64[np.ndarray, "n
 
 
 def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
-    """The four ground corners of each box, counter-clockwise from front left.
+    """Ground corners of each box, counter-clockwise from front left.
 
     >>> footprints([[10, 0, 1, 4, 2, 1.5, 0]]).tolist()
     [[[12.0, 1.0], [8.0, 1.0], [8.0, -1.0], [12.0, -1.0]]]
@@ -71,7 +71,7 @@ def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
 
 
 def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
-    """The eight corners of each box, in the order of the drawing above.
+    """Eight corners of each box, in the order of the drawing above.
 
     >>> corners([[0, 0, 1, 4, 2, 1.5, 0]])[0, [0, 6]].tolist()
     [[2.0, 1.0, 0.25], [-2.0, -1.0, 1.75]]
@@ -125,9 +125,9 @@ def nms(
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
-    A box goes if its IoU with a better kept box is greater than `iou_threshold`. Of equal scores the earlier is better.
-    labels: only boxes of the same one suppress each other; if not given, all do.
-    Raises ValueError for a NaN score, a score or label per box missing, or a threshold outside 0..1.
+    A box is dropped if its IoU with a better kept box is greater than `iou_threshold`. Of equal scores the earlier one
+    is better. labels: only boxes with the same label suppress each other; by default all do. Raises ValueError for a
+    NaN score, a missing score or label, or a threshold outside 0..1.
 
     >>> nms([[0, 0, 0, 4, 2, 1, 0], [1, 0, 0, 4, 2, 1, 0], [9, 0, 0, 4, 2, 1, 0]], [0.5, 0.9, 0.1], 0.1)
     array([1, 2])
@@ -145,9 +145,9 @@ def nms(
     i, j = _near(boxes, boxes)
     i, j = i[i < j], j[i < j]
     if labels is not None:
-        alike = _labels_of(labels, len(boxes))[best_first]
+        alike = _check_labels(labels, len(boxes))[best_first]
         i, j = i[alike[i] == alike[j]], j[alike[i] == alike[j]]
-    for _ in range(_ROUNDS):  # who is the best of all around stays, and what clashes with it goes, all over the place
+    for _ in range(_ROUNDS):  # everywhere at once, a box better than all around it stays, and its rivals go
         beaten = np.zeros(len(boxes), bool)
         beaten[j] = True
         by_best = ~beaten[i]
@@ -165,7 +165,9 @@ def nms(
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
-    """Which point lies in which box; faces belong to the box. A point that is not finite lies in none.
+    """Mask (n, m) of the points inside each box; faces belong to the box.
+
+    A point that is not finite lies in no box.
 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
@@ -178,7 +180,9 @@ def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n 
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
-    """For each box the rows of the points in it, in no order; coordinates that are not finite are in none.
+    """Rows of the points in each box, in no order.
+
+    A point that is not finite lies in no box.
 
     >>> rows_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     [array([0])]
@@ -187,7 +191,9 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box, as `points_in_boxes(points, boxes).sum(axis=0)` but without that array.
+    """Number of points in each box.
+
+    It equals `points_in_boxes(points, boxes).sum(axis=0)`, without that array.
 
     >>> count_points(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]])
     array([1])
@@ -195,7 +201,7 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
     return np.array([len(rows) for rows in rows_in_boxes(points, boxes)], np.int64)
 
 
-def _labels_of(labels: ArrayLike, count: int) -> np.ndarray:
+def _check_labels(labels: ArrayLike, count: int) -> np.ndarray:
     column = np.asarray(labels)
     if column.shape != (count,):
         raise ValueError(f"labels must have one entry for each of the {count} boxes, got shape {column.shape}")
@@ -230,7 +236,10 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
 
 
 def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows i of `a` (ascending) and j of `b` whose footprints' circumscribed circles meet: no other pair overlaps."""
+    """Pairs of rows i of `a` (ascending) and j of `b` that may overlap.
+
+    The circles around their footprints meet; no other pair overlaps.
+    """
     radius_a, radius_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
     along_x = np.argsort(b[:, 0])
     reach = radius_a + radius_b.max(initial=0)
@@ -244,7 +253,7 @@ def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Area common to the footprints of row k of `a` and row k of `b`."""
+    """Area shared by the footprints of row k of `a` and row k of `b`."""
     parts = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
     return np.concatenate([np.zeros(0), *(_overlap_area_at_once(a[part], b[part]) for part in parts)])
 
@@ -262,7 +271,7 @@ def _overlap_area_at_once(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     y_start = y + (start - x) * slope
     y_end = y + (end - x) * slope
     climb = _nonzero(y_end - y_start)
-    below = np.clip((-half_width - y_start) / climb, 0, 1)  # where along the edge y passes -w/2 ...
+    below = np.clip((-half_width - y_start) / climb, 0, 1)  # position on the edge where y passes -w/2 ...
     above = np.clip((half_width - y_start) / climb, 0, 1)  # ... and +w/2
     turn = below + above
     mean_y = (
@@ -273,7 +282,7 @@ def _overlap_area_at_once(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _nonzero(divisor: np.ndarray) -> np.ndarray:
-    """The divisor with 1 where an edge is too short in that direction (under a picometre) for the quotient to count."""
+    """Replace divisors under a picometre by 1: such an edge is too short for its quotient to count."""
     return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
 
 
@@ -288,10 +297,10 @@ def _points(points: ArrayLike) -> np.ndarray:
 
 
 def _rows_inside(points: np.ndarray, boxes: np.ndarray) -> Iterator[np.ndarray]:
-    """For each box the rows of the points in it.
+    """Yield the rows of the points in each box.
 
-    Points are put in order of their slice along x, so that a box looks at its own slices only; those few are
-    measured from the box's centre in float64, which keeps map coordinates of a million metres exact.
+    Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
+    the box's centre in float64, which keeps map coordinates of a million metres exact.
     """
     if not len(boxes):
         return

@@ -9,15 +9,15 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64
 
-Slope = tuple[float, float]  # of a plane through the origin: how far it rises (m per m) along x and along y
+Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
-STEEPEST = 0.3  # of a street
+STEEPEST = 0.3  # slope of a street
 
 
 def pose(
     x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
 ) -> Float64[np.ndarray, "4 4"]:
-    """The pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
+    """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])
@@ -41,8 +41,9 @@ BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0,
 def look(
     position: Float[np.ndarray, "3"] | tuple[float, float, float], heading: float, tilt: float = 0.0
 ) -> Float64[np.ndarray, "4 4"]:
-    """The pose of a camera (x right, y down, z forward) that looks along `heading` (rad, counter-clockwise from
-    +x), tilted `tilt` rad below the horizon.
+    """Pose of a camera (x right, y down, z forward) that looks in a direction.
+
+    heading: rad, counter-clockwise from +x; tilt: rad below the horizon.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
     array([[ 0., 10.,  5.]])
@@ -52,7 +53,7 @@ def look(
 
 
 def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4 4"]:
-    """The inverse motion, world → sensor.
+    """Return the inverse motion, world → sensor.
 
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
     True
@@ -67,7 +68,10 @@ def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4
 def transform(
     target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
 ) -> Float[np.ndarray, "*n 3"]:
-    """Points (..., 3) of the source frame in the target frame (paper equation 1); the dtype of `points` is kept."""
+    """Transform points (..., 3) of the source frame to the target frame (paper equation 1).
+
+    The dtype of `points` is kept.
+    """
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
@@ -76,18 +80,18 @@ def transform(
 
 
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
-    """Two finite numbers, no steeper together than `STEEPEST`, or ValueError."""
+    """Return a slope as two floats, or raise ValueError if it is steeper than `STEEPEST`."""
     numbers = tuple(map(float, slope))
     if len(numbers) != 2 or not np.hypot(*numbers) <= STEEPEST:
-        raise ValueError(f"{name} must be its rise along x and along y, {STEEPEST:.0%} in all at most, got {numbers}")
+        raise ValueError(f"{name} must be a rise along x and along y, at most {STEEPEST:.0%} together, got {numbers}")
     return numbers
 
 
 def levelling(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
-    """The shear of the world that makes ground of that slope level and leaves heights at `about` (x, y) as they are.
+    """Shear of the world that makes ground of a slope level and keeps heights at `about` (x, y).
 
-    Lines stay lines and what is upright stays upright, so a scene that is sheared along with the rays is hit at the
-    same distances along them.
+    Lines stay lines and verticals stay vertical, so a scene sheared along with the rays is hit at the same distances
+    along them.
 
     >>> transform(levelling((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
     array([[5., 2., 1.]])
@@ -99,8 +103,9 @@ def levelling(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[
 
 
 def levelled(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Points (x, y, z) or boxes (x, y, z, ...) as if the ground of that slope were level: z counts from its plane
-    through the origin. The very array where there is no slope.
+    """Return points (x, y, z) or boxes (x, y, z, ...) as if their sloping ground were level.
+
+    z counts from the plane of the slope through the origin. Without a slope the array itself is returned.
 
     >>> levelled(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
     array([[10. ,  0. ,  1.5]])
@@ -113,12 +118,12 @@ def levelled(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, 
 
 
 def on_slope(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """What `levelled` made level, back on the slope."""
+    """Put points or boxes from `levelled` back on the slope."""
     return levelled(rows, (-slope[0], -slope[1]))
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
-    """`candidate` as float64 if it is a right-handed rigid motion; else ValueError that says what is wrong."""
+    """Return a pose as float64, or raise ValueError if it is not a right-handed rigid motion."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):
         raise ValueError(f"{name} must have shape (4, 4), got {matrix.shape}")

@@ -1,4 +1,4 @@
-"""What is there (`Objects`) and what a detector says is there (`Detections`), one of each per frame."""
+"""True objects (`Objects`) and detected ones (`Detections`), one of each per frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
 
 
 def label_index(label: str | int) -> int:
-    """The class number of a name or number in `LABELS`.
+    """Class number of a name or number in `LABELS`.
 
     >>> label_index("cyclist"), label_index(3)
     (1, 3)
@@ -31,9 +31,8 @@ def label_index(label: str | int) -> int:
 class Objects:
     """Ground truth of one frame.
 
-    boxes: (n, 7), see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids. Kept as
-    float64 and int64 whatever they are given as.
-    Raises ValueError where shapes or labels do not fit.
+    boxes: (n, 7), see `toolkit.boxes`; labels: (n,) class numbers (or names) of `LABELS`; ids: (n,) track ids. All are
+    kept as float64 and int64, whatever their type. Raises ValueError where shapes or labels do not fit.
 
     >>> Objects(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array(["vehicle"])).labels
     array([0])
@@ -54,7 +53,7 @@ class Objects:
         return len(self.boxes)
 
     def __getitem__(self, rows: Any) -> Objects:
-        """The objects at a mask, slice or index array."""
+        """Return the objects at a mask, slice or index array."""
         return Objects(self.boxes[rows], self.labels[rows], self.ids[rows])
 
     @staticmethod
@@ -67,8 +66,8 @@ class Objects:
 class Detections:
     """Detector output of one frame.
 
-    boxes: (n, 7) float64, see `toolkit.boxes`; scores: (n,) float64, higher is surer; labels as in `Objects`.
-    Raises ValueError where shapes or labels do not fit.
+    boxes: (n, 7) float64, see `toolkit.boxes`; scores: (n,) float64, higher is surer; labels as in `Objects`. Raises
+    ValueError where shapes or labels do not fit.
 
     >>> len(Detections.merge([Detections.empty(), Detections(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.9]))]))
     1
@@ -88,7 +87,7 @@ class Detections:
         return len(self.boxes)
 
     def __getitem__(self, rows: Any) -> Detections:
-        """The detections at a mask, slice or index array."""
+        """Return the detections at a mask, slice or index array."""
         return Detections(self.boxes[rows], self.scores[rows], self.labels[rows])
 
     @staticmethod
@@ -98,7 +97,7 @@ class Detections:
 
     @staticmethod
     def merge(parts: Iterable[Detections]) -> Detections:
-        """All detections of several lists, in order."""
+        """Merge several lists of detections, in order."""
         parts = [Detections.empty(), *parts]
         columns = zip(*((p.boxes, p.scores, p.labels) for p in parts), strict=True)
         return Detections(*(np.concatenate(column) for column in columns))
@@ -106,8 +105,11 @@ class Detections:
 
 @runtime_checkable
 class Detector(Protocol):
-    """Anything that turns the points of one frame, world frame, into detections, world frame. It may have an attribute
-    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
+    """Anything that turns the points of one frame into detections, both in the world frame.
+
+    Optional attributes: `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends
+    on.
+    """
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
@@ -116,18 +118,19 @@ class Detector(Protocol):
 
 @runtime_checkable
 class UnionDetector(Detector, Protocol):
-    """A detector that is quicker on many unions of the same clouds than on one after the other."""
+    """A detector that handles many unions of the same clouds faster than one after the other."""
 
     def unions(
         self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> Sequence[Detections]:
-        """What it detects in the points of each union together, to the rounding of numbers."""
+        """Detect in the points of each union together; equal to `__call__` up to rounding."""
         ...
 
 
 def known_labels(detector: Detector) -> tuple[str, ...] | None:
-    """Names of the classes that a detector knows, in the order of `LABELS`: of its attribute `labels`; None where it
-    does not say. Raises ValueError for a class that there is not.
+    """Names of the classes that a detector knows, in the order of `LABELS`.
+
+    They come from its attribute `labels`; None without one. Raises ValueError for an unknown class.
 
     >>> known_labels(lambda points: Detections.empty()) is None
     True
@@ -141,7 +144,7 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
 
 
 def check_known(detector: Detector, labels: Iterable[str]) -> None:
-    """Raises ValueError where a detector says which classes it knows, and these are not among them."""
+    """Raise ValueError for classes that a detector says it does not know."""
     known = known_labels(detector)
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:

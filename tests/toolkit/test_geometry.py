@@ -117,6 +117,6 @@ def test_levelling_is_levelled_about_a_place(p, sx, sy, x, y):
 
 @pytest.mark.parametrize("slope", [(0.3, 0.01), (np.nan, 0.0), (0.1,), (0.1, 0.1, 0.0)])
 def test_a_slope_is_two_numbers_and_not_too_steep(slope):
-    with pytest.raises(ValueError, match=r"relief\.slope must be its rise along x and along y, 30% in all at most"):
+    with pytest.raises(ValueError, match=r"relief\.slope must be a rise along x and along y, at most 30% together"):
         check_slope(slope, "relief.slope")
     assert check_slope(np.array([0.06, -0.01]), "slope") == (0.06, -0.01)

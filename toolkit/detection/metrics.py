@@ -2,30 +2,31 @@
 
 Detection evaluation
 --------------------
-One label is scored at a time, `vehicle` unless told otherwise; detections and truths of other labels do not take part.
+One label is scored at a time, `vehicle` by default; detections and truths of other labels do not take part.
 
 Protocol `exact` (paper section "Evaluation Metrics"):
 
-1. The detections of all frames are pooled and taken in order of descending score. Of equal scores the detection whose
-   best IoU is greater goes first, so the order of the input means nothing.
+1. The detections of all frames are pooled and taken in order of descending score. Of equal scores the detection with
+   the greater best IoU goes first, so the order of the input does not matter.
 2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >= threshold with it; it
    takes the one of greatest IoU. IoU is that of volumes ("3d") or of footprints ("bev"), exact for rotated boxes.
-3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object that is there but
-   is not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
+3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object that is present
+   but not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
    see large vehicles in part). Not scored are heavy vehicles when vehicles are scored, and whatever `counted` excludes.
 4. Every other detection is a **false alarm**, in frames without truths too.
 5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
-   precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, as no
-   score threshold can tell them apart.
+   precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, since no
+   score threshold can separate them.
 6. AP = Σ (r[n+1] - r[n]) · max over r' >= r[n+1] of p(r')    (paper equations 4 and 5: all-point interpolation)
 
 Without a single truth to find, recall and AP are undefined and given as NaN. Without detections AP is 0.
 
 Protocol `published` does what the code published with the paper does instead, in three places, each a function here:
-`with_truths` skips frames without truths together with their false alarms; `sampled_iou` is the IoU of footprints by
-50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height); `claim_then_test` lets
-each detection claim its arg-max truth before its IoU is tested (strictly greater than the threshold), so that a stray
-box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower score.
+`keep_frames_with_truths` skips frames without truths together with their false alarms; `sample_iou` is the IoU of
+footprints by 50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height);
+`claim_then_test` lets each detection claim its arg-max truth before its IoU is tested (strictly greater than the
+threshold), so that a stray box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower
+score.
 """
 
 from __future__ import annotations
@@ -47,17 +48,17 @@ Protocol = Literal["exact", "published"]
 
 GRID = 50  # points along each side of a truth's footprint, protocol `published`
 USUAL_IOUS = {VEHICLE: (0.7, 0.8, 0.9), HEAVY: (0.7, 0.8, 0.9), CYCLIST: (0.25, 0.5, 0.7), PEDESTRIAN: (0.25, 0.5, 0.7)}
-TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # 3D, from which on a detection is called true
-MOSTLY = 0.5  # share of a detection's footprint on an object that is not scored, above which it is ignored
+TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # least 3D IoU of a true detection
+MOSTLY = 0.5  # of a detection's footprint: with more on an object that is not scored, it is ignored
 
 
 @dataclass(frozen=True)
 class Match:
-    """What became of the n detections of one frame, against its m truths; rows are those of the input.
+    """Outcome of the n detections of one frame against its m truths; rows are those of the input.
 
-    truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none;
-    ignored: detections that do not count (of another label, or on an object that is not scored);
-    hit: truths that were hit; scored: truths that count.
+    truth: row of the truth that a detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored:
+    detections that do not count (of another label, or on an object that is not scored); hit: truths that were hit;
+    scored: truths that count.
     """
 
     truth: Int64[np.ndarray, " n"]
@@ -76,7 +77,10 @@ class Match:
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall if detections of at least `score` are believed; scores descend, recall ascends."""
+    """Precision and recall if detections of at least `score` are believed.
+
+    Scores descend, recall ascends.
+    """
 
     precision: Float64[np.ndarray, " k"]
     recall: Float64[np.ndarray, " k"]
@@ -85,8 +89,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """A detector's score at one IoU threshold; precision and recall are those of all its detections together.
-    scores, hits: of the n detections that are not ignored, in no order, and whether each hit."""
+    """A detector's score at one IoU threshold.
+
+    precision, recall: of all its detections together; scores, hits: of the n detections that are not ignored, in no
+    order.
+    """
 
     ap: float
     precision: float
@@ -101,7 +108,10 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Detections in bins of equal width of their score: the mean score, the share that is true, how many there are."""
+    """Detections in bins of equal width of their score.
+
+    score: mean score; true: share of true detections; count: number of detections.
+    """
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]
@@ -109,14 +119,14 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error: the mean distance of score and share, over all detections."""
+        """Expected calibration error: mean distance of score and share, over all detections."""
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
-    """The reliability diagram of detections; an empty bin has NaN.
+    """Reliability diagram of detections; an empty bin has NaN.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
     array([0. , 0.5])
@@ -138,11 +148,11 @@ def evaluate(
     label: str | int = "vehicle",
     counted: Iterable[ArrayLike] | None = None,
 ) -> dict[float, DetectionScore]:
-    """The result at each IoU threshold, by the definition at the top of this module.
+    """Score detections at each IoU threshold, as defined at the top of this module.
 
     detections, truths: one of each per frame, any iterables, read once. counted: per frame a mask (m,) of the truths
-    that are scored, the others being there but neither to be found nor false alarms; if not given, all are scored.
-    Raises ValueError for unequal numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
+    that are scored; the others are neither to be found nor false alarms. By default all are scored. Raises ValueError
+    for unequal numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
@@ -154,7 +164,7 @@ def evaluate(
     hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     to_find = 0
     frames = _frames(detections, truths, label_index(label), counted)
-    for frame in with_truths(frames) if protocol == "published" else frames:
+    for frame in keep_frames_with_truths(frames) if protocol == "published" else frames:
         overlaps = _overlaps(frame, metric, protocol)
         to_find += len(frame.truths)
         for threshold in thresholds:
@@ -174,7 +184,7 @@ def match(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Match:
-    """Which detection of one frame hit which truth; arguments as in `evaluate`.
+    """Match the detections of one frame with its truths; arguments as in `evaluate`.
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
@@ -196,7 +206,7 @@ def matches(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """`match` at several IoU thresholds."""
+    """Yield `match` at several IoU thresholds."""
     _check_names(metric, protocol)
     frame = _frame(detections, truths, label_index(label), counted)
     overlaps = _overlaps(frame, metric, protocol)
@@ -219,7 +229,7 @@ def matches(
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
-    """The curve of n pooled detections, in any order, against a number of truths.
+    """Curve of n pooled detections, in any order, against a number of truths.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
@@ -250,7 +260,10 @@ def average_precision(curve: Curve) -> float:
 
 
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Per detection, best score first, the free truth of greatest IoU >= threshold that it takes, or -1."""
+    """Truth that each detection takes, best score first, or -1.
+
+    It is the free truth of greatest IoU, at least `threshold`.
+    """
     taken = np.full(len(iou), -1)
     free = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
@@ -262,7 +275,10 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """As `greedy`, but the first to claim a truth, however little it overlaps, is the only one that may hit it."""
+    """Truth that each detection takes, or -1, if only the first to claim a truth may hit it.
+
+    Any overlap makes a claim.
+    """
     taken = np.full(len(iou), -1)
     if iou.shape[1]:
         claimed, first = np.unique(iou.argmax(axis=1), return_index=True)
@@ -271,7 +287,7 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     return taken
 
 
-def sampled_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
+def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
     """IoU of (n, 7) and (m, 7) boxes by 50 × 50 points over each truth's footprint, edges included.
 
     For "3d" it is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
@@ -300,7 +316,7 @@ def sampled_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") 
 
 
 class _Frame(NamedTuple):
-    """What takes part in one frame: the detections of the label, scored truths, objects that are not scored."""
+    """Participants in one frame: detections of the label, scored truths, objects that are not scored."""
 
     boxes: np.ndarray
     scores: np.ndarray
@@ -310,13 +326,13 @@ class _Frame(NamedTuple):
     unscored: np.ndarray
 
 
-def with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
-    """Only the frames that have something to find; the false alarms of the others go with them."""
+def keep_frames_with_truths(frames: Iterable[_Frame]) -> Iterator[_Frame]:
+    """Keep the frames with something to find; the false alarms of the others go with them."""
     return (frame for frame in frames if len(frame.truths))
 
 
 class _Overlaps(NamedTuple):
-    """The detections of a frame, best first, against its truths and against what is not scored."""
+    """Detections of a frame, best first, against its truths and the objects that are not scored."""
 
     order: np.ndarray  # (n,) rows of the detections, best first; all the others are in this order
     scores: np.ndarray  # (n,)
@@ -327,7 +343,7 @@ class _Overlaps(NamedTuple):
 
 def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
     exact = iou_3d if metric == "3d" else iou_bev
-    between = partial(sampled_iou, metric=metric) if protocol == "published" else exact
+    between = partial(sample_iou, metric=metric) if protocol == "published" else exact
     iou = between(frame.boxes, frame.truths)
     unscored_iou = between(frame.boxes, frame.unscored).max(axis=1, initial=0)
     unscored_share = footprint_inside(frame.boxes, frame.unscored).max(axis=1, initial=0)
@@ -336,7 +352,7 @@ def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
 
 
 def _resolve(overlaps: _Overlaps, threshold: float, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
-    """Per detection, best first, the truth it hit or -1, and whether it is ignored."""
+    """Truth that each detection hit, best first, or -1; and a mask of the ignored ones."""
     taken = (claim_then_test if protocol == "published" else greedy)(overlaps.iou, threshold)
     elsewhere = (overlaps.unscored_iou >= threshold) | (overlaps.unscored_share > MOSTLY)
     return taken, elsewhere & (taken < 0)
@@ -350,7 +366,9 @@ def _frames(
     for number, (detected, there) in enumerate(pairs):
         mask = next(masks, None)
         if detected is None or there is None or (counted is not None and mask is None):
-            raise ValueError(f"detections, truths and counted need as many frames, but one ended after {number}")
+            raise ValueError(
+                f"detections, truths and counted must have equally many frames, but one ended after {number}"
+            )
         yield _frame(detected, there, label, mask, f" of frame {number}")
 
 
@@ -392,4 +410,6 @@ def _check_threshold(iou_threshold: float) -> float:
 
 def _check_names(metric: str, protocol: str) -> None:
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
-        raise ValueError(f'need metric "3d" or "bev" and protocol "exact" or "published", got {metric!r}, {protocol!r}')
+        raise ValueError(
+            f'metric must be "3d" or "bev" and protocol "exact" or "published", got {metric!r}, {protocol!r}'
+        )

@@ -101,5 +101,5 @@ def test_a_slope_of_a_file_that_is_none_is_refused(packed_file, tmp_path):
     broken.write_bytes(packed_file.read_bytes())
     with h5py.File(broken, "r+") as file:
         file["rigs/0"].attrs["slope"] = [0.5, 0.0]
-    with pytest.raises(ValueError, match="slope must be its rise along x and along y"):
+    with pytest.raises(ValueError, match="slope must be a rise along x and along y"):
         PackedFrames(broken)

@@ -14,7 +14,7 @@ from toolkit.detection.metrics import (
     matches,
     precision_recall,
     reliability,
-    sampled_iou,
+    sample_iou,
 )
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
@@ -230,11 +230,11 @@ def test_sampled_iou_is_near_the_footprints_iou_times_the_heights_overlap(seed):
     a = random_cars(rng, 4) * [0.05, 0.05, 1, 1, 1, 1, 1]
     b = random_cars(rng, 3) * [0.05, 0.05, 1, 1, 1, 1, 1]
     off = 2 * 2 / 49  # one of 49 steps in either direction, and IoU moves up to twice as much as the share that is in
-    np.testing.assert_allclose(sampled_iou(a, b, "bev"), iou_bev(a, b), atol=off)
+    np.testing.assert_allclose(sample_iou(a, b, "bev"), iou_bev(a, b), atol=off)
     top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
     bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], b[:, 2] - b[:, 5] / 2)
     factor = (top - bottom).clip(0) / np.maximum(a[:, 5:6], b[:, 5])
-    np.testing.assert_allclose(sampled_iou(a, b, "3d"), sampled_iou(a, b, "bev") * factor)
+    np.testing.assert_allclose(sample_iou(a, b, "3d"), sample_iou(a, b, "bev") * factor)
 
 
 def test_sampled_iou_counts_the_points_one_by_one():
@@ -245,8 +245,8 @@ def test_sampled_iou_counts_the_points_one_by_one():
             x, y = u * np.cos(-0.3) - v * np.sin(-0.3) - 1, u * np.sin(-0.3) + v * np.cos(-0.3) - 0.5
             held += abs(x * np.cos(0.4) + y * np.sin(0.4)) <= 2 and abs(y * np.cos(0.4) - x * np.sin(0.4)) <= 1
     overlap = held / 2500 * 4.4 * 1.8
-    assert sampled_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
-    assert sampled_iou(b[None], b[None])[0, 0] == 1
+    assert sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
+    assert sample_iou(b[None], b[None])[0, 0] == 1
 
 
 def test_match_names_the_truth_each_detection_hit():

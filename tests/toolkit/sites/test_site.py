@@ -86,5 +86,5 @@ def test_the_ground_slopes_about_the_origin_and_is_as_uneven_on_it():
     np.testing.assert_allclose(steep.ground(xy) - level.ground(xy), xy @ [0.06, -0.02], atol=1e-12)
     assert not level.plane(xy).any()
     assert steep != level
-    with pytest.raises(ValueError, match=r"relief\.slope must be its rise along x and along y"):
+    with pytest.raises(ValueError, match=r"relief\.slope must be a rise along x and along y"):
         Relief(slope=(0.5, 0.0))
