@@ -1,6 +1,7 @@
 """Damage that happens, by name, and the line that a user sees: `python tests/mutations/named_damage.py` prints a table.
 
-The table is part of docs/damaged-inputs.md. Each case spoils a sound file of `formats` and reads it as a command would.
+Some of its lines are in docs/damaged-inputs.md. Each case spoils a sound file of `formats` and reads it as a
+command would.
 """
 
 from __future__ import annotations
