@@ -1,9 +1,10 @@
 """Open3D clouds: one per sensor, fused, cropped, counted.
 
 A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and `sensor` (n, 1)
-int32, the number of the sensor that measured each point; `colors`, `normals`, `intensity`, `time` and whatever else it
-has go with their points through every function. Open3D's own viewer, filters and files work on it as it is, but its
+int32, the number of the sensor that measured each point. Further attributes (`colors`, `normals`, `intensity`, `time`
+...) go with their points through every function. Open3D's own viewer, filters and files work on it as it is, but its
 `voxel_down_sample` makes every sensor 0: use `down_sample`.
+
 Files: ply and pcd (binary), and npz keep the attributes bit for bit; ASCII ply rounds positions to 6 digits; xyz, pts
 and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 """
@@ -67,7 +68,7 @@ def from_depth(
     rng: np.random.Generator | None = None,
     sensor_id: int = 0,
 ) -> PointCloud:
-    """The cloud, world frame, of one depth image or lidar range image (paper equations 1 and 2).
+    """Return the cloud, world frame, of one depth image or lidar range image (paper equations 1 and 2).
 
     Pixels that are NaN, infinite, zero, negative or beyond the sensor's range make no point. rng draws its noise first.
     """
@@ -85,9 +86,10 @@ def frame_cloud(
     height: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> PointCloud:
-    """All a frame's sensors measured inside the area, fused: `from_depth`, `crop` and `fuse` in one, and faster.
+    """Return the points of all a frame's sensors inside the area, fused.
 
-    Arguments as of `toolkit.points.frame_points`; each point carries its sensor's position in `frame.sensors`.
+    It does the work of `from_depth`, `crop` and `fuse`, but faster. Arguments as for `toolkit.points.frame_points`;
+    each point carries its sensor's position in `frame.sensors`.
     """
     chosen = select_sensors(frame.sensors, sensors)
     clouds = frame_points(frame, chosen, area=area, height=height, rng=rng)
@@ -96,7 +98,10 @@ def frame_cloud(
 
 
 def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
-    """A cloud of points, all by one sensor or each by its own; float32 and float64 positions stay what they are."""
+    """Return a cloud of points, all from one sensor or each from its own.
+
+    float32 and float64 positions keep their type.
+    """
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
@@ -108,22 +113,25 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
 
 
 def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
-    """The points of a cloud as an array that shares its memory; (0, 3) where there are none."""
+    """Points of a cloud as an array that shares its memory; (0, 3) without any."""
     if "positions" not in cloud.point:
         return np.zeros((0, 3), np.float32)
     return cloud.point.positions.cpu().numpy()
 
 
 def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
-    """The number of the sensor of each point; 0 where the cloud does not say."""
+    """Number of the sensor of each point; 0 where the cloud has none."""
     if "sensor" not in cloud.point:
         return np.zeros(len(positions(cloud)), np.int32)
     return cloud.point["sensor"].cpu().numpy().reshape(-1).astype(np.int32, copy=False)
 
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
-    """A cloud of `positions` (n, 3) and other attributes of n rows each; all by one sensor where it is given, else each
-    by its own `sensor`, 0 where they have none. Raises ValueError where the lengths differ."""
+    """Return a cloud of `positions` (n, 3) and other attributes of n rows each.
+
+    All points get `sensor_id` if it is given, else their own `sensor`, 0 without one. Raises ValueError where the
+    lengths differ.
+    """
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
     points = attributes["positions"]
@@ -139,15 +147,15 @@ def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None 
 
 
 def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """The attributes of a cloud, positions among them, as arrays that share its memory."""
+    """Attributes of a cloud, positions included, as arrays that share its memory."""
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
-    """All points of all clouds, in order, each with the number of its sensor. No clouds make an empty one.
+    """Join the points of all clouds, in order, each with the number of its sensor.
 
-    Attributes that all clouds have stay, in the type that holds them all; a warning names those that only some have, or
-    have of another width. Clouds without points do not count.
+    No clouds make an empty one. Attributes that all clouds have stay, in the type that holds them all; a warning names
+    those that only some have, or have in another width. Clouds without points do not count.
     """
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
@@ -158,16 +166,18 @@ def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
     kept = [name for name in parts[0] if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)]
     if len(kept) < len(every):
         dropped = ", ".join(sorted(every - set(kept)))
-        warnings.warn(f"fuse drops {dropped}: not all of {len(parts)} clouds have the same", stacklevel=2)
+        warnings.warn(f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width", stacklevel=2)
     numbers = [np.asarray(part.get("sensor", np.zeros(len(part["positions"])))).reshape(-1) for part in parts]
     fused = {name: np.concatenate([part[name] for part in parts]) for name in kept}
     return from_attributes({**fused, "sensor": np.concatenate(numbers)})
 
 
 def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
-    """One point of each sensor in each cube of edge `voxel_m` (m): that nearest to the middle of the sensor's points
-    there, the first of equals, with all its attributes, so that sensor numbers, times and rings stay those of a
-    measured point. Points keep their order. Sensors are thinned apart: what the sets of sensors see stays comparable.
+    """Keep one point of each sensor in each cube of edge `voxel_m` (m).
+
+    It is the point nearest to the mean of the sensor's points there, the first of equals, with all its attributes:
+    sensor numbers, times and rings stay those of a measured point. Points keep their order. Sensors are thinned
+    separately, so that sets of sensors stay comparable.
 
     >>> cloud = from_points(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0], [0.2, 0, 0]]), np.array([0, 0, 0, 1]))
     >>> thin = down_sample(cloud, 1.0)
@@ -175,7 +185,7 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
     ([0.2, 0.2], [0, 1])
     """
     if not 0 < voxel_m < np.inf:
-        raise ValueError(f"voxel_m must be a length above 0 m, got {voxel_m}")
+        raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
     points = positions(cloud).astype(np.float64)
     if not len(points):
         return _select(cloud, np.zeros(0, bool))
@@ -192,10 +202,10 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
-    """The points inside a site's detection area, or xmin, ymin, xmax, ymax (m), with floor < z < height.
+    """Keep the points inside an area with floor < z < height.
 
-    height: the site's own where one is given, else 4 m (paper section II-B). z counts from the plane of a site that
-    slopes.
+    area: a site, for its detection area, or xmin, ymin, xmax, ymax (m); height: by default the site's own, else 4 m
+    (paper section II-B). z counts from the plane of a site that slopes.
     """
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
@@ -205,7 +215,7 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
 def outside_radius(
     cloud: PointCloud, sensor: Sensor | Float[np.ndarray, "4 4"], radius: float, metric: Distance = "horizontal"
 ) -> PointCloud:
-    """The points that hybrid fusion sends: those farther than `radius` (m) from the sensor (paper section II-E).
+    """Keep the points that hybrid fusion sends: those farther than `radius` (m) from the sensor (paper section II-E).
 
     metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.beyond`.
     """
@@ -215,12 +225,14 @@ def outside_radius(
 def points_per_box(
     cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
 ) -> Int64[np.ndarray, " m"]:
-    """The point density of each box: how many points lie in it (paper section IV-E)."""
+    """Point density: number of points in each box (paper section IV-E)."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
 def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
-    """d and F(d): the share of objects whose point density is d or less (paper section IV-E), from d = 0 on.
+    """Distribution d, F(d) of point densities, from d = 0 on (paper section IV-E).
+
+    F(d) is the share of objects whose point density is d or less.
 
     >>> density_cdf(np.array([0, 3, 3, 7]))
     (array([0, 3, 7]), array([0.25, 0.75, 1.  ]))
@@ -233,14 +245,20 @@ def density_cdf(counts: Int[np.ndarray, " n"]) -> tuple[Int64[np.ndarray, " k"],
 
 
 class DensityMap(NamedTuple):
-    """A grid over an area, row 0 at ymin, column 0 at xmin: points per m² and how many sensors see each cell."""
+    """A grid over an area, row 0 at ymin, column 0 at xmin.
+
+    points_per_m2: points per m²; sensors: number of sensors that see each cell.
+    """
 
     points_per_m2: Float64[np.ndarray, "rows columns"]
     sensors: Int64[np.ndarray, "rows columns"]
 
 
 def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
-    """Points per m² and distinct sensors per cell of `cell` m; the last row and column may reach past the area."""
+    """Count points per m² and distinct sensors in each cell.
+
+    cell: edge (m); the last row and column may reach past the area.
+    """
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
     xmin, ymin, xmax, ymax = area_of(area)
@@ -256,8 +274,11 @@ def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
-    """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError where that is impossible, and ValueError
-    for another kind of file and for a cloud without points, which these formats cannot hold."""
+    """Write a cloud as ply, pcd or npz, whole or not at all.
+
+    Raises OSError where that is impossible, and ValueError for another kind of file and for a cloud without points,
+    which these formats cannot hold.
+    """
     path = Path(path)
     if not len(positions(cloud)):
         raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
@@ -273,8 +294,11 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 
 def _writable(cloud: PointCloud, path: Path) -> PointCloud:
-    """The cloud as Open3D can write it: normals of the positions' type, which its PCD writer takes them to have, and in
-    ply and pcd no attribute of several columns that these do not know; a warning names what is left out."""
+    """Return the cloud as Open3D can write it.
+
+    Normals get the positions' type, as its PCD writer expects. ply and pcd lose the attributes of several columns that
+    they do not know; a warning names them.
+    """
     columns = attributes(cloud)
     if "normals" in columns:
         columns["normals"] = columns["normals"].astype(columns["positions"].dtype)
@@ -282,27 +306,27 @@ def _writable(cloud: PointCloud, path: Path) -> PointCloud:
     wide = [name for name, column in columns.items() if name not in known and column[:1].size > 1]
     if path.suffix.lower() == ".npz" or not wide:
         return from_attributes(columns)
-    warnings.warn(f"{path}: {', '.join(wide)} left out, which have several columns: save as .npz", stacklevel=3)
+    warnings.warn(f"{path}: {', '.join(wide)} left out: several columns need .npz", stacklevel=3)
     return from_attributes({name: column for name, column in columns.items() if name not in wide})
 
 
 def load(path: str | Path) -> PointCloud:
-    """Read a ply, pcd or npz with all the attributes it has; without a `sensor` every point gets sensor 0.
+    """Read a ply, pcd or npz with all its attributes; without a `sensor` every point gets sensor 0.
 
-    Raises FileNotFoundError, and ValueError for a file that holds no cloud.
+    Raises FileNotFoundError, and ValueError for a file without a cloud.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     if path.suffix.lower() == ".pcd":
-        return from_attributes(_checked(read_pcd(path), path))
+        return from_attributes(_check_attributes(read_pcd(path), path))
     if path.suffix.lower() == ".npz":
         try:
-            return from_attributes(_checked(load_arrays(path), path))
+            return from_attributes(_check_attributes(load_arrays(path), path))
         except ValueError as error:
             raise ValueError(f"{_no_points(path)} ({error})") from None
     if _ply_is_cut_off(path):
-        raise ValueError(f"{path} is cut off, fewer points are there than its header says: copy it again")
+        raise ValueError(f"{path} is cut off, with fewer points than its header says: copy it again")
     try:
         cloud = o3d.t.io.read_point_cloud(path)
     except RuntimeError:
@@ -313,11 +337,14 @@ def load(path: str | Path) -> PointCloud:
 
 
 def _no_points(path: Path) -> str:
-    return f"{path} holds no points that Open3D can read: is it a damaged or foreign file?"
+    return f"{path} has no points that Open3D can read: is it a damaged or foreign file?"
 
 
-def _checked(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """The attributes of a file, those that no cloud can have left out. Raises ValueError where positions are none."""
+def _check_attributes(attributes: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """Return the attributes of a file without those that no cloud can have.
+
+    Raises ValueError without valid positions.
+    """
     points = attributes.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
         raise ValueError(_no_points(path))
@@ -338,7 +365,7 @@ _PLY_BYTES |= {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint
 
 
 def _ply_is_cut_off(path: Path) -> bool:
-    """Whether a ply ends before its last point; Open3D fills the rest with whatever was in memory."""
+    """Return True if a ply ends before its last point; Open3D would fill the rest with stray memory."""
     if path.suffix.lower() != ".ply":
         return False
     content = path.read_bytes()
@@ -353,7 +380,7 @@ def _ply_is_cut_off(path: Path) -> bool:
 
 
 def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:
-    """The points at a mask, with all their attributes."""
+    """Keep the points at a mask, with all their attributes."""
     chosen, rows = PointCloud(), np.flatnonzero(keep)
     for name in cloud.point:
         chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))

@@ -258,7 +258,7 @@ def test_fuse_keeps_what_all_clouds_have_and_names_the_rest():
     for name in attributes(parts[0]):
         expected = np.concatenate([attributes(part)[name] for part in (parts[0], parts[2])])
         np.testing.assert_array_equal(attributes(fused)[name], expected)
-    with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all of 2 clouds"):
+    with pytest.warns(UserWarning, match=r"fuse drops intensity, ring: not all 2 clouds"):
         poorer = fuse([rich_cloud(20, 1), rich_cloud(30, 2, "intensity", "ring")])
     assert set(attributes(poorer)) == {"positions", "sensor", "normals", "colors", "time"}
 
