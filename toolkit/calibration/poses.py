@@ -1,4 +1,7 @@
-"""Where the sensors of a recording really are: each registered by its learnt empty scene against a reference."""
+"""Poses of a recording's sensors, found again by what stands still.
+
+Each sensor learns its empty scene and is registered against a reference, or all are aligned with each other.
+"""
 
 from __future__ import annotations
 
@@ -47,15 +50,18 @@ from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-LEAST_FRAMES = 5  # that an empty scene is learnt from, before sensors are registered by it
-LEAST_OVERLAP = 0.3  # of a sensor's points that must have a counterpart
+LEAST_FRAMES = 5  # of an empty scene that sensors are registered by
+LEAST_OVERLAP = 0.3  # fraction of a sensor's points that must have a counterpart
 WORTH_TURN, WORTH_MOVE = float(np.deg2rad(0.1)), 0.02  # a pose farther off than this has drifted
 _SURE = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class FoundPose:
-    """A sensor as it was believed to be mounted, and its registration, or why there is none."""
+    """A sensor as it was believed to be mounted, and its registration.
+
+    registration: None if no pose was found; refusal: the reason then.
+    """
 
     sensor: Sensor
     registration: Registration | None
@@ -63,7 +69,7 @@ class FoundPose:
 
     @property
     def pose(self) -> Float64[np.ndarray, "4 4"]:
-        """The pose that was found, else the believed one."""
+        """Pose that was found, else the believed one."""
         return self.sensor.pose if self.registration is None else self.registration.pose
 
     @property
@@ -75,12 +81,12 @@ class FoundPose:
 
     @property
     def distance(self) -> float:
-        """How far (m) this pose is from the believed one."""
+        """Distance (m) between the believed position and this one."""
         return float(np.linalg.norm(self.pose[:3, 3] - self.sensor.pose[:3, 3]))
 
     @property
     def drifted(self) -> bool:
-        """Whether it is clearly off: by more than 0.1° or 2 cm, and more than three standard deviations."""
+        """True if it is off by more than 0.1° or 2 cm, and by more than three standard deviations."""
         if self.registration is None:
             return False
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
@@ -92,7 +98,7 @@ class FoundPose:
         if self.registration is None:
             return f"{self.sensor.name}: not found: {self.refusal}"
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
-        unseen = "; ".join(map(spoken, self.registration.unobserved))
+        unseen = "; ".join(map(describe_motion, self.registration.unobserved))
         return (
             f"{self.sensor.name}: turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(np.linalg.norm(turn)):.2f}°), "
             f"moved by {self.distance * 100:.1f} cm (± {np.linalg.norm(move) * 100:.1f} cm)"
@@ -100,8 +106,10 @@ class FoundPose:
         )
 
     def described(self) -> dict[str, Any]:
-        """What files say of it: angles in degrees, lengths in metres, turns and moves by the world's axes; infinite
-        what is not observed."""
+        """Return its figures for files: degrees, metres, turns and moves about the world's axes.
+
+        Standard deviations are infinite for motions that are not observed.
+        """
         fixed = {
             "world_SE3_sensor": self.pose.tolist(),
             "believed_world_SE3_sensor": self.sensor.pose.tolist(),
@@ -120,16 +128,16 @@ class FoundPose:
                 "move_m": move.tolist(),
             },
             "covariance_rad_m": self.registration.covariance.tolist(),
-            "unobserved": [spoken(motion) for motion in self.registration.unobserved],
+            "unobserved": [describe_motion(motion) for motion in self.registration.unobserved],
             "overlap": self.registration.overlap,
             "scatter_m": self.registration.scatter,
         }
 
 
-def spoken(motion: Float64[np.ndarray, "6"]) -> str:
-    """A motion, turns times `LEVER`, in words.
+def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
+    """Describe a motion, turns times `LEVER`, in words.
 
-    >>> spoken(np.array([0, 0, 0, 0.6, -0.8, 0]))
+    >>> describe_motion(np.array([0, 0, 0, 0.6, -0.8, 0]))
     'move along x -0.60, move along y 0.80'
     """
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
@@ -138,8 +146,10 @@ def spoken(motion: Float64[np.ndarray, "6"]) -> str:
 
 
 def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
-    """Write what `FoundPose.described` says of each sensor as JSON, by its name, for
-    `toolkit.datasets.cloud_files.read_poses` and for people."""
+    """Write `FoundPose.described` of each sensor as JSON, by its name.
+
+    `toolkit.datasets.cloud_files.read_poses` reads the file.
+    """
     write_text(path, json.dumps(finite({each.sensor.name: each.described() for each in found}), indent=1))
 
 
@@ -339,8 +349,11 @@ def _of_one(samples: Sequence[Sample]) -> dict[str, Float64[np.ndarray, "_ 3"]]:
 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
-    """A warning for each sensor of a recording that is not where the reference says, see `read_surface`; one warning
-    where the recording cannot be read or is too short. Raises ValueError and OSError where the reference is none."""
+    """Warn of each sensor of a recording that is not where the reference says, see `read_surface`.
+
+    There is one warning if the recording cannot be read or is too short. Raises ValueError and OSError if the reference
+    cannot be read.
+    """
     surface = read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
@@ -350,7 +363,7 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """A warning for each sensor that has clearly drifted, and for each that the reference says nothing of."""
+    """Warn of each sensor that has clearly drifted, and of each without a pose."""
     return [_finding(each, reference) for each in found if each.drifted or each.registration is None]
 
 
@@ -365,4 +378,4 @@ def _finding(found: FoundPose, reference: str) -> Finding:
         f"turned by {np.rad2deg(found.turn):.2f}° and moved by {found.distance * 100:.1f} cm against {reference}, "
         f"to within {np.rad2deg(np.linalg.norm(turn)):.2f}° and {np.linalg.norm(move) * 100:.1f} cm"
     )
-    return Finding("warning", where, "it hangs crooked, or has drifted", evidence, "write its pose by coview calibrate")
+    return Finding("warning", where, "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate")

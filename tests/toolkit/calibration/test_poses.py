@@ -12,12 +12,12 @@ from toolkit.calibration.poses import (
     FoundPose,
     check_drift,
     corrections,
+    describe_motion,
     drift_findings,
     find_pose,
     find_poses,
     find_poses_together,
     find_sample_poses,
-    spoken,
     with_corrections,
 )
 from toolkit.calibration.registration import Registration, Surface, site_surface
@@ -143,7 +143,7 @@ def test_what_files_say_is_in_degrees_and_names_what_is_not_observed():
     assert said["unobserved"] == ["move along x 1.00"]
     assert said["standard_deviation"]["move_m"] == [np.inf, 0.01, 0.01]
     assert said["standard_deviation"]["turn_deg"] == [pytest.approx(0.573, abs=1e-3)] * 3
-    assert spoken(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
+    assert describe_motion(np.array([0.05, 0, 0.7, 0, -0.7, 0])) == "turn about z 0.70, move along y -0.70"
 
 
 SOLIDS_TOGETHER = tuple(
