@@ -1,4 +1,4 @@
-"""The documentation is true: its Python runs, its command lines parse, its links lead somewhere, nothing is missing."""
+"""The documentation holds: its Python runs, its command lines parse, its links lead somewhere, nothing is missing."""
 
 import doctest
 import functools
@@ -21,13 +21,13 @@ CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
 
 @pytest.fixture
 def extension(monkeypatch):
-    """The modules of docs/ by name."""
+    """Import the modules of docs/ by name."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     return import_module
 
 
 def blocks(page, language):
-    """Marks and texts of a page's blocks in a language."""
+    """Return marks and texts of a page's blocks in a language."""
     return [(mark, text) for mark, found, text in BLOCK.findall(page.read_text()) if found == language]
 
 
@@ -46,7 +46,7 @@ def test_python_blocks_run_one_after_the_other(page, tmp_path, monkeypatch):
 
 
 def command_lines(page):
-    """Every `coview ...` line of a page's blocks, as words."""
+    """Return every `coview ...` line of a page's blocks, as words."""
     shown = "\n".join(text for language in ("", "console", "bash") for _, text in blocks(page, language))
     lines = [line.removeprefix("$ ") for line in shown.replace("\\\n", " ").splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in lines if re.match(r"coview [a-z]", line)]
@@ -54,12 +54,12 @@ def command_lines(page):
 
 @functools.cache
 def parsing(name):
-    """A command that parses its arguments and does nothing."""
+    """Return a command that parses its arguments and does nothing."""
     return functools.wraps(command(name))(lambda *_, **__: 0)
 
 
 def refused(words):
-    """What a command line is refused for, "" if it parses."""
+    """Reason for which a command line is refused, "" if it parses."""
     if words[0] not in COMMANDS:
         return "no such command"
     try:
@@ -78,7 +78,7 @@ def test_command_lines_parse(page):
 
 @pytest.mark.parametrize("page", TEXTS, ids=name_of)
 def test_options_in_running_text_exist(page, extension):
-    """There, what is not the point may be left out: `coview evaluate --detector voxelnet`."""
+    """Required arguments may be missing there, as in `coview evaluate --detector voxelnet`."""
     parser = extension("commands").parser
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
     for name, rest in re.findall(r"`coview ([a-z]+) ([^`]*--[^`]*)`", text):
@@ -104,6 +104,24 @@ def test_links_lead_to_files(page):
     assert {target for target in targets if not (page.parent / target).exists()} == set()
 
 
+def test_pictures_are_small_and_shown():
+    pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
+    shown = {
+        (page.parent / target).resolve()
+        for page in TEXTS
+        for target in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text())
+    }
+    assert pictures == shown
+    assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
+
+
+@pytest.mark.slow
+def test_pictures_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "pictures"))
+    import_module("draw").main(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["error-profiles.png", "foreground.png"]
+
+
 def test_every_page_is_in_a_table_of_contents():
     tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
     listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
@@ -127,12 +145,9 @@ def test_the_reference_has_every_name_of_a_face(extension, face):
 
 def test_docstrings_keep_their_meaning(extension):
     text = "Weights `w` * 2, `fuse` all_of | it_.\n\n    a  b\n    c\n\n1. one\n   more\n2. two\n\n>>> 1 + 1\n2"
-    assert extension("faces").as_rst(text) == [
-        r"Weights ``w`` \* 2, :py:obj:`fuse <toolkit.fuse>` all_of \| it\_.", "",
-        "::", "", "    a  b", "    c", "",
-        "1. one more", "2. two", "",
-        ">>> 1 + 1", "2", "",
-    ]  # fmt: skip
+    words = r"Weights ``w`` \* 2, :py:obj:`fuse <toolkit.fuse>` all_of \| it\_."
+    lines = "\n\n::\n\n    a  b\n    c\n\n1. one more\n2. two\n\n>>> 1 + 1\n2\n"
+    assert extension("faces").as_rst(text) == (words + lines).split("\n")
 
 
 def test_signatures_have_shapes_as_written(extension):

@@ -9,11 +9,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from matplotlib.patches import Polygon
 
-from toolkit import CoopDataset, learn_empty_scenes, profile_named, simulate_dataset
 from toolkit.boxes import footprints
+from toolkit.calibration.empty_scene import learn_empty_scenes
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import read_frame
+from toolkit.datasets.simulation import simulate_dataset
 from toolkit.plots.canvas import blank_figure, house_style, write_figure
 from toolkit.points import frame_points
+from toolkit.sensors.error_profiles import profile_named
 
 SENSOR = 1  # d1 looks at the middle of the T-junction
 INK = "#1b1b1b"
