@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil, floor, log10
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
@@ -30,6 +30,7 @@ from toolkit.plots.palette import (
     POLE_INK,
     SOLID,
     Outcome,
+    PlotStyle,
     sensor_colour,
 )
 from toolkit.sensors.sensor import Sensor
@@ -253,9 +254,9 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
             axes.plot(*np.stack([places[index], discs[index]]).T, color=INK, linewidth=0.8, zorder=6)
             axes.plot(x, y, "o", color=INK, markersize=3, zorder=6)
         axes.plot(*discs[index], "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
-        disc: dict[str, Any] = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
+        disc: PlotStyle = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
         axes.plot(*discs[index], "o", markersize=DISC, zorder=7, **disc)
-        font: dict[str, Any] = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
+        font: PlotStyle = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
         axes.text(discs[index, 0], discs[index, 1], label, ha="center", va="center_baseline", zorder=8, **font)
 
 
@@ -343,7 +344,7 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
     return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
 
 
-def pole_style(used: bool) -> dict[str, Any]:
+def pole_style(used: bool) -> PlotStyle:
     """Matplotlib's properties of a pole."""
     return {
         "marker": "s",
@@ -366,14 +367,14 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
 def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
     """Draw outlines of boxes that share an outcome, a line from centre to front, and the outcome's mark."""
     style = OUTCOME[outcome]
-    line = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
+    line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
     for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
         centre = corners.mean(axis=0)
         nose = centre + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
         axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
         axes.plot(*np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order)
     if style.marker and len(boxes):
-        mark: dict[str, Any] = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
+        mark: PlotStyle = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
         axes.plot(*boxes[:, :2].T, style.marker, markersize=style.size, zorder=style.order + 0.5, **mark)
 
 

@@ -34,6 +34,8 @@ OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where blindness matters more
 
+PlotStyle = dict[str, Any]  # keyword arguments of matplotlib
+Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]  # its line styles
 Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
@@ -41,7 +43,7 @@ class LineStyle(NamedTuple):
     """Style of the outlines of one outcome, and its mark; `order` is matplotlib's z order."""
 
     colour: str
-    line: Any
+    line: Dashes
     width: float
     marker: str = ""
     size: float = 0.0
@@ -55,7 +57,7 @@ OUTCOME: dict[Outcome, LineStyle] = {
     "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
     "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
 }
-LINES: tuple[tuple[str, Any], ...] = tuple(
+LINES: tuple[tuple[str, Dashes], ...] = tuple(
     (SENSORS[k % 8], ("solid", (0, (6, 2)), (0, (1.5, 1.5)), (0, (7, 1.5, 1.5, 1.5)))[(k + k // 8) % 4])
     for k in (7, 1, 2, 5, 0, 3, 4, 6, 15, 9, 10, 13, 8, 11, 12, 14)
 )  # of curves: neighbours differ in colour and in dashes

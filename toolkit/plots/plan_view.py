@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from toolkit.plots.base_map import (
     sensor_labels,
 )
 from toolkit.plots.canvas import house_style, shorten, write_figure
-from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, sensor_colour
+from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, PlotStyle, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def _outcome_entries(outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome 
     entries: list[Entry] = []
     for name, label in names.items():
         style = OUTCOME[name]
-        mark: dict[str, Any] = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
+        mark: PlotStyle = {"marker": style.marker, "markersize": 0.8 * style.size, "markeredgecolor": "white"}
         line = Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark)
         entries.append((line, label))
     return entries
