@@ -104,6 +104,30 @@ def test_links_lead_to_files(page):
     assert {target for target in targets if not (page.parent / target).exists()} == set()
 
 
+def lookup(dotted):
+    """Return whether a dotted name leads to a module or what it holds."""
+    parts = dotted.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            found = import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[cut:]:
+            found = getattr(found, part, None)
+        return found is not None
+    return False
+
+
+@pytest.mark.parametrize("page", [page for page in TEXTS if page.name != "CHANGELOG.md"], ids=name_of)
+def test_names_and_files_in_running_text_exist(page):
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    files = re.findall(r"\b(?:toolkit|models|placement_env|coview|tests|examples|docs)/[\w/]+\.\w+", text)
+    places = (ROOT, ROOT / "tests" / "benchmarks")
+    assert [file for file in files if not any((place / file).exists() for place in places)] == []
+    names = re.findall(r"`((?:toolkit|models|placement_env|coview)(?:\.\w+)+)", text)
+    assert [name for name in names if not lookup(name)] == []
+
+
 def test_pictures_are_small_and_shown():
     pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
     shown = {
