@@ -1,13 +1,13 @@
-"""`Classes`: which road users count for an objective, how much each does, and how their figures become one.
+"""`Classes`: the road users that count for an objective, their weights, and how their figures become one.
 
 The figure of a sensor set is the weighted mean of those of its classes,
 
     AP = Σ_c w_c · AP_c / Σ_c w_c                 combine "mean"
     AP = min_c AP_c                               combine "worst": max-min, no class is bought at another's expense
 
-over the classes of which there is anything to find; with recall it goes as with AP. A detection counts from the IoU on
-that is usual for its class: that of the objective for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and
-pedestrians, whose boxes lose far more of it by the same few centimetres (KITTI and Waymo do alike); or one given.
+over the classes that have anything to find; recall is combined like AP. A detection counts from the usual IoU of its
+class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and pedestrians, whose boxes lose far
+more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ SMALL_IOU = 0.5
 
 @dataclass(frozen=True)
 class Classes:
-    """names: of `toolkit.objects.LABELS`, kept in that order; weights: of each, kept so that they sum to 1, equal ones
-    if none are given; combine: mean or worst; ious: of each, None for the usual one.
+    """Classes of road users that count.
 
-    Raises ValueError in one line where these do not fit.
+    names: of `toolkit.objects.LABELS`, kept in that order; weights: of each, equal if none are given, scaled to sum to
+    1; combine: mean or worst; ious: of each, None for the usual one. Raises ValueError in one line where these do not
+    fit.
 
     >>> Classes(("pedestrian", "vehicle"), (1.0, 3.0))
     Classes(names=('vehicle', 'pedestrian'), weights=(0.75, 0.25), combine='mean', ious=(None, None))
@@ -84,27 +85,28 @@ class Classes:
 
     @property
     def labels(self) -> tuple[int, ...]:
-        """Their numbers in `LABELS`, ascending."""
+        """Numbers in `LABELS`, ascending."""
         return tuple(label_index(name) for name in self.names)
 
     @property
     def origin(self) -> dict[str, Any]:
-        """What results say of them."""
+        """Description kept in results."""
         return {"names": self.names, "weights": self.weights, "combine": self.combine, "ious": self.ious}
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that figures depend on."""
+        """SHA-256 of everything that figures depend on."""
         return key_of(self.origin).hex()
 
     def iou_of(self, name: str, iou: float) -> float:
-        """At which a detection of a class counts. iou: of the objective."""
+        """IoU at which a detection of a class counts. iou: of the objective."""
         own = self.ious[self.names.index(name)]
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """In words: a class, or the mean or worst of several; iou: of the objective, beside which other ones are named,
-        None to name none; several where their mean counts.
+        """Describe in words: a class, or the mean or worst of several.
+
+        iou: of the objective, several if their mean counts; other ones are named beside it, None to name none.
 
         >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
         'worst of vehicle and pedestrian (IoU 0.5)'
@@ -120,8 +122,7 @@ class Classes:
         return f"{self.combine} of {', '.join(each[:-1])} and {each[-1]}"
 
     def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
-        """One figure of each row, of a figure of each class; NaN stands for nothing to find, and is the answer where
-        all are.
+        """Combine each row, a figure of each class, to one; NaN stands for nothing to find.
 
         >>> Classes(("vehicle", "cyclist")).combined(np.array([[0.5, 1.0], [0.5, np.nan]]))
         array([0.75, 0.5 ])
@@ -142,7 +143,7 @@ VEHICLES = Classes()
 
 
 def classes_of(classes: Classes | Iterable[str] | str) -> Classes:
-    """Classes as they are, or equal weights of those of these names, or of the one of this name."""
+    """Return classes as they are, or those of these names, or of this one, with equal weights."""
     if isinstance(classes, Classes):
         return classes
     if not isinstance(classes, Iterable):

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64, Shaped
 
 SetFunction = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # a figure of each of n sensor sets
-MOST_SENSORS = 16  # of which all sets are scored: 65536
+MOST_SENSORS = 16  # all whose sets can be listed: 65536
 BLOCK = 1 << 17  # figures worked on at once, so that they stay in the processor's cache
 
 
 def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
-    """All 2^n sets of n sensors; sensor i is in set k if bit i of k is 1.
+    """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1.
 
     >>> all_subsets(2).astype(int).tolist()
     [[0, 0], [1, 0], [0, 1], [1, 1]]
@@ -28,8 +27,8 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
-def index_of(member: Any, names: Sequence[str]) -> int:
-    """Which candidate an index or name means, or ValueError where it means none; a truth value is no index."""
+def index_of(member: object, names: Sequence[str]) -> int:
+    """Return the candidate that an index or name means. Raises ValueError for any other value."""
     if isinstance(member, str) and member in names:
         return names.index(member)
     if isinstance(member, int | np.integer) and not isinstance(member, bool) and 0 <= member < len(names):
@@ -40,8 +39,8 @@ def index_of(member: Any, names: Sequence[str]) -> int:
 class MemberSums:
     """Sums of the rows (C, w) of each set's members, in the type of the rows, which must hold the sum.
 
-    A set has the same sum, to the bit, whatever other sets are asked for beside it. Raises ValueError where sets are
-    not rows of one boolean per candidate.
+    A set has the same sum, to the bit, beside any other sets. Raises ValueError unless sets are rows of one boolean per
+    candidate.
 
     >>> MemberSums(np.array([[1, 0], [2, 5]]))(np.array([[True, True], [False, False]]))
     array([[3, 5],
@@ -53,7 +52,7 @@ class MemberSums:
 
     @property
     def rows(self) -> Shaped[np.ndarray, "C w"]:
-        """The rows as they were given."""
+        """The given rows."""
         return self._rows[:-1]
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"]) -> Shaped[np.ndarray, "n w"]:
@@ -65,7 +64,7 @@ class MemberSums:
         return sums
 
     def blocks(self, subsets: Bool[np.ndarray, "n C"]) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """The sums of as many sets at a time as fit the processor's cache, and which sets these are."""
+        """Yield the sums of as many sets at a time as fit the processor's cache, and their slice."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             raise ValueError(
