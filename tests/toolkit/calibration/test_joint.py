@@ -160,54 +160,35 @@ def test_one_sensor_and_held_ones_that_are_not_there_are_refused():
         align([surface] * 2, TRUE[:2], held=[2])
 
 
-TRUE_JOINT_OBJECTS = (look((-8.0, -8.0, 6.0), heading=0.7, tilt=0.4), look((8.0, -8.0, 6.0), heading=2.4, tilt=0.4))
+TWO = TRUE[:2]
 
 
 def cars(rng, count=6):
     """Boxes more than a gate apart."""
     x = np.linspace(-9, 9, count) + rng.uniform(-0.3, 0.3, count)
-    return np.column_stack(
-        [
-            x,
-            rng.uniform(-6, 6, count),
-            np.full(count, 0.8),
-            np.tile([4.2, 1.8, 1.5], (count, 1)),
-            rng.uniform(-3.1, 3.1, count),
-        ]
-    )
+    centres = np.column_stack([x, rng.uniform(-6, 6, count), np.full(count, 0.8)])
+    sizes = np.tile([4.2, 1.8, 1.5], (count, 1))
+    return np.column_stack([centres, sizes, rng.uniform(-3.1, 3.1, count)])
 
 
 def seen_frames(rng, frames=30, noise=0.05):
-    """What sensors at the true poses say of the same cars, each with noise of its own."""
-    seen = []
-    for _ in range(frames):
-        truth = cars(rng)
-        seen.append(
-            [
-                SeenBoxes.of(truth + noise * rng.standard_normal(truth.shape) * [1, 1, 1, 0, 0, 0, 0.2], at)
-                for at in TRUE_JOINT_OBJECTS
-            ]
-        )
-    return seen
-
-
-def bare_plane(at, rng):
-    points = np.column_stack([rng.uniform(-10, 10, (3000, 2)), 0.005 * rng.standard_normal(3000)])
-    normals = np.tile([0.0, 0.0, 1.0], (3000, 1)) @ at[:3, :3]
-    return face_sensor(Surface(transform(invert(at), points), normals, np.full(3000, 0.005)))
+    """The same cars as seen by sensors at the true poses, each with its own noise."""
+    spread = noise * np.array([1, 1, 1, 0, 0, 0, 0.2])
+    truths = (cars(rng) for _ in range(frames))
+    return [[SeenBoxes.of(each + spread * rng.standard_normal(each.shape), at) for at in TWO] for each in truths]
 
 
 def test_road_users_say_what_a_bare_plane_does_not():
     rng = np.random.default_rng(0)
-    surfaces = [bare_plane(at, rng) for at in TRUE_JOINT_OBJECTS]
+    surfaces = [seen_by(at, rng, walls=False) for at in TWO]
     motion = np.array([0.0, 0.0, LEVER * np.deg2rad(1.0), 0.2, -0.15, 0.0])
-    believed = [TRUE_JOINT_OBJECTS[0], apply_motion(TRUE_JOINT_OBJECTS[1], motion)]
+    believed = [TWO[0], apply_motion(TWO[1], motion)]
     alone = align(surfaces, believed, held=[0])
     assert len(alone.hidden_motions(1)) == 3
     found = align(surfaces, believed, held=[0], more=partial(object_pairs, seen_frames(rng)))
     assert len(found.unobserved) == 0
-    assert np.abs(found.poses[1][:2, 3] - TRUE_JOINT_OBJECTS[1][:2, 3]).max() < 0.03
-    heading = [np.arctan2(at[1, 2], at[0, 2]) for at in (found.poses[1], TRUE_JOINT_OBJECTS[1])]
+    assert np.abs(found.poses[1][:2, 3] - TWO[1][:2, 3]).max() < 0.03
+    heading = [np.arctan2(at[1, 2], at[0, 2]) for at in (found.poses[1], TWO[1])]
     assert np.rad2deg(abs(heading[0] - heading[1])) < 0.2
     assert found.shared[0, 1] > alone.shared[0, 1]
 
@@ -219,7 +200,7 @@ def test_rows_are_the_derivatives_of_the_residuals():
         for number in range(6):
             motion = np.zeros(6)
             motion[number] = 1e-6
-            poses = list(TRUE_JOINT_OBJECTS)
+            poses = list(TWO)
             before = object_pairs(seen, poses, 1.5)[0]
             poses[sensor] = apply_motion(poses[sensor], motion)
             after = object_pairs(seen, poses, 1.5)[0]
