@@ -1,6 +1,6 @@
-"""What might be wrong with a recording's conventions: try each classic mistake undone, and see which explains more.
+"""Suspected mistakes in a recording's conventions: undo each classic one and compare the fits.
 
-The witness is what moves. Sensors stand still, so a pixel that is nearer than in other frames shows an object, and the
+The witness is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object, and the
 points of such pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core.
 `fit` is the share of moving points that do. A mistake is suspected where undoing it raises the fit clearly.
 """
@@ -20,12 +20,12 @@ from toolkit.geometry import invert, transform
 from toolkit.objects import HEAVY, VEHICLE, Objects
 from toolkit.sensors.sensor import Sensor
 
-CLEAR = 0.05  # what the fit must gain before a mistake is suspected
-FITS = 0.6  # what the fit must come to
-ENOUGH = 200  # moving points below which nothing is said
+CLEAR = 0.05  # gain in fit from which a mistake is suspected
+FITS = 0.6  # least fit without the mistake
+ENOUGH = 200  # moving points: with fewer nothing is suspected
 _MOVED = 0.3  # m nearer than the empty scene
 _SLACK = 0.1  # m a point may lie outside its box
-_CORE = 0.6  # of a vehicle's box, in which a sensor sees nothing
+_CORE = 0.6  # fraction of a vehicle's box where a sensor sees nothing
 _POINTS_PER_FRAME = 100  # of each sensor
 
 _FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # of x right, y down, z forward
@@ -35,15 +35,18 @@ Rows = Float64[np.ndarray, "_ 10"]
 
 @dataclass(frozen=True, eq=False)
 class SensorImages:
-    """What one sensor saw. rays: (pixels, 3), its frame; depth: (frames, pixels), 0 for no return."""
+    """Images of one sensor.
+
+    rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return.
+    """
 
     sensor: Sensor
     rays: Float32[np.ndarray, "pixels 3"]
     depth: Float32[np.ndarray, "frames pixels"]
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
-        """Pixels that show something which is not there in another frame."""
-        seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return says nothing about the scene
+        """Mask of the pixels that show an object which another frame does not."""
+        seen = self.depth[(self.depth > 0).any(axis=1)]  # a frame without any return tells nothing about the scene
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
@@ -60,7 +63,7 @@ class Witness(NamedTuple):
 
 
 class Suspicion(NamedTuple):
-    """A mistake that, undone, raises the fit."""
+    """A mistake whose undoing raises the fit."""
 
     mistake: str
     remedy: str
@@ -72,7 +75,7 @@ Undo = Callable[[Rows], Rows]
 
 
 def _columns(change: Callable[..., dict[str, np.ndarray]]) -> Undo:
-    """A change of some columns, by short names, as a change of rows."""
+    """Turn a change of some columns, by short names, into a change of rows."""
     names = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
 
     def undo(rows: np.ndarray) -> np.ndarray:
@@ -89,7 +92,7 @@ OBJECT_MISTAKES: tuple[tuple[str, str, Undo], ...] = (
         _columns(lambda o: {key: o[key] / 2 for key in "lwh"}),
     ),
     (
-        "half of the half extents stored: the boxes are half as large as what they stand for",
+        "half of the half extents stored: the boxes are half as large as their objects",
         "double columns 6 to 8 of objects",
         _columns(lambda o: {key: o[key] * 2 for key in "lwh"}),
     ),
@@ -162,7 +165,7 @@ LIFTED: tuple[tuple[str, str, Undo], ...] = tuple(
 
 
 def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
-    """Some moving pixels of each sensor and frame, the same ones every time."""
+    """Choose moving pixels of each sensor and frame, the same ones every time."""
     rng = np.random.default_rng(0)
     chosen = []
     for i, view in enumerate(views):
@@ -176,7 +179,10 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
 
 
 def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
-    """Share of the points, (n, 3) in the site's frame for each frame, that lie on the boxes of their frame."""
+    """Share of the points that lie on the boxes of their frame.
+
+    clouds: (n, 3) in the site's frame, one for each frame.
+    """
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if len(points) and len(table):
@@ -185,7 +191,7 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[
 
 
 def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
-    """Which points lie in a box, at most `_SLACK` outside, and in no vehicle's core."""
+    """Mask of the points that lie in a box, at most `_SLACK` outside, and in no vehicle's core."""
     x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
     cos, sin = np.cos(objects.boxes[:, 6]), np.sin(objects.boxes[:, 6])
     offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
@@ -196,7 +202,7 @@ def _on_boxes(points: np.ndarray, objects: Objects) -> Bool[np.ndarray, " n"]:
 
 
 def clouds_of(chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
-    """The witnesses' points of each of so many frames, in the site's frame."""
+    """Points of the witnesses in each frame, in the site's frame."""
     parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for w in chosen:
         parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
@@ -206,7 +212,10 @@ def clouds_of(chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int)
 def suspect_objects(
     chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[list[Suspicion], list[Rows], float]:
-    """The mistake in the objects, or the two made together, the rows without them, and the fit that is left."""
+    """Find the mistake in the objects, or a combination of two.
+
+    Returns the suspicions, the rows without the mistakes, and the fit of these.
+    """
     clouds = clouds_of(chosen, sensors, len(rows))
     if sum(map(len, clouds)) < ENOUGH:
         return [], list(rows), 1.0
@@ -233,7 +242,7 @@ def _without(mistakes: Sequence[tuple[str, str, Undo]], rows: Rows) -> Rows:
 def suspect_sensor(
     chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Suspicion | None, float]:
-    """The mistake in the pose or the depth of one sensor, whose witnesses these are, and its fit as it is."""
+    """Find the mistake in the pose or the depth of one sensor from its witnesses; return its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def fit_of(matrix: np.ndarray, along_ray: bool = False) -> float:
@@ -284,7 +293,7 @@ def suspect_sensor(
 
 
 MOST_FRAMES_OFF = 3
-CLEARLY = 0.2  # what the fit must gain
+CLEARLY = 0.2  # gain in fit from which frames are suspected to be off
 
 
 def suspect_frames(
@@ -293,8 +302,11 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Float[np.ndarray, "4 4"],
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """By how many frames the objects are off, and the rows that belong to `frames`, whose moving points, site frame,
-    the clouds are. tables: the rows of all frames of the file."""
+    """Find the number of frames by which the objects are off.
+
+    clouds: moving points of `frames`, site frame; tables: rows of all frames of the file. Returns the suspicion and the
+    rows that belong to `frames`.
+    """
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
     for off in [sign * n for n in range(1, MOST_FRAMES_OFF + 1) for sign in (1, -1)]:

@@ -1,11 +1,11 @@
-"""The published dataset's conventions: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
+"""Conventions of the published dataset: CARLA's left-handed world, forward-first cameras, boxes in degrees and halves.
 
     world   x, y, z up, metres, left-handed: y is minus the y of a right-handed map of the same place
     camera  X forward, Y right, Z up; a pixel (u, v) of depth d is X = d, Y = (u - cu) d / f, Z = -(v - cv) d / f
     K       [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]
     object  x y z (centre), pitch roll yaw (degrees), half extents (m), class
 
-Nothing foreign leaves this file: on our side stand poses `world_SE3_sensor` in the site's frame and `Objects`.
+Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import SensorModel
 
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
-NO_RETURN = 1000.0  # m, CARLA's far plane: what the sky measures
-DEPTH_STEP = 1 / 1024  # m, what stored depth is rounded to, so that it compresses
+NO_RETURN = 1000.0  # m, CARLA's far plane, the depth of the sky
+DEPTH_STEP = 1 / 1024  # m: stored depth is rounded to it, so that it compresses
 FARTHEST_OBJECT = 1e6  # m from the map's origin
 LARGEST_EXTENT = 500.0  # m, half of a length, width or height
 MOST_TURNED = 1e6  # degrees of yaw
@@ -37,7 +37,7 @@ class InvalidObjects(ValueError):
 
 @runtime_checkable
 class Pinhole(Protocol):
-    """What of a sensor model makes it a camera that the layout can hold: K, which gives all of its rays, and pixels."""
+    """A camera model that the layout can hold: its K gives all of its rays."""
 
     @property
     def width(self) -> int:
@@ -49,7 +49,7 @@ class Pinhole(Protocol):
 
     @property
     def stride(self) -> int:
-        """Every stride-th pixel of each row and column is measured."""
+        """Step between measured pixels of each row and column."""
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
@@ -57,12 +57,12 @@ class Pinhole(Protocol):
 
 
 def pinhole(model: SensorModel) -> Pinhole | None:
-    """The model where the layout can hold it, else None."""
+    """Return the model if the layout can hold it, else None."""
     return model if isinstance(model, Pinhole) else None
 
 
 def stride_of(model: SensorModel) -> int:
-    """Every which pixel of the stored image the model measures.
+    """Step between the pixels of the stored image that the model measures.
 
     >>> stride_of(DepthCamera(stride=3))
     3
@@ -74,7 +74,7 @@ def stride_of(model: SensorModel) -> int:
 def extrinsic(
     site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """The published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
+    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
     carla_from_camera = MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED
     return invert(carla_from_camera)
 
@@ -82,7 +82,7 @@ def extrinsic(
 def pose_of(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
 ) -> Float64[np.ndarray, "4 4"]:
-    """The pose site_SE3_sensor behind a published extrinsic. Raises ValueError where that is no rigid motion.
+    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError if it is no rigid motion.
 
     >>> pose = np.diag([1.0, -1, -1, 1])
     >>> np.allclose(pose_of(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
@@ -96,7 +96,7 @@ def pose_of(
 
 
 def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
-    """The published, forward-first intrinsic matrix of a camera."""
+    """Published, forward-first intrinsic matrix of a camera."""
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
 
@@ -104,9 +104,9 @@ def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
 def camera_of(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """The camera behind a published intrinsic matrix and its image size, measured on every second pixel.
+    """Camera behind a published intrinsic matrix and an image size; it measures every second pixel.
 
-    Raises ValueError where the matrix is not a forward-first one with one focal length.
+    Raises ValueError unless the matrix is a forward-first one with one focal length.
 
     >>> camera_of(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
     True
@@ -129,7 +129,7 @@ def camera_of(
 
 
 def rows_of(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
-    """Objects of the site frame as the published rows, see `OBJECT_COLUMNS`."""
+    """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
@@ -144,9 +144,10 @@ def objects_of(
     ids: np.ndarray | None = None,
     name: str = "objects",
 ) -> Objects:
-    """Published rows as objects of the site frame; pitch and roll are dropped, yaw is brought to -pi..pi.
+    """Return published rows as objects of the site frame.
 
-    Raises ValueError where the rows have another width, and InvalidObjects where one is no object, see `wrong_rows`.
+    Pitch and roll are dropped, yaw is brought to -pi..pi. Raises ValueError where the rows have another width, and
+    InvalidObjects for a row that is no object, see `wrong_rows`.
 
     >>> len(objects_of(np.zeros((0, 10)), np.eye(4)))
     0
@@ -172,9 +173,10 @@ def objects_of(
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """What is wrong with each row, "" for nothing: NaN or infinity, an unknown class, a size that is not positive or
-    above `LARGEST_EXTENT`, a place beyond `FARTHEST_OBJECT`, a yaw beyond `MOST_TURNED`. Tables
-    of another width have no wrong rows.
+    """Fault of each row in words, "" for none.
+
+    Faults are NaN or infinity, an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond
+    `FARTHEST_OBJECT`, and a yaw beyond `MOST_TURNED`. Tables of another width have no wrong rows.
 
     >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
     ['', 'has half extents']
@@ -210,7 +212,7 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 
 
 def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
-    """The full published image of the measured pixels: those at every stride-th place, 0 in between."""
+    """Return the full published image of the measured pixels, with 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
     image[:: camera.stride, :: camera.stride] = np.where(depth > 0, depth, np.float32(NO_RETURN))
@@ -218,20 +220,20 @@ def stored_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) ->
 
 
 def measured(image: Float[np.ndarray, "height width"], stride: int) -> Float32[np.ndarray, "rows columns"]:
-    """The measured pixels of a published depth image, 0 where nothing returned."""
+    """Measured pixels of a published depth image, 0 where nothing returned."""
     with np.errstate(over="ignore"):
         depth = np.asarray(image[::stride, ::stride], np.float32)
     return np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0))  # NaN is no return either
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """The measurement rounded to `DEPTH_STEP`; NaN and infinity, which are no return, become 0."""
+    """Round a measurement to `DEPTH_STEP`; NaN and infinity, which are no return, become 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
 
 
 def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Points (n, 3) through a 4×4 matrix that may mirror them."""
+    """Transform points (n, 3) by a 4×4 matrix that may mirror them."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -1,13 +1,13 @@
-"""`ImportedDetector`: anybody's detector, named by where Python finds it, such as `my_package.my_module:detect`.
+"""`ImportedDetector`: any Python detector, named by its import path, such as `my_package.my_module:detect`.
 
-What the name means is one of:
+The name stands for one of:
 
     a detector           called with the points (n, 3) of a frame, world frame, m, it returns `Detections`
     a maker of one       it has a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all, and
-                         returns a detector for there; a class counts, its instances being the detectors
+                         returns a detector for that place; a class counts, its instances being the detectors
 
-A detector may have an attribute `digest`, a text that changes with all its detections depend on: only then are they
-kept for another run.
+A detector may have an attribute `digest`, a text that changes with everything its detections depend on. Only then are
+they kept for another run.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from toolkit.sites.site import Site
 class ImportedDetector:
     """A detector for a site, imported by its name `package.module:callable`, also from the current folder.
 
-    Sent to another process, it is imported again there. Raises ValueError, in one line, where there is no such thing,
-    or it returns anything but `Detections` for a cloud without points.
+    Another process imports it again. Raises ValueError, in one line, where the import fails, or the detector returns
+    anything but `Detections` for a cloud without points.
     """
 
     def __init__(self, name: str, site: Site) -> None:
         self.name, self.site = name, site
-        named = _imported(name)
+        named = _import_callable(name)
         try:
-            self._detect = _made(named, site)
+            self._detect = _make_detector(named, site)
             detections = self._detect(np.zeros((0, 3), np.float32))
-        except Exception as error:  # whatever their code raises
+        except Exception as error:  # the detector may raise anything
             raise ValueError(
                 f"detector {name} fails with a cloud of no points ({type(error).__name__}: {error}): "
                 "let it take points (n, 3) and return Detections"
@@ -50,7 +50,7 @@ class ImportedDetector:
         """Detect in one cloud. Raises ValueError, in one line, where that fails."""
         try:
             detections = self._detect(points)
-        except Exception as error:  # whatever their code raises
+        except Exception as error:  # the detector may raise anything
             raise ValueError(
                 f"detector {self.name} fails with a cloud of {len(points)} points ({type(error).__name__}: {error}): "
                 "let it take any points (n, 3)"
@@ -59,12 +59,12 @@ class ImportedDetector:
 
     @property
     def digest(self) -> str:
-        """That of the detector; there is none (AttributeError) where it has none."""
+        """Digest of the detector. Raises AttributeError where it has none."""
         return str(self._detect.digest)  # type: ignore[attr-defined]
 
     @property
     def labels(self) -> Any:
-        """Classes that the detector says it knows; there are none (AttributeError) where it does not say."""
+        """Classes that the detector says it knows. Raises AttributeError where it does not say."""
         return self._detect.labels  # type: ignore[attr-defined]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,25 +78,25 @@ class ImportedDetector:
         return detections
 
 
-def _imported(name: str) -> Any:
-    """What the name means in Python; modules of the current folder are found last."""
+def _import_callable(name: str) -> Any:
+    """Import the object of that name; modules of the current folder are found last."""
     module, colon, attribute = name.partition(":")
     if not (colon and module and attribute):
-        raise ValueError(f"a detector to import is named package.module:callable, got {name!r}")
+        raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     try:
         named = import_module(module)
         for part in attribute.split("."):
             named = getattr(named, part)
-    except Exception as error:  # their module is run by importing it
+    except Exception as error:  # importing runs the module
         raise ValueError(f"detector {name} cannot be imported ({type(error).__name__}: {error})") from error
     if not callable(named):
         raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
     return named
 
 
-def _made(named: Callable[..., Any], site: Site) -> Detector:
+def _make_detector(named: Callable[..., Any], site: Site) -> Detector:
     parameters = inspect.signature(named).parameters
     offered = {"site": site, "area": tuple(site.area.tolist())}
     wanted = {key: value for key, value in offered.items() if key in parameters}

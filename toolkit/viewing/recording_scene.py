@@ -1,13 +1,13 @@
-"""Nodes of a scene that shows a recording, such that any part of it can be hidden.
+"""Nodes of a scene that shows a recording; any part of it can be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
-    /sensors/K/place/FRAME          where it was
+    /sensors/K/place/FRAME          its place
     /truth/KIND/FRAME               labelled boxes of one kind
     /detections/KIND/FRAME          detected boxes of one kind
-    /hits/KIND/FRAME                those that are true; /missed, and /false_alarms, in the same way
+    /hits/KIND/FRAME                true ones; /missed and /false_alarms likewise
 
-A node is seen where it and all nodes above it are.
+A node is seen if it and all nodes above it are visible.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from toolkit.viewing.drawn import (
     shades,
     thinned,
 )
-from toolkit.viewing.scene import add_lines, add_mesh, box_edges, dashed, headings, rgb, roof_crosses, spikes
+from toolkit.viewing.scene import add_lines, add_mesh, box_edges, dashes, headings, rgb, roof_crosses, spikes
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
 TRUTH, DETECTION = FAINT, OUTCOME["detection"].colour
-BOXES = {"truth": TRUTH, "detections": DETECTION}  # by their node
+BOXES = {"truth": TRUTH, "detections": DETECTION}  # by node
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 SHOWN_AS: dict[Marked, str] = {"hits": "green", "missed": "red with a cross", "false alarms": "violet with a mark"}
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
-_LEAST_AREA = 20.0  # m that a scene measures at least
-_MOST = (10.0, 90.0)  # percentiles of points that the first view shows
+_LEAST_AREA = 20.0  # m: least extent of a scene
+_MOST = (10.0, 90.0)  # percentiles of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
 _MARK_WIDTH = 3.0  # of the lines of outcomes, pixels
 _WIDTH = {"truth": 1.5, "detections": 2.5}  # of lines, pixels
@@ -53,8 +53,11 @@ _WIDTH = {"truth": 1.5, "detections": 2.5}  # of lines, pixels
 
 @dataclass(frozen=True)
 class SceneStyle:
-    """What of each frame is drawn. sensors: names, in the order of their numbers; most: points of a cloud; precision:
-    of their coordinates, float16 is half as large and in steps of 3 cm from 32 m on."""
+    """Selection and style of what is drawn in each frame.
+
+    sensors: names, in the order of their numbers; most: points of a cloud; precision: of their coordinates; float16 is
+    half as large, in steps of 3 cm beyond 32 m.
+    """
 
     sensors: tuple[str, ...]
     colourings: tuple[Colouring, ...]
@@ -64,12 +67,12 @@ class SceneStyle:
 
 
 def sensors_of(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some samples, in the order they come by."""
+    """Names of all sensors of some samples, in order of appearance."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
-    """The nodes that everything is below, of which the first colouring is shown; their handles."""
+    """Add the nodes above all others, with the first colouring visible; return their handles."""
     boxes = (*BOXES, *OUTCOME_NODES.values())
     names = [*(f"/{group}" for group in ("sensors", *boxes))]
     names += [f"/{group}/{kind}" for group in boxes for kind in BOX_KINDS]
@@ -78,7 +81,7 @@ def add_groups(api: SceneApi, style: SceneStyle) -> list[Any]:
 
 
 def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Any]:
-    """The nodes that all of one sensor is below."""
+    """Add the nodes above all nodes of one sensor."""
     made: list[Any] = [api.add_frame(f"/sensors/{number}", show_axes=False)]
     made.append(api.add_frame(f"/sensors/{number}/place", show_axes=False))
     for colouring in style.colourings:
@@ -90,7 +93,7 @@ def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Any]:
 def add_sample(
     api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[Any]:
-    """All of one sample, below the nodes of `add_groups`; the handles of what there is."""
+    """Add one sample below the nodes of `add_groups`; return the handles."""
     newest = newest_of(sample)
     made: list[Any] = []
     for each in sample.clouds:
@@ -109,7 +112,7 @@ def add_sample(
             )
             for colouring in (style.colourings if len(cloud.points) else ())
         ]
-    for group, rows, lines in (("truth", sample.truth, _outlined), ("detections", sample.detections, _dashes)):
+    for group, rows, lines in (("truth", sample.truth, _outline), ("detections", sample.detections, _dashes)):
         for kind, boxes in rows.items():
             node = f"/{group}/{kind}/{frame}"
             handle = add_lines(api, node, lines(boxes), BOXES[group], width=_WIDTH[group], visible=visible)
@@ -123,12 +126,12 @@ def add_sample(
 
 
 def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
-    """The nodes that all boxes of one kind are below."""
+    """Nodes above all boxes of one kind."""
     return [f"/{group}/{kind}" for group in (*BOXES, *(OUTCOME_NODES.values() if outcomes else ()))]
 
 
 def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visible: bool) -> Any:
-    """A housing where the sensor was, and its name."""
+    """Add a housing where the sensor was, and its name."""
     node = f"/sensors/{number}/place/{frame}"
     x, y, z = cloud.place.tolist()
     made = api.add_frame(node, show_axes=False, visible=visible)
@@ -138,18 +141,29 @@ def _add_place(api: SceneApi, cloud: DrawnCloud, number: int, frame: int, visibl
 
 
 def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Any:
-    """A grid of 10 m squares on the ground, for scale."""
+    """Add a grid of 10 m squares on the ground, for scale."""
     xmin, ymin, xmax, ymax = area
     middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
     width, height = xmax - xmin, ymax - ymin
     return api.add_grid(
-        GRID_NODE, width=width, height=height, plane="xy", cell_size=10.0, section_size=10.0, position=middle,
-        fade_distance=10.0 * max(width, height), cell_color=rgb(_GRID_COLOUR), section_color=rgb(_GRID_COLOUR),
-    )  # fmt: skip
+        GRID_NODE,
+        width=width,
+        height=height,
+        plane="xy",
+        cell_size=10.0,
+        section_size=10.0,
+        position=middle,
+        fade_distance=10.0 * max(width, height),
+        cell_color=rgb(_GRID_COLOUR),
+        section_color=rgb(_GRID_COLOUR),
+    )
 
 
 def viewed_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """xmin, ymin, xmax, ymax (m), to 10 m, of where most points of a sample and its sensors are, or else its boxes."""
+    """Area (xmin, ymin, xmax, ymax in m, to 10 m) that the first view shows.
+
+    It holds most points of a sample and its sensors, or else its boxes.
+    """
     clouds = [cloud.points[:, :2].astype(np.float64) for cloud in sample.clouds if len(cloud.points)]
     near = [np.percentile(xy, percent, axis=0)[None] for xy in clouds for percent in _MOST]
     places = [cloud.place[None, :2] for cloud in sample.clouds] if clouds else []
@@ -162,12 +176,12 @@ def viewed_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     return xmin, ymin, xmax, ymax
 
 
-def _outlined(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
+def _outline(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
     return np.concatenate([box_edges(boxes), headings(boxes)])
 
 
 def _dashes(boxes: Float64[np.ndarray, "_ 7"]) -> Float64[np.ndarray, "_ 2 3"]:
-    return np.concatenate([dashed(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)])
+    return np.concatenate([dashes(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)])
 
 
 _MARKS: dict[Marked, Callable[[Float64[np.ndarray, "_ 7"]], Float64[np.ndarray, "_ 2 3"]]] = {

@@ -1,7 +1,7 @@
-"""Scenes of viser: empty ones to be filled, meshes and lines in them, and the page that one is written as.
+"""Scenes of viser: empty ones to be filled, meshes and lines in them, and their pages.
 
-viser builds the scene and writes it, with its viewer, as one page of HTML. Nothing else is asked of its server, which
-listens on 127.0.0.1 at a port of the system's choice while the scene is written.
+viser builds the scene and writes it, with its viewer, as one page of HTML. Its server does nothing else; it listens on
+127.0.0.1, at a port of the system's choice, while the scene is written.
 """
 
 from __future__ import annotations
@@ -52,16 +52,18 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def check_viser() -> None:
-    """Raise ImportError, which says what to install, where viser is not installed."""
+    """Raise ImportError, with the command to install it, if viser is missing."""
     if not find_spec("viser"):
         raise ImportError("scenes in 3D need viser: pip install coview[report]")
 
 
 @contextmanager
 def viser_server(port: int = 0) -> Iterator[ViserServer]:
-    """A server of viser for this machine alone, with an empty scene, its light and up direction; port: 0 for one of the
-    system's choice, else this or, where it is taken, one after it. Says nothing on the screen, and does not let viser
-    build its viewer again, for which it would ask the network. Raises ImportError without viser."""
+    """Open a viser server for this machine alone, with an empty scene, light and up direction.
+
+    port: 0 for one of the system's choice, else this or, if it is taken, one after it. Nothing is printed, and viser
+    does not rebuild its viewer, for which it would use the network. Raises ImportError without viser.
+    """
     check_viser()
     import rich
     from viser import ViserServer
@@ -87,7 +89,7 @@ def viser_server(port: int = 0) -> Iterator[ViserServer]:
 
 
 def start_at(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
-    """Set where the camera is, and looks at, when the scene opens."""
+    """Set the camera's place and target at the opening of the scene."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)
     server.initial_camera.fov = np.deg2rad(50.0)
@@ -95,8 +97,9 @@ def start_at(server: ViserServer, position: tuple[float, ...], look_at: tuple[fl
 
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Place, Place]:
-    """Where a camera is, and looks at, that has a whole area (xmin, ymin, xmax, ymax) in its picture, at a slant from
-    the south; height: of the ground.
+    """Place and target of a camera that sees a whole area, at a slant from the south.
+
+    area: xmin, ymin, xmax, ymax (m); height: of the ground.
 
     >>> overview((0.0, -50.0, 100.0, 50.0))
     ((35.0, -75.0, 65.0), (50.0, 0.0, 0.0))
@@ -107,7 +110,10 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
 
 
 def scene_html(server: ViserServer) -> str:
-    """The scene as a page for an iframe: it says when it is ready, and switches nodes as messages ask it to."""
+    """Return the scene as a page for an iframe.
+
+    It tells when it is ready, and switches nodes when messages ask it to.
+    """
     server.scene.add_frame("/end", show_axes=False)
     html = server.get_scene_serializer().as_html()
     head_end = html.index("</head>")
@@ -115,7 +121,7 @@ def scene_html(server: ViserServer) -> str:
 
 
 def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
-    """A mesh of one colour, if it has triangles."""
+    """Add a mesh of one colour, if it has triangles."""
     if len(mesh.triangles):
         api.add_mesh_simple(
             name,
@@ -133,7 +139,7 @@ def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: floa
 def add_lines(
     api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
 ) -> LineSegmentsHandle | None:
-    """Lines of one colour, `width` pixels wide, if there are any."""
+    """Add lines of one colour, `width` pixels wide, if there are any."""
     if not len(segments):
         return None
     return api.add_line_segments(
@@ -148,12 +154,12 @@ Segments = Float64[np.ndarray, "_ 2 3"]
 
 
 def box_edges(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """The twelve edges of each box."""
+    """Twelve edges of each box."""
     return corners(boxes)[:, EDGES].reshape(-1, 2, 3)
 
 
 def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """A line on the roof of each box, from its middle to the front.
+    """Line on the roof of each box, from its middle to the front.
 
     >>> headings(np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.0, 0.0]])).tolist()
     [[[1.0, 2.0, 1.0], [3.0, 2.0, 1.0]]]
@@ -164,12 +170,12 @@ def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
 
 
 def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """Both diagonals of each box's roof: the mark of a vehicle that was missed."""
+    """Both diagonals of each box's roof, the mark of a missed vehicle."""
     return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
 
 
 def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
-    """An upright line with a cross bar above each box: the mark of a false alarm."""
+    """Upright line with a cross bar above each box, the mark of a false alarm."""
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
     tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))
     upright = np.stack([top, tip], 1)
@@ -177,10 +183,10 @@ def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
     return np.concatenate([upright, *bars]).astype(np.float64)
 
 
-def dashed(segments: Segments, *, dash: float, gap: float) -> Segments:
-    """The segments as dashes of `dash` metres with gaps of `gap` metres.
+def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
+    """Split segments into dashes of `dash` metres with gaps of `gap` metres.
 
-    >>> dashed(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
+    >>> dashes(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
     array([[0., 2.],
            [3., 5.]])
     """
@@ -193,10 +199,10 @@ def dashed(segments: Segments, *, dash: float, gap: float) -> Segments:
     return np.concatenate(parts)
 
 
-def sampled(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
-    """At most so many of the points, evenly taken.
+def thin_evenly(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
+    """Take at most this many of the points, evenly.
 
-    >>> len(sampled(np.zeros((10, 3), np.float32), 4))
+    >>> len(thin_evenly(np.zeros((10, 3), np.float32), 4))
     4
     """
     if len(points) <= most:
@@ -212,8 +218,11 @@ POLICY = (
 
 
 def scene_script() -> str:
-    """The script that loads a scene into its frame and switches its nodes: of every `input` with data-node, which names
-    one node or several, and of every frame of the recording, of which one is shown."""
+    """Script that loads a scene into its frame and switches its nodes.
+
+    It switches those of every `input` with data-node, which names one node or several, and those of every frame of the
+    recording, one of which is shown.
+    """
     return (Path(__file__).parent / "scene.js").read_text(encoding="utf-8")
 
 

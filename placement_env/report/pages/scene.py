@@ -27,14 +27,14 @@ from toolkit.viewing.scene import (
     add_lines,
     add_mesh,
     box_edges,
-    dashed,
+    dashes,
     overview,
     rgb,
     roof_crosses,
-    sampled,
     scene_html,
     spikes,
     start_at,
+    thin_evenly,
     viser_server,
 )
 
@@ -138,7 +138,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
         for index, points in enumerate(moment.clouds[:sensors]):
             api.add_point_cloud(
                 f"/sensors/{index}/points {frame}",
-                sampled(points, most),
+                thin_evenly(points, most),
                 rgb(sensor_colour(index)),
                 point_size=0.09,
                 point_shape="square",
@@ -167,11 +167,11 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> list[Layer]:
             ("hit", box_edges(hit), _HIT, 3.0),
             (
                 "missed",
-                np.concatenate([dashed(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
+                np.concatenate([dashes(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
                 _MISSED,
                 3.0,
             ),
-            ("false", np.concatenate([dashed(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]), _FALSE_ALARM, 3.0),
+            ("false", np.concatenate([dashes(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]), _FALSE_ALARM, 3.0),
         )
         for key, segments, colour, width in drawn:
             add_lines(api, f"{layers[key].node}/{frame}", segments, colour, width=width, visible=frame == 0)

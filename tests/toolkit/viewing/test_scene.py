@@ -10,17 +10,17 @@ from toolkit.viewing.scene import (
     add_mesh,
     box_edges,
     check_viser,
-    dashed,
+    dashes,
     headings,
     overview,
     rgb,
     roof_crosses,
-    sampled,
     scene_html,
     scene_script,
     script_data,
     spikes,
     start_at,
+    thin_evenly,
     viser_server,
 )
 
@@ -83,18 +83,18 @@ def test_a_box_has_twelve_edges_a_cross_and_a_mast():
 def test_no_boxes_no_marks():
     none = np.zeros((0, 7))
     assert [len(make(none)) for make in (box_edges, roof_crosses, spikes)] == [0, 0, 0]
-    assert dashed(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
+    assert dashes(np.zeros((0, 2, 3)), dash=1.0, gap=1.0).shape == (0, 2, 3)
 
 
 def test_dashes_keep_to_the_line():
-    dashes = dashed(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
-    np.testing.assert_allclose(dashes[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
+    made = dashes(np.array([[[0.0, 0, 0], [0, 10, 0]]]), dash=1.0, gap=1.5)
+    np.testing.assert_allclose(made[:, :, 1], [[0, 1], [2.5, 3.5], [5, 6], [7.5, 8.5]])
 
 
 def test_thinning_takes_points_evenly_and_leaves_few_alone():
     points = np.arange(30, dtype=np.float32).reshape(10, 3)
-    assert sampled(points, 10) is points
-    np.testing.assert_array_equal(sampled(points, 5)[:, 0], [0, 6, 12, 18, 24])
+    assert thin_evenly(points, 10) is points
+    np.testing.assert_array_equal(thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
 
 
 def test_the_policy_asks_nobody():
