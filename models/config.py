@@ -110,16 +110,20 @@ class VoxelNetConfig:
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
-            raise ValueError(f"the area must be xmin ymin xmax ymax with room inside, got {self.area} at {self.height}")
+            raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")
         if min(self.voxel_size) <= 0 or self.max_points < 1:
-            raise ValueError(f"voxels need a size and points, got size {self.voxel_size} and {self.max_points} points")
+            raise ValueError(
+                f"voxels need a size above 0 and at least 1 point, got {self.voxel_size} and {self.max_points}"
+            )
         if bool(self.middle_widths) == bool(self.column_width):
             raise ValueError(
                 "give either three middle_widths or a column_width, "
                 f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
             )
         if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
-            raise ValueError("middle_widths, rpn_widths and rpn_layers go in threes (middle_widths may be empty)")
+            raise ValueError(
+                "middle_widths, rpn_widths and rpn_layers need three entries each (middle_widths may be empty)"
+            )
         self._check_classes()
 
     def _check_classes(self) -> None:
@@ -133,7 +137,7 @@ class VoxelNetConfig:
                 f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head {self.head!r}"
             )
         if not set(self.faces) <= set(self.labels):
-            raise ValueError(f"faces are measured of labels that are detected, got {self.faces} of {self.labels}")
+            raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
         if len(self.calibration) not in (0, len(self.labels)) or any(slope <= 0 for slope, _ in self.calibration):
             raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
         size = len(self.labels)
@@ -251,7 +255,7 @@ class VoxelNetConfig:
         if not isinstance(values, dict):
             raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
         if unknown := set(values) - {field.name for field in fields(cls)}:
-            raise ValueError(f"no such entries in a VoxelNetConfig: {', '.join(sorted(unknown))}; is the file newer?")
+            raise ValueError(f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?")
         if "area" not in values:
             raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
         example = asdict(_EXAMPLE)

@@ -160,7 +160,7 @@ def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | 
     Raises ValueError unless all of them are present in the right shapes.
     """
     ours = network.state_dict()
-    theirs = {published_name(name): name for name in ours}
+    theirs = {name_in_paper(name): name for name in ours}
     expected = {new: _as_convolution(old, ours[old]) for new, old in theirs.items()}
     check_tensors(expected, weights, origin)
     tensors = {old: weights[new].reshape(ours[old].shape) for new, old in theirs.items()}
@@ -169,17 +169,17 @@ def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | 
     return tensors
 
 
-def published_name(name: str) -> str:
+def name_in_paper(name: str) -> str:
     """Published name of one of our tensors.
 
-    >>> published_name("rpn.blocks.1.0.1.running_mean")
+    >>> name_in_paper("rpn.blocks.1.0.1.running_mean")
     '_rpn.conv2_1.bn1.running_mean'
     """
     for ours, theirs in _NAMES:
         if match := re.match(ours, name):
             numbers = [int(group) for group in match.groups()]
             return theirs(*numbers) + name[match.end() :]
-    raise ValueError(f"the published network has nothing like {name}")
+    raise ValueError(f"the published network has no counterpart of {name}")
 
 
 _LAYER = ("conv1", "bn1")

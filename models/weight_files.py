@@ -102,7 +102,7 @@ def read_tensors(path: Path, expected_format: str) -> tuple[dict[str, str], dict
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(f"{path} is damaged or no safetensors file ({reason}): fetch it again") from None
+        raise ValueError(f"{path} is damaged or not a safetensors file ({reason}): fetch it again") from None
     if metadata.get("format") != expected_format:
         raise ValueError(f"{path} is not in the format {expected_format!r}, its header says {metadata.get('format')!r}")
     if metadata.get("digest") != digest_tensors(tensors):
@@ -133,7 +133,7 @@ def _network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
             expected = VoxelNet(config).state_dict()
     except (ValueError, RuntimeError, TypeError, IndexError, OverflowError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(f"{path} has a configuration of which no network can be made: {reason}") from None
+        raise ValueError(f"{path} has a configuration that makes no network: {reason}") from None
     check_tensors(expected, tensors, path)
     network = VoxelNet(config)
     network.load_state_dict(tensors)
@@ -196,7 +196,7 @@ def load_tensors(path: str | Path, device: str = "cpu") -> Any:
         return torch.load(path, map_location=device, weights_only=True)
     except _TORCH_RAISES as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
-        raise ValueError(f"{path} is damaged or no checkpoint of tensors alone: {reason}") from None
+        raise ValueError(f"{path} is damaged or not a checkpoint of tensors: {reason}") from None
 
 
 def save_atomically(path: Path, state: dict[str, object]) -> None:
@@ -214,9 +214,9 @@ def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
     try:
         state = load_tensors(path, device)
     except ValueError as error:
-        raise ValueError(f"{error}: remove it to begin anew") from None
+        raise ValueError(f"{error}: remove it to start again") from None
     if not isinstance(state, dict):
-        raise ValueError(f"{path} is no checkpoint: remove it to begin anew, or choose another folder")
+        raise ValueError(f"{path} is not a checkpoint: remove it to start again, or choose another folder")
     return state
 
 
@@ -239,7 +239,7 @@ def checkpoint_errors(path: Path) -> Iterator[None]:
         yield
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0][:160]
-        raise ValueError(f"{path} is no checkpoint of this training ({reason}): remove it to begin anew") from None
+        raise ValueError(f"{path} is not a checkpoint of this training ({reason}): remove it to start again") from None
 
 
 def _plain(value: object) -> object:

@@ -194,9 +194,9 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
     return Detections(mean, candidates.scores[kept], candidates.labels[kept])
 
 
-TOGETHER = 0.3  # share of the smaller of two footprints that lies on the other, above which both claim one place
-LEAST_RIVAL = 0.2  # score below which nobody is a rival
-_NEVER_SURE = 1e-6  # scores are cut to so much from 0 and 1
+TOGETHER = 0.3  # share of the smaller of two footprints that lies on the other, above which both claim the same place
+LEAST_RIVAL = 0.2  # least score of a rival
+_NEVER_SURE = 1e-6  # scores are clipped to this distance from 0 and 1
 
 
 def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:

@@ -26,15 +26,15 @@ from toolkit.boxes import rows_in_boxes
 from toolkit.objects import LABELS, Detections, label_index
 
 STEP = 0.04  # m
-NEAREST, BINS = -0.6, 28  # m inside of the face where the counts begin, and how many steps there are
+NEAREST, BINS = -0.6, 28  # m, start of the counts inside the face, and their number
 ZONES = 3
-FLOOR_GAP = 0.2  # m above the floor of a box, below which a point may be of the ground
+FLOOR_GAP = 0.2  # m above the floor of a box; lower points may be ground
 BESIDE = 0.1  # m beside a face in which its points are counted too
 LEAST_POINTS = 3  # points about a face or the one opposite, below which a face stays
 HIDDEN = 56
 SORTS = ("end", "side", "top")
 _OWN = BINS * ZONES
-_EXTRAS = 2 + 3 + len(LABELS)  # how many points there are, the size of the box, its class
+_EXTRAS = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
 class FaceFeatures(NamedTuple):

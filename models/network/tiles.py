@@ -142,7 +142,7 @@ class PointsByTile(NamedTuple):
 TILE = 24  # cells of the head's map; a multiple of what the two strides after it take together
 AT_ONCE = 64  # tiles that a layer takes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
-MOST_OWN = 0.5  # share of all unions' tiles that are nobody else's, above which one after the other is quicker
+MOST_OWN = 0.5  # share of tiles that unions do not share, above which one union after the other is quicker
 
 
 class Entries(NamedTuple):

@@ -21,7 +21,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig, road_users, select_anchors
 from models.network.anchors import anchors
 from models.network.voxelnet import Prediction, VoxelNet
-from models.training.losses import published_loss, quality_loss
+from models.training.losses import quality_loss, sampled_loss
 from models.training.packed import PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
 from models.weight_files import (
@@ -107,9 +107,9 @@ def window(area: tuple[float, float, float, float]) -> tuple[float, float, float
 def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
     """Raise ValueError if a preset cannot train this network."""
     if config.head != preset.loss:
-        raise ValueError(f"the {preset.loss} loss trains a network with that head, got head {config.head!r}")
+        raise ValueError(f"the {preset.loss} loss needs a network with that head, got head {config.head!r}")
     if len(config.labels) > 1 and not config.kinds:
-        raise ValueError(f"several labels need anchors of their own to be trained, got {config.labels}: give kinds")
+        raise ValueError(f"several labels need anchors of their own, got {config.labels}: give kinds")
     if preset.batch < 1 or not preset.epochs > 0:
         raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
 
@@ -167,7 +167,7 @@ def _step_number(row: str) -> float:
     return float(step) if step.isdigit() else float("inf")
 
 
-LOG_STEPS = 50  # losses are logged as their mean over so many steps
+LOG_STEPS = 50  # steps per logged mean of the losses
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
@@ -258,7 +258,7 @@ def train(
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
-    loss_of = by_class if preset.loss == "quality" else published_loss
+    loss_of = by_class if preset.loss == "quality" else sampled_loss
     anchor = anchors(config).to(device)
     loader = torch.utils.data.DataLoader(
         samples,

@@ -61,7 +61,7 @@ def assign(
     forced: list[tuple[tuple[int, ...], int]] = []
     for row, box in enumerate(boxes):
         near = _window(anchors, box, anchors[0, 0, :, 3:5].max() / 2)
-        iou = _snapped_iou(anchors[near], box)
+        iou = _snap_iou(anchors[near], box)
         better = iou > overlap[near]
         overlap[near][better], owner[near][better] = iou[better], row
         if iou.size and iou.max() >= best:
@@ -72,7 +72,7 @@ def assign(
         labels[place], owner[place] = POSITIVE, row
     for box in () if ignored is None else ignored:
         near = _window(anchors, box, 0.0)
-        labels[near][(labels[near] == NEGATIVE) & _centred_within(anchors[near], box)] = IGNORED
+        labels[near][(labels[near] == NEGATIVE) & _mark_within(anchors[near], box)] = IGNORED
     return Assignment(labels, np.where(labels == POSITIVE, owner, 0))
 
 
@@ -136,21 +136,21 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
     return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
 
 
-def _snapped_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
+def _snap_iou(anchors: np.ndarray, box: np.ndarray) -> Float[np.ndarray, "h w A"]:
     """Axis-aligned IoU of anchors and a box, each turned to the nearest multiple of 90°."""
-    size, box_size = _snapped_size(anchors), _snapped_size(box)
+    size, box_size = _snap_size(anchors), _snap_size(box)
     gap = np.abs(anchors[..., :2] - box[:2])
     shared = np.minimum(np.minimum(size, box_size), (size + box_size) / 2 - gap).clip(0).prod(-1)
     return shared / (size.prod(-1) + box_size.prod() - shared)
 
 
-def _snapped_size(boxes: np.ndarray) -> np.ndarray:
+def _snap_size(boxes: np.ndarray) -> np.ndarray:
     """Extent along x and y with the yaw snapped to a multiple of 90°."""
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
 
-def _centred_within(anchors: np.ndarray, box: np.ndarray) -> Bool[np.ndarray, "h w A"]:
+def _mark_within(anchors: np.ndarray, box: np.ndarray) -> Bool[np.ndarray, "h w A"]:
     (dx, dy), (cos, sin) = np.moveaxis(anchors[..., :2] - box[:2], -1, 0), (np.cos(box[6]), np.sin(box[6]))
     return (np.abs(dx * cos + dy * sin) <= box[3] / 2) & (np.abs(dy * cos - dx * sin) <= box[4] / 2)
 
@@ -160,7 +160,7 @@ def _choose(mask: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
     return rows if len(rows) <= count else rng.choice(rows, count, replace=False)
 
 
-def published_loss(
+def sampled_loss(
     prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
 ) -> dict[str, Tensor]:
     """Published loss: cross-entropy of sampled anchors, smooth L1 (σ = 3) of residuals.
@@ -189,7 +189,7 @@ def quality_loss(
 
     Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. Each class's sums are
     divided by the number of its own positive anchors, so that none drowns the others. classes: class of each anchor of
-    a cell (None: one class); other arguments as in `published_loss`.
+    a cell (None: one class); other arguments as in `sampled_loss`.
     """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')

@@ -65,7 +65,9 @@ class PackedFrames:
                 self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.names_in(file, "rigs"))))
             self._check()
         except (OSError, ValueError) as error:
-            raise ValueError(f"{path} is no whole packed file ({error}): make it again with coview pack") from error
+            raise ValueError(
+                f"{path} is damaged or not a packed file ({error}): make it again with coview pack"
+            ) from error
 
     def _check(self) -> None:
         """Raise ValueError if numbers of the file do not fit each other."""
@@ -281,7 +283,7 @@ def _parse_rig(
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")
     except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
-        raise ValueError(f"{name}: its attributes describe no sensors, area and height ({error})") from None
+        raise ValueError(f"{name}: its attributes do not describe sensors, area and height ({error})") from None
     if not (np.isfinite([xmin, ymin, xmax, ymax, height]).all() and xmin < xmax and ymin < ymax and height > 0):
         raise ValueError(f"{name}: needs an area xmin ymin xmax ymax and a height, got {attributes['area']}, {height}")
     if not sensors or max(rows * columns for rows, columns in (s.model.shape for s in sensors)) > MOST_PIXELS:

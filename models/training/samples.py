@@ -40,9 +40,9 @@ from toolkit.sensors.readings import ErrorTerm, TrueImage
 from toolkit.sensors.sensor import Sensor
 
 FEWEST_KEPT = 0.1  # share of the points
-LIFT = 0.07  # m, deviation of the ground's height; surveys and imported sites are so far off
+LIFT = 0.07  # m, deviation of the ground's height; as in surveys and imported sites
 SLOPE = 0.006  # deviation of the ground's slope along x and along y; at 20 m that is 12 cm
-BEYOND = 150.0  # m: where what stands outside the crop, of which a packed file says nothing, is taken to be
+BEYOND = 150.0  # m, assumed distance of surfaces outside the crop, which a packed file leaves out
 
 
 def random_errors(rng: np.random.Generator) -> ErrorProfile:

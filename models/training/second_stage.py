@@ -83,14 +83,14 @@ def _channels(config: VoxelNetConfig, label: str, each: int) -> list[int]:
     return [anchor * each + channel for anchor in anchors for channel in range(each)]
 
 
-PRECISION = 0.97  # of the detections above the threshold that is chosen
-MOST_LOST = 0.05  # share of the true detections that a threshold may cost, whatever the precision
-FEWEST = 30  # detections, below which a class is left as it is and no precision is believed
-LOWEST = 0.05  # score of detections that are looked at
-LEAST_SURE = 0.2  # calibrated score below which nothing is reported unless it is asked for
+PRECISION = 0.97  # of the detections above the chosen threshold
+MOST_LOST = 0.05  # share of true detections that a threshold may lose at any precision
+FEWEST = 30  # detections; a class with fewer keeps its scores
+LOWEST = 0.05  # least score of the detections used
+LEAST_SURE = 0.2  # calibrated score, the lowest default threshold
 TRUE, FALSE, UNCOUNTED = 1, 0, -1  # outcomes of detections
 _SUBSETS, _ERRORS = 0.3, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
-_RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0, as so many detections would
+_RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
@@ -210,14 +210,14 @@ def _rescore(found: Detections, config: VoxelNetConfig) -> Detections:
     return Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels)
 
 
-FARTHEST_FACE = 0.6  # m; a face that is farther off than its points are counted cannot be found
-FEWEST_POINTS = 5  # on an object, below which it teaches nothing
-MATCHED = 0.4  # BEV IoU from which a detection is of an object
-LOWEST_SCORE = 0.2  # of a detection to learn from
-_SUBSETS, _ERRORS = 0.5, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
+FARTHEST_FACE = 0.6  # m; points of a face farther off are not counted
+FEWEST_POINTS = 5  # least points on an object
+MATCHED = 0.4  # least BEV IoU of a detection with its object
+LOWEST_SCORE = 0.2  # of a detection used as an example
+_FACE_SUBSETS, _FACE_ERRORS = 0.5, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
 BATCH = 512
 STEPS = 5000
-OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # deviations of boxes that are off at random
+OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # standard deviations of displaced boxes
 
 
 class FaceExamples(NamedTuple):
@@ -246,7 +246,7 @@ def face_examples(
     wanted = [label_index(label) for label in labels]
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
-        points = read_points(frames, k, rng, subsets=_SUBSETS, errors=_ERRORS)
+        points = read_points(frames, k, rng, subsets=_FACE_SUBSETS, errors=_FACE_ERRORS)
         objects = frames.level_objects(k)
         there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
@@ -280,7 +280,7 @@ def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> 
     """
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
-    small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # of a pedestrian, less
+    small = np.minimum(boxes[:, 4] / 1.8, 1.0)[:, None]  # less for pedestrians
     boxes[:, :2] += rng.normal(0, OFF["centre"], (len(boxes), 2)) * small
     boxes[:, 3:6] *= 1 + rng.normal(0, OFF["size"], (len(boxes), 3))
     boxes[:, 2] = floor + boxes[:, 5] / 2
@@ -305,7 +305,7 @@ def fit_faces(
     steps = STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):
         if not len(examples.offsets[sort]):
-            raise ValueError(f"there are no examples of a {sort}: pack frames with vehicles that have points")
+            raise ValueError(f"no examples of a {sort}: pack frames with vehicles that have points")
         features = torch.from_numpy(examples.features[sort])
         target = torch.from_numpy(examples.offsets[sort]).clamp(-FARTHEST_FACE, FARTHEST_FACE)
         _fit(networks, sort, features, target, steps, learning_rate, seed)

@@ -14,7 +14,7 @@ from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, expected_bits
+from toolkit.detection.scheme import Scheme, estimate_bits
 from toolkit.detection.schemes import find_scheme
 
 LEAST = 20.0  # points on a vehicle that make a view
@@ -48,7 +48,7 @@ class Coverage:
         self.views, self.classes = views, classes
         self._sums = MemberSums(seen.astype(np.uint16))
         self._own = [np.flatnonzero(visibility.labels == label) for label in classes.labels]
-        self._bits = expected_bits(find_scheme(scheme), codec, visibility, seen.sum(axis=1).astype(np.float64))
+        self._bits = estimate_bits(find_scheme(scheme), codec, visibility, seen.sum(axis=1).astype(np.float64))
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:

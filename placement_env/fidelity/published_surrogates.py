@@ -43,7 +43,7 @@ from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import points_in_boxes
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, expected_bits
+from toolkit.detection.scheme import Scheme, estimate_bits
 from toolkit.detection.schemes import find_scheme
 
 SLOPE, OFFSET = 0.152, 0.659
@@ -130,7 +130,7 @@ class _Cost:
 
     def __init__(self, visibility: Visibility, scheme: Scheme | str, codec: Codec) -> None:
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._kbit = expected_bits(find_scheme(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
+        self._kbit = estimate_bits(find_scheme(scheme), codec, visibility, boxes) / (1000 * visibility.frames)
 
     def estimate(self, score: Float64[np.ndarray, " n"], subsets: Bool[np.ndarray, "n C"]) -> Estimate:
         return Estimate(score, score.copy(), subsets @ self._kbit)

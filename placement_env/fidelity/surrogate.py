@@ -22,7 +22,7 @@ from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, expected_bits, surrogate_name
+from toolkit.detection.scheme import Scheme, estimate_bits, surrogate_name
 from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS
 
@@ -69,7 +69,7 @@ class Surrogate:
             for label, of_class in zip(classes.labels, self.models, strict=True)
         ]
         boxes = (visibility.points >= LEAST).sum(axis=1).astype(np.float64)
-        self._bits = expected_bits(scheme, codec, visibility, boxes)
+        self._bits = estimate_bits(scheme, codec, visibility, boxes)
         self._frames = visibility.frames
 
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:

@@ -38,12 +38,12 @@ def test_a_configuration_survives_json(config):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"area": (0.0, 0.0, 0.0, 9.0)}, "room inside"),
-        ({"height": (4.0, 0.0)}, "room inside"),
+        ({"area": (0.0, 0.0, 0.0, 9.0)}, "must ascend"),
+        ({"height": (4.0, 0.0)}, "must ascend"),
         ({"voxel_size": (0.2, 0.0, 0.4)}, "need a size"),
         ({"max_points": 0}, "need a size"),
         ({"column_width": 32}, "either"),
-        ({"middle_widths": (64, 64)}, "threes"),
+        ({"middle_widths": (64, 64)}, "three entries"),
     ],
 )
 def test_what_makes_no_network_is_refused(changes, said):
@@ -97,7 +97,7 @@ def test_the_anchors_of_classes_by_name():
         ({"labels": ("vehicle", "tram")}, "different ones of"),
         ({"labels": ("vehicle", "vehicle")}, "different ones of"),
         ({"labels": ()}, "different ones of"),
-        ({"faces": ("heavy",)}, "labels that are detected"),
+        ({"faces": ("heavy",)}, "faces must be among"),
         ({"faces": ("tram",)}, "different ones of"),
         ({"kinds": ROAD_USERS}, "a kind for each label"),
         ({**road_users(), "head": "published"}, "need a quality head"),

@@ -195,7 +195,7 @@ def test_the_layout_is_the_documented_one(network):
     assert len(state) == 145
     assert sum(parameter.numel() for parameter in network.parameters()) == 9_460_194
     ours = VoxelNet(VoxelNetConfig.published("tjunction")).state_dict()
-    assert {published.published_name(name) for name in ours} == set(state)
+    assert {published.name_in_paper(name) for name in ours} == set(state)
 
 
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
@@ -315,7 +315,7 @@ class Intruder:
 def test_no_code_of_a_file_is_run(tmp_path, monkeypatch):
     monkeypatch.setenv("INTRUDED", str(tmp_path / "intruded"))
     torch.save({"state_dict": Intruder()}, tmp_path / "c.pth")
-    with pytest.raises(ValueError, match="damaged or no checkpoint"):
+    with pytest.raises(ValueError, match="damaged or not a checkpoint"):
         load_published(tmp_path / "c.pth", "tjunction")
     assert not (tmp_path / "intruded").exists()
 
@@ -323,7 +323,7 @@ def test_no_code_of_a_file_is_run(tmp_path, monkeypatch):
 @pytest.mark.parametrize("data", [b"", b"not a checkpoint", b"PK\x03\x04" + b"x" * 99])
 def test_a_damaged_file_is_one_clear_line(tmp_path, data):
     (tmp_path / "c.pth").write_bytes(data)
-    with pytest.raises(ValueError, match="damaged or no checkpoint") as error:
+    with pytest.raises(ValueError, match="damaged or not a checkpoint") as error:
         load_published(tmp_path / "c.pth", "tjunction")
     assert "\n" not in str(error.value)
 

@@ -52,7 +52,7 @@ def test_tensors_are_read_and_nothing_is_executed(tmp_path, capsys):
     assert read["a"].tolist() == [0, 1, 2]
     assert read["b"] == [1, "x"]
     torch.save({"a": Harmful()}, tmp_path / "b.pt")
-    with pytest.raises(ValueError, match=r"b\.pt is damaged or no checkpoint of tensors alone"):
+    with pytest.raises(ValueError, match=r"b\.pt is damaged or not a checkpoint of tensors"):
         load_tensors(tmp_path / "b.pt")
     assert "executed" not in capsys.readouterr().out
 

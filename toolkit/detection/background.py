@@ -106,7 +106,7 @@ def _least_within(cells: np.ndarray, distance: int) -> np.ndarray:
     return np.fmin.reduce(np.lib.stride_tricks.sliding_window_view(padded, around), axis=(-2, -1))
 
 
-LEAST_NEW = 0.2  # share of the points in a box that the background does not hold, from which on somebody is in it
+LEAST_NEW = 0.2  # least share of points in a box that must not be background
 
 
 @dataclass(frozen=True)

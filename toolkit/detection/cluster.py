@@ -30,11 +30,11 @@ from toolkit.detection.site_background import empty_sweeps
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
-LOWEST_ROOF = 1.3  # m, where no more of a car's height was seen
+LOWEST_ROOF = 1.3  # m, least height of a car
 LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
-LENGTH_SEEN = 0.75 * CAR[0]  # m, from which both ends of a car were seen, so that its length needs no completion
-DOUBT = 10.0  # points of free ground that weigh as much as all of a cluster's points at the side to be completed
-OVERLAP = 0.1  # IoU above which the worse of two cars goes
+LENGTH_SEEN = 0.75 * CAR[0]  # m; a longer car shows both ends and needs no completion
+DOUBT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
+OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
 
 
 @dataclass(frozen=True)

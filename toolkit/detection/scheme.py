@@ -143,7 +143,7 @@ def surrogate_name(scheme: Scheme) -> str:
     return getattr(scheme, "predicted_as", scheme.name)
 
 
-def expected_bits(
+def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
     """Expected bits that each candidate sends in all frames, a whole number.

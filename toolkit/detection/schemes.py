@@ -130,7 +130,7 @@ class Hybrid:
         """
         if self.radius is not None or self.metric != "horizontal":
             raise ValueError(
-                f"far points are counted by the site's hybrid radius, not by {self}: take Hybrid() at "
+                f"far points are counted by the site's hybrid radius, not by {self}: use Hybrid() at "
                 "dataclasses.replace(site, hybrid_radius=...)"
             )
         return counts.far
@@ -146,7 +146,7 @@ class Hybrid:
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS
 
 
-PAPER_SCHEMES = ("early", "late", "hybrid")  # what tables of sensor sets and observations hold, in this order
+PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and observations
 SCHEMES: dict[str, Scheme] = {
     scheme.name: scheme for scheme in (Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences())
 }

@@ -18,7 +18,7 @@ from toolkit.rendering.static_scene import scenery
 from toolkit.sites.site import Site
 
 PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
-_SWEEPS = 4  # of the empty scene, each with noise of its own
+_SWEEPS = 4  # sweeps of the empty scene, each with its own noise
 _FLOOR = -1.0  # m: the ground may lie a little below its own plane
 _AT_ONCE = 1 << 20
 _MOST = 1 << 26  # voxels

@@ -130,5 +130,5 @@ def test_a_damaged_file_of_clouds_is_refused(tmp_path):
         with h5py.File(path, "a") as file:
             del file[f"clouds/{name}"]
             file[f"clouds/{name}"] = np.array(values)
-        with pytest.raises(ValueError, match="no whole packed file"):
+        with pytest.raises(ValueError, match="not a packed file"):
             PackedFrames(path)

@@ -7,7 +7,7 @@ from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Fidelity
 from toolkit.detection.codec import PAPER
-from toolkit.detection.scheme import expected_bits
+from toolkit.detection.scheme import estimate_bits
 from toolkit.detection.schemes import Early
 
 
@@ -77,5 +77,5 @@ def test_one_view_is_monotone_and_submodular(seed):
 
 
 def test_bits_are_whole_numbers():
-    bits = expected_bits(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
+    bits = estimate_bits(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
     np.testing.assert_array_equal(bits, np.rint(bits))

@@ -143,7 +143,7 @@ def test_a_checkpoint_that_was_cut_is_told_in_one_line(trained, tmp_path):
     cut = tmp_path / learning.CHECKPOINT
     cut.write_bytes((trained[1] / learning.CHECKPOINT).read_bytes()[:1000])
     with pytest.raises(
-        ValueError, match=r"policy.pt is damaged or no checkpoint of tensors alone: .*: remove it to begin anew"
+        ValueError, match=r"policy.pt is damaged or not a checkpoint of tensors: .*: remove it to start again"
     ):
         learning.load_policy(cut, PickEnv, learning=SMALL)
 

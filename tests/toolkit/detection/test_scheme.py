@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toolkit.detection.codec import PAPER
-from toolkit.detection.scheme import Fused, expected_bits
+from toolkit.detection.scheme import Fused, estimate_bits
 from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detections
 
@@ -17,13 +17,13 @@ COUNTS = SimpleNamespace(
 
 @pytest.mark.parametrize(("name", "points", "boxes"), [("early", 30, 0), ("late", 0, 5), ("hybrid", 12, 5)])
 def test_expected_bits(name, points, boxes):
-    sent = expected_bits(find_scheme(name), PAPER, COUNTS, np.full(2, 5.0))
+    sent = estimate_bits(find_scheme(name), PAPER, COUNTS, np.full(2, 5.0))
     assert sent.tolist() == [96 * points + 256 * boxes] * 2
 
 
 def test_a_scheme_with_a_codec_of_its_own_sends_by_that():
     """Three messages of 34 bytes and 5 bit for each of six pixels."""
-    assert expected_bits(find_scheme("foreground"), PAPER, COUNTS, np.full(2, 5.0)).tolist() == [3 * 34 * 8 + 6 * 5] * 2
+    assert estimate_bits(find_scheme("foreground"), PAPER, COUNTS, np.full(2, 5.0)).tolist() == [3 * 34 * 8 + 6 * 5] * 2
 
 
 def test_kbit_per_sensor_is_the_mean():

@@ -25,7 +25,7 @@ from toolkit.frame import Frame
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART
 
-STALE = 1.0  # s, from which on a message is too old to be shown
+STALE = 1.0  # s, age at which a message is too old to be shown
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class LinkChannel:
         if self.burst is not None and not 1 / (1 - self.loss) <= self.burst < math.inf:
             raise ValueError(
                 f"burst must be at least {1 / (1 - self.loss):g} messages where a share of {self.loss} is lost, got "
-                f"{self.burst}: independent losses come so already"
+                f"{self.burst}: that is the mean of independent losses"
             )
         if self.every < 1:
             raise ValueError(f"every must be at least 1 frame, got {self.every}")
@@ -139,8 +139,8 @@ def lagged_frames(
         elif any(line.channel != PERFECT for line in lines) and now.time - history[-1].time > MOST_APART:
             apart = now.time - history[-1].time
             raise ValueError(
-                f"frames {apart:g} s apart cannot show what is late or lost, {MOST_APART} s is most: record some with "
-                "coview simulate --every 0.1"
+                f"frames must be at most {MOST_APART} s apart to show late or lost messages, got {apart:g} s: "
+                "record with coview simulate --every 0.1"
             )
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):

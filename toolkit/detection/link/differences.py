@@ -48,11 +48,11 @@ from toolkit.detection.link.foreground import (
     SendsForeground,
     check_pixels,
     decode_missing,
-    draw_about,
+    draw_scene_around,
     encode_missing,
-    expected_header,
     read_foreground,
     restore_points,
+    scene_header,
     scene_number,
     standing_out,
 )
@@ -78,7 +78,7 @@ RefersTo = Literal["previous", "key"]
 REFERS_TO: tuple[RefersTo, ...] = ("previous", "key")
 KEY_EVERY = 10  # messages, a second at 10 Hz
 MOST_BACK = 255  # messages
-FEW_PIXELS = 200  # pixels that stand, below which a whole image may be smaller
+FEW_PIXELS = 200  # still pixels, below which a whole image may be smaller
 _REFERS = struct.Struct("<BBI")
 
 
@@ -163,8 +163,8 @@ class DifferenceReader:
         if header.kind == MessageKind.FOREGROUND:
             header, steps, sent, missing = read_foreground(message, self.scene)
             self._reference = Reference.of(header.number, header.step_mm, steps, sent)
-            return draw_about(header, self.scene, steps, sent, missing)
-        check_header(header, MessageKind.DIFFERENCE, **expected_header(self.scene))
+            return draw_scene_around(header, self.scene, steps, sent, missing)
+        check_header(header, MessageKind.DIFFERENCE, **scene_header(self.scene))
         if len(content) < _REFERS.size:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
@@ -184,7 +184,7 @@ class DifferenceReader:
                 f"a difference has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm"
             )
         steps, sent, end = decode_difference(content, _REFERS.size, reference)
-        restored = draw_about(header, self.scene, steps, sent, decode_missing(content, end, sent))
+        restored = draw_scene_around(header, self.scene, steps, sent, decode_missing(content, end, sent))
         if goes_on:
             self._reference = reference.after(header.number, steps, sent)
         return restored
@@ -200,9 +200,9 @@ def check_differences(refers_to: str, key_every: int) -> None:
 
 
 SQUARE = 8  # pixels
-STILL_MM = 80  # that a pixel may measure beside the reference and still stand
-STILL_SHARE = 0.6  # of the reference's pixels in a square that stand, where it stands still
-MOST_IMAGES = 8  # that a mean is of
+STILL_MM = 80  # most difference of a still pixel from the reference
+STILL_SHARE = 0.6  # least share of still pixels in a still square
+MOST_IMAGES = 8  # in a mean
 _FINE_BITS = 4
 _FINE = 1 << _FINE_BITS  # parts of a step
 
@@ -328,7 +328,7 @@ def decode_difference(
     whole, towards = _predictions(reference, by_reference)
     measured = steps[by_reference] = whole + towards * unfold(residuals)
     if len(measured) and not (measured.min() >= 0 and measured.max() < MOST_STEPS):
-        raise ValueError("measurements of steps that cannot be: the message is damaged")
+        raise ValueError("measurements out of range: the message is damaged")
     others, end = decode_values(content, start, sent & ~still, (steps, by_reference))
     return steps + others, sent, end
 

@@ -150,7 +150,7 @@ def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene.
     """
     header, steps, sent, missing = read_foreground(message, scene)
-    return draw_about(header, scene, steps, sent, missing)
+    return draw_scene_around(header, scene, steps, sent, missing)
 
 
 def read_foreground(
@@ -166,7 +166,7 @@ def read_foreground(
     Raises ValueError as `decode_foreground`.
     """
     header, content = read_message(message)
-    check_header(header, MessageKind.FOREGROUND, **expected_header(scene))
+    check_header(header, MessageKind.FOREGROUND, **scene_header(scene))
     steps, sent, end = read_pixels(content, 0, scene.model.shape)
     return header, steps, sent, decode_missing(content, end, sent)
 
@@ -189,7 +189,7 @@ def check_pixels(
     return sent, missing
 
 
-def expected_header(scene: EmptyScene) -> dict[str, int]:
+def scene_header(scene: EmptyScene) -> dict[str, int]:
     """Header fields of every message made with an empty scene."""
     rows, columns = scene.model.shape
     return {"sensor": sensor_number(scene.name), "rows": rows, "columns": columns, "scene": scene_number(scene)}
@@ -210,13 +210,13 @@ def decode_missing(content: bytes, start: int, sent: Bool[np.ndarray, "rows colu
     missing, end = decode_mask(content, start, sent.shape)
     if end != len(content) or not missing.any() or (missing & sent).any():
         raise ValueError(
-            f"missing pixels are some that are not sent, and end the message: got {missing.sum()} of them, "
+            f"missing pixels must not be sent and must end the message: got {missing.sum()} of them, "
             f"{(missing & sent).sum()} sent, and {len(content) - end} bytes more"
         )
     return missing
 
 
-def draw_about(
+def draw_scene_around(
     header: MessageHeader,
     scene: EmptyScene,
     steps: Int64[np.ndarray, "rows columns"],
@@ -249,8 +249,8 @@ def scene_number(scene: EmptyScene) -> int:
     return int(scene.digest[:8], 16)
 
 
-COMPANY = 2  # pixels to either side, among which a missing pixel is looked for company
-LEAST_COMPANY = 3  # missing pixels, itself among them, unless all are
+COMPANY = 2  # pixels to either side that are searched for other missing pixels
+LEAST_COMPANY = 3  # missing pixels, counting the pixel itself, unless all are missing
 
 
 class DrawnScene(NamedTuple):

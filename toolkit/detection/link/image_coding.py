@@ -27,7 +27,7 @@ import numpy as np
 from toolkit.arrays import Bool, Int64
 
 LARGEST = (1 << 32) - 1
-_SMALL, _FIRST_SIZE = 8, 4  # numbers that are their own symbol; bits of the smallest that is not
+_SMALL, _FIRST_SIZE = 8, 4  # numbers that are their own symbol; bits of the smallest other number
 _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 
 
@@ -53,7 +53,7 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
     """
     count, start = _read_variable(data, start)
     if count > most:
-        raise ValueError(f"there are {count} packed numbers where at most {most} can be")
+        raise ValueError(f"at most {most} packed numbers are possible, got {count}")
     length, start = _read_variable(data, start)
     symbols = _inflate(data[start : start + length], count).astype(np.int64)
     if len(symbols) and symbols.max() > _SMALL + 2 * (32 - _FIRST_SIZE) + 1:
@@ -95,7 +95,7 @@ def _read_bits(data: bytes, start: int, width: np.ndarray) -> tuple[np.ndarray, 
         raise ValueError(f"{total} bits do not fit the {len(data) - start} bytes that follow: the message is cut off")
     bits = np.unpackbits(np.frombuffer(data, np.uint8, end - start, start)).astype(np.int64)
     if bits[total:].any():
-        raise ValueError("bits are filled with zeros to a whole byte, got others")
+        raise ValueError("the last byte must be filled with zeros: the message is damaged")
     sums = np.concatenate([[0], np.cumsum(bits[:total] << _places(width))])
     ends = np.cumsum(width)
     return sums[ends] - sums[ends - width], end
@@ -200,7 +200,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Boo
     """
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
-        raise ValueError("the content of an image begins with 0 or 1: it is damaged or none")
+        raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
     distances, end = unpack_integers(content, start + 1, rows * columns)
     changes = np.zeros(rows * columns, bool)
     places = np.cumsum(distances) - 1
@@ -277,10 +277,10 @@ def _distances(changes: np.ndarray) -> np.ndarray:
 
 def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = None) -> np.ndarray:
     """Predict every pixel of the mask, as `_add_up` does one after another."""
-    at, wide = _padded_places(mask)
+    at, wide = _pad_places(mask)
     known = np.full((mask.shape[0] + 1) * wide, -1, np.int64)
     if given is not None:
-        known[_padded_places(given)[0]] = steps[given]
+        known[_pad_places(given)[0]] = steps[given]
     values = known[at] = steps[mask]
     left, up, upper_left, upper_right = known[at - 1], known[at - wide], known[at - wide - 1], known[at - wide + 1]
     last = np.concatenate([[0], values[:-1]])[: len(values)]
@@ -294,10 +294,10 @@ def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = Non
 
 def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
     """Add residuals to predictions, pixel after pixel."""
-    at, wide = _padded_places(mask)
+    at, wide = _pad_places(mask)
     known = [-1] * ((mask.shape[0] + 1) * wide)
     if given is not None:
-        for i, value in zip(_padded_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True):
+        for i, value in zip(_pad_places(given[1])[0].tolist(), given[0][given[1]].tolist(), strict=True):
             known[i] = value
     values = []
     value = 0
@@ -331,7 +331,7 @@ def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np
     return steps
 
 
-def _padded_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
+def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of a mask's pixels in an image padded by a row before and a column on either side.
 
     Returns its width too.

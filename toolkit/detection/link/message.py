@@ -118,7 +118,7 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
     Raises ValueError if it is cut off, damaged, no message or of another version.
     """
     if len(message) < OVERHEAD:
-        raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off or none")
+        raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
     body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
     if _CHECKSUM.unpack(checksum)[0] != zlib.crc32(body):
         raise ValueError(
@@ -126,9 +126,9 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
         )
     magic, version, kind, *fields = _HEADER.unpack_from(body)
     if magic != MAGIC:
-        raise ValueError(f"a message begins with {MAGIC!r}, got {magic!r}: it is none of ours")
+        raise ValueError(f"a message begins with {MAGIC!r}, got {magic!r}: it is not a coview message")
     if version != MESSAGE_VERSION:
-        raise ValueError(f"messages of version {MESSAGE_VERSION} are read, got {version}: sender and reader differ")
+        raise ValueError(f"the version must be {MESSAGE_VERSION}, got {version}: update sender or reader")
     if kind not in set(MessageKind):
         raise ValueError(
             f"a message is of kind {', '.join(f'{k.value} ({k.name.lower()})' for k in MessageKind)}, got {kind}"
@@ -143,11 +143,11 @@ def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> N
     for name, value in expected.items():
         if getattr(header, name) != value:
             raise ValueError(
-                f"expected a message whose {name} is {value}, got {getattr(header, name)}: it is another's"
+                f"expected a message whose {name} is {value}, got {getattr(header, name)}: it belongs to another"
             )
 
 
-REMEMBERED = 1024  # numbers of messages that were taken, for telling what is late from what comes twice
+REMEMBERED = 1024  # numbers of taken messages, which tell late messages from duplicates
 
 
 class Arrival(Enum):
@@ -182,7 +182,9 @@ class Inbox:
         """
         header, _ = read_message(message)
         if header.sensor != self.sensor:
-            raise ValueError(f"expected a message with sensor {self.sensor}, got {header.sensor}: it is another's")
+            raise ValueError(
+                f"expected a message with sensor {self.sensor}, got {header.sensor}: it belongs to another"
+            )
         if self.latest is not None and header.number <= self.latest.number:
             if header.number in self._seen:
                 self.duplicates += 1

@@ -83,10 +83,10 @@ def decode_boxes(content: bytes) -> Detections:
     start = _COUNT.size + _COLUMNS * _COLUMN.size
     if not count:
         if len(content) > _COUNT.size:
-            raise ValueError(f"no boxes are followed by {len(content) - _COUNT.size} bytes")
+            raise ValueError(f"a message without boxes must end there, got {len(content) - _COUNT.size} more bytes")
         return Detections.empty()
     if len(content) < start:
-        raise ValueError(f"{count} boxes have {start} bytes of columns, got {len(content)}: they are cut off")
+        raise ValueError(f"{count} boxes need {start} bytes of columns, got {len(content)}: the message is cut off")
     columns = []
     for place in range(_COLUMNS):
         width, least = _COLUMN.unpack_from(content, _COUNT.size + place * _COLUMN.size)
@@ -95,7 +95,7 @@ def decode_boxes(content: bytes) -> Detections:
         numbers, start = read_fixed(content, start, count, width)
         columns.append(numbers + least)
     if start != len(content):
-        raise ValueError(f"{count} boxes are followed by {len(content) - start} bytes")
+        raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
     return _detections(np.column_stack(columns))
 
 
@@ -109,7 +109,7 @@ def _detections(table: Int64[np.ndarray, "n 9"]) -> Detections:
 
 
 BITS_PER_PIXEL, BITS_PER_BOX = 5.0, 75.0  # expected, at 2 cm; see docs/concepts/messages.md
-STEPS = (0.02, 0.04, 0.08)  # m, those that are usual
+STEPS = (0.02, 0.04, 0.08)  # m, the usual ones
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,7 @@ class RangeImages:
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
         """Raise ValueError: points alone do not say which pixels they are."""
-        raise ValueError(
-            f"{self} sends images, got {len(points)} points alone: take PaperCodec where there are no images"
-        )
+        raise ValueError(f"{self} sends images, got {len(points)} points alone: use PaperCodec without images")
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
         """Raise ValueError, as `encode_points`."""
@@ -229,5 +227,5 @@ def find_codec(name: str, *, step: float = 0.02) -> Codec:
     """
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
-        raise ValueError(f"there is no codec {name!r}: choose among {', '.join(CODECS)}")
+        raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")
     return codecs[name]

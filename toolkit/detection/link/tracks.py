@@ -17,7 +17,7 @@ from toolkit.arrays import Float64, Int64
 from toolkit.objects import Detections
 
 GATE, WIDEST_GATE = 1.0, 8.0  # m between a detection and where its track is predicted
-SIGMA = 2.5  # standard deviations of that position, which widen the gate from the one to the other
+SIGMA = 2.5  # standard deviations of that position by which the gate widens
 MEASURED = 0.15  # m, standard deviation of a detected centre
 ACCELERATION = 3.0  # m/s², standard deviation
 FIRST_SPEED = 8.0  # m/s, standard deviation before a second detection
@@ -46,12 +46,12 @@ class Tracks:
         Raises ValueError for a time before the last one.
         """
         if len(self) and time < self._time:
-            raise ValueError(f"detections come in the order of their times, got {time} s after {self._time} s")
+            raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         again = bool(len(self)) and time == self._time
         self._predict(time)
         rows = self._joined(detections)
         matched = np.flatnonzero(rows >= 0)
-        if not again:  # the same measurements tell nothing new
+        if not again:  # repeated measurements add nothing
             self._correct(rows[matched], detections.boxes[matched, :2])
         fresh = np.flatnonzero(rows < 0)
         rows[fresh] = len(self) + np.arange(len(fresh))

@@ -67,7 +67,7 @@ def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeyp
         (("--fidelity", "table", "--candidates", "paper", "--method", "cmaes"), "a table does not know"),
         (("--fidelity", "table", "--candidates", "paper", "--iou", 0.33), "got 'early' and 0.33"),
         (("--fidelity", "table", "--candidates", "paper", "--codec", "range-images"), "hold kbit of the paper's codec"),
-        (("--codec", "morse"), "there is no codec 'morse'"),
+        (("--codec", "morse"), "unknown codec 'morse'"),
         (("--scheme", "adaptive"), "choose among"),
         (("--candidates", "nowhere.geojson"), "nowhere.geojson"),
         (("--method", "greedy", "--detector", "general"), "--detector is for --fidelity, --verify or --judge detector"),

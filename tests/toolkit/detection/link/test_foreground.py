@@ -207,7 +207,7 @@ def test_missing_pixels_that_cannot_be_are_refused():
     sent = image > 0
     for masks in ([~sent, ~sent], [sent], [np.zeros_like(sent)]):
         content = b"".join(encode_mask(mask) for mask in masks)
-        with pytest.raises(ValueError, match="missing pixels are some that are not sent"):
+        with pytest.raises(ValueError, match="missing pixels must not be sent"):
             decode_missing(content, 0, sent)
     assert not decode_missing(b"", 0, sent).any()
 

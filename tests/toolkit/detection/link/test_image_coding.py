@@ -61,7 +61,7 @@ def test_numbers_that_cannot_be_packed_are_refused(values):
 
 def test_damaged_bytes_are_refused():
     packed = pack_integers(np.arange(199))
-    with pytest.raises(ValueError, match="199 packed numbers where at most 198"):
+    with pytest.raises(ValueError, match="at most 198 packed numbers are possible, got 199"):
         unpack_integers(packed, 0, 198)
     for length in range(len(packed)):
         with pytest.raises(ValueError, match=r"cut off|inflate|fit"):
@@ -176,14 +176,14 @@ def test_what_no_encoder_writes_is_refused():
 
     assert decode_pixels(content([2, 2], [4, 1]), (1, 5))[0].tolist() == [[0, 2, 1, 0, 0]]
     for wrong, said in (
-        (b"", "begins with 0 or 1"),
-        (content([2], [0], way=7), "begins with 0 or 1"),
+        (b"", "begin with 0 or 1"),
+        (content([2], [0], way=7), "begin with 0 or 1"),
         (content([0, 2], [4]), "lie outside"),
         (content([4, 2], [4]), "lie outside"),
         (content([2, 2], [4, 1, 0]), "2 pixels are marked, got 3 residuals"),
         (content([2, 2], [4, 1]) + b"x", "got 2 residuals and 1 bytes more"),
         (content([2, 2], [1, 1]), "a measurement of -1 steps"),
-        (content([1] * 6, []), "6 packed numbers where at most 5"),
+        (content([1] * 6, []), "at most 5 packed numbers are possible, got 6"),
     ):
         with pytest.raises(ValueError, match=said):
             decode_pixels(wrong, (1, 5))

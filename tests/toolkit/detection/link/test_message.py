@@ -42,7 +42,7 @@ def resealed(message, at, byte):
 
 def test_other_versions_kinds_and_files_are_refused():
     message = write_message(HEADER, b"")
-    for at, byte, said in ((0, 1, "begins with"), (2, 2, "version 1 are read, got 2"), (3, 9, "kind 1 .*got 9")):
+    for at, byte, said in ((0, 1, "begins with"), (2, 2, "version must be 1, got 2"), (3, 9, "kind 1 .*got 9")):
         with pytest.raises(ValueError, match=said):
             read_message(resealed(message, at, byte))
 
