@@ -22,13 +22,13 @@ class Commands(SphinxDirective):
     """`.. commands::` documents every command of coview."""
 
     def run(self) -> list[nodes.Node]:
-        """A section for each command."""
+        """Write a section for each command."""
         lines = [line for name in COMMANDS for line in section(name)]
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 
 def parser(name: str) -> ArgumentParser:
-    """The parser of one command."""
+    """Return the parser of a command."""
     function = command(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # tyro has no other way to its parsers
@@ -36,7 +36,7 @@ def parser(name: str) -> ArgumentParser:
 
 
 def section(name: str) -> Iterator[str]:
-    """A command's lines: what it does, its arguments, and those of the commands below it."""
+    """Return the lines of a command: purpose, arguments, subcommands."""
     main = parser(name)
     yield from (f"coview {name}", "-" * len(f"coview {name}"), "", *described(main.description), *options(main))
     for word, below in subcommands(main).items():
@@ -45,7 +45,7 @@ def section(name: str) -> Iterator[str]:
 
 
 def described(text: str | None) -> Iterator[str]:
-    """A command's text, its examples as code.
+    """Return the text of a command, with its examples as code.
 
     >>> list(described("Count.\\n\\nExample: coview survey a.hdf5"))
     ['Count.', '', '.. code-block:: console', '', '   $ coview survey a.hdf5', '']
@@ -59,13 +59,13 @@ def described(text: str | None) -> Iterator[str]:
 
 
 def subcommands(main: ArgumentParser) -> dict[str, ArgumentParser]:
-    """Parsers of the commands below a command, by their word."""
+    """Return the parsers of the subcommands, by name."""
     below = [action.choices for action in main._actions if isinstance(action.choices, dict)]
     return dict(below[0]) if below else {}
 
 
 def options(main: ArgumentParser) -> Iterator[str]:
-    """A definition for every argument."""
+    """Return a definition of every argument."""
     for action in main._actions:
         if isinstance(action.choices, dict) or action.dest == "help" or action.help == SUPPRESS:
             continue
@@ -73,7 +73,7 @@ def options(main: ArgumentParser) -> Iterator[str]:
 
 
 def heading(action: Any) -> str:
-    """An argument as it is typed."""
+    """Return an argument as it is typed."""
     if not action.option_strings:
         return str(action.dest).rpartition(".")[2].upper()
     names = [name for name in action.option_strings if not name.startswith("--no-")]
@@ -82,6 +82,6 @@ def heading(action: Any) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Sphinx calls this."""
+    """Register the extension with Sphinx."""
     app.add_directive("commands", Commands)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

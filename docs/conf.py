@@ -1,4 +1,4 @@
-"""Sphinx: `make docs` builds these pages into out/docs. No page asks the network for anything."""
+"""Configuration of Sphinx: `make docs` builds these pages into out/docs. No page needs the network."""
 
 import sys
 from importlib import metadata

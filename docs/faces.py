@@ -30,7 +30,7 @@ class Face(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """A section for each room, an entry for each name."""
+        """Write a section for each room and an entry for each name."""
         return self.parse_text_to_nodes("\n".join(page(self.arguments[0])), allow_section_headings=True)
 
 
@@ -40,7 +40,7 @@ class Offered(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """One list of links."""
+        """Write one list of links."""
         package = self.arguments[0]
         entries = entry_names()
         items = [f"* {linked(name, entries[f'{package}.{name}'])}" for name in offers(package)]
@@ -48,12 +48,12 @@ class Offered(SphinxDirective):
 
 
 def offers(face: str) -> list[str]:
-    """The names that a face offers."""
+    """Return the names that a face offers."""
     return [name for name in dir(import_module(face)) if not name.startswith("_")]
 
 
 def page(face: str) -> Iterator[str]:
-    """The lines of a face's reference."""
+    """Return the lines of a face's reference."""
     package = import_module(face)
     offered = sorted((room(face, getattr(package, name)), name) for name in offers(face))
     for title, members in groupby(offered, key=lambda pair: pair[0]):
@@ -63,7 +63,7 @@ def page(face: str) -> Iterator[str]:
 
 
 def room(face: str, member: Any) -> str:
-    """The room of a face in which something is defined: the second word of its module.
+    """Return the room of a face in which a member is defined.
 
     >>> room("toolkit", room)
     'faces'
@@ -73,12 +73,12 @@ def room(face: str, member: Any) -> str:
 
 
 def origin(member: Any) -> str:
-    """The module in which something is defined, or that it is."""
+    """Return the name of the module in which a member is defined, or of the module itself."""
     return member.__name__ if isinstance(member, ModuleType) else str(getattr(member, "__module__", ""))
 
 
 def entry(face: str, name: str, member: Any) -> Iterator[str]:
-    """The directive that documents one name."""
+    """Return the directive that documents one name."""
     if isinstance(member, ModuleType):
         yield from (f".. py:module:: {face}.{name}", "", *as_rst(inspect.getdoc(member) or ""), "")
         yield from (f".. autofunction:: {face}.{name}.search", "")
@@ -89,7 +89,7 @@ def entry(face: str, name: str, member: Any) -> Iterator[str]:
 
 
 def entry_names() -> dict[str, str]:
-    """What names of ours may be called, in full, and the name of their entry."""
+    """Return the entry of every name, by each full name it goes by."""
     entries: dict[str, str] = {}
     for face in (*FACES, "placement_env.search", "coview"):
         package = import_module(face)
@@ -102,12 +102,12 @@ def entry_names() -> dict[str, str]:
 
 
 def linked(text: str, target: str) -> str:
-    """A link to an entry."""
+    """Return a link to an entry."""
     return f":py:obj:`{text} <{target}>`"
 
 
 def as_rst(docstring: str) -> list[str]:
-    """A docstring of plain text as lines of reStructuredText.
+    """Return a plain-text docstring as lines of reStructuredText.
 
     >>> as_rst("Boxes of `n` * 7.\\n\\n    a | b\\n\\nEnd.")
     ['Boxes of ``n`` \\\\* 7.', '', '::', '', '    a | b', '', 'End.', '']
@@ -124,7 +124,7 @@ def as_rst(docstring: str) -> list[str]:
 
 
 def _block(lines: list[str]) -> list[str]:
-    """One block of lines that stand at the margin: a doctest, a heading, a list, or a paragraph."""
+    """Convert one unindented block: a doctest, a heading, a list or a paragraph."""
     if lines[0].startswith(">>>"):
         return lines
     if len(lines) > 1 and re.fullmatch("[-=]{3,}", lines[1]):
@@ -145,7 +145,7 @@ def _block(lines: list[str]) -> list[str]:
 
 
 def _inline(text: str) -> str:
-    """Code in backticks, everything else as it is read."""
+    """Convert text in backticks to code and escape the rest."""
     bullet = LIST_ITEM.match(text)
     start = bullet.group() if bullet else ""
     pieces = CODE.split(text.removeprefix(start))
@@ -161,7 +161,7 @@ _entries: dict[str, str] = {}
 
 
 def _known() -> dict[str, str]:
-    """Names that link, in full and, where only one entry ends so, short."""
+    """Return the names that link: full ones, and short ones that are unique."""
     if not _entries:
         _entries.update(entry_names())
         for target in sorted(set(_entries.values())):
@@ -180,7 +180,7 @@ class _AsWritten:
 
 
 def signature(member: Any) -> str | None:
-    """The signature of a function or class with annotations as written, None where it has none.
+    """Return the signature with annotations as written, None if there is none.
 
     >>> signature(linked)
     '(text: str, target: str) -> str'
@@ -204,7 +204,7 @@ def _written(annotation: Any) -> Any:
 def _signature(
     _app: Sphinx, what: str, _name: str, member: Any, _options: Any, *_: Any
 ) -> tuple[str, str | None] | None:
-    """Annotations as the source has them: shapes and all."""
+    """Show annotations as in the source, with shapes."""
     text = signature(member) if what in ("function", "method", "class") else None
     if text is None:
         return None
@@ -219,12 +219,12 @@ def _docstring(_app: Sphinx, _what: str, _name: str, _member: Any, _options: Any
 
 
 def _skip(_app: Sphinx, _what: str, _name: str, member: Any, skip: bool, _options: Any) -> bool | None:
-    """Fields of named tuples stand in the signature already."""
+    """Drop the fields of named tuples, which the signature shows."""
     return True if (inspect.getdoc(member) or "").startswith("Alias for field number") else skip or None
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Sphinx calls this."""
+    """Register the extension with Sphinx."""
     app.add_directive("face", Face)
     app.add_directive("offered", Offered)
     app.connect("autodoc-process-signature", _signature)
