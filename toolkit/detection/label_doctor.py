@@ -1,8 +1,8 @@
-"""How well boxes fit the points of their cloud, and whether other boxes fit better by more than chance explains.
+"""Label doctor: fit of boxes to the points of their cloud, and mistakes whose undoing fits better than by chance.
 
-A box that is right has points just within its faces, none in the middle of it and nothing close around it but ground.
-The fit of a box is the share of its points (those no lower than `CLEARANCE` above the ground) that lie there, of all
-within the box and `SHELL` it; a box that has hardly any has a fit of 0.
+A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
+box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
+`SHELL` around it. A box with hardly any points has a fit of 0.
 """
 
 from __future__ import annotations
@@ -24,17 +24,20 @@ from toolkit.geometry import invert, transform
 CLEARANCE = 0.3  # m above the ground
 SHELL = 0.5  # m
 SLACK = 0.1  # m that a point may lie outside its box, as sensors err
-HOLLOW = 0.6  # of a box's length and width, in which a sensor sees nothing of a vehicle
-LEAST_ON_BOX = 15  # points in and around a box, below which its fit is 0
-LEAST_BOXES = 5  # with a fit, below which nothing is said
-STANDARD_ERRORS = 3.0  # of the mean change of fits, from which on a mistake is suspected
-GAIN = 0.02  # of the mean fit, that there must be as well
-GROUND_POINTS = 20_000  # of a cloud, evenly taken, among which its ground is looked for
+HOLLOW = 0.6  # fraction of a box's length and width where a sensor sees nothing of a vehicle
+LEAST_ON_BOX = 15  # points in and around a box: with fewer its fit is 0
+LEAST_BOXES = 5  # with a fit: with fewer nothing is suspected
+STANDARD_ERRORS = 3.0  # of the mean change of fits that a suspicion needs
+GAIN = 0.02  # gain in mean fit that a suspicion needs as well
+GROUND_POINTS = 20_000  # of a cloud, evenly taken, that its ground is looked for in
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A sample, its points that stand on the ground, and that ground; all its points and None where there is none."""
+    """A sample, its points that stand on the ground, and that ground.
+
+    Without a ground: all its points and None.
+    """
 
     sample: Sample
     points: Float64[np.ndarray, "n 3"]
@@ -52,18 +55,18 @@ class Seen:
         return Seen(sample, standing, ground)
 
     def heights(self, boxes: Float64[np.ndarray, "m 7"]) -> Float64[np.ndarray, " _"]:
-        """How high (m) the centres of boxes are above the ground; of none where there is no ground."""
+        """Height (m) of the centres of boxes above the ground; empty without a ground."""
         return np.zeros(0) if self.ground is None else boxes[:, 2] - self.ground.height(boxes[:, :2])
 
 
 def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """The fit of every box, (m, 7) of each sample, of all samples one after the other."""
+    """Fit of every box, (m, 7) of each sample, of all samples one after the other."""
     parts = [fits_in(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
     return np.concatenate([np.zeros(0), *parts])
 
 
 def fits_in(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
-    """The fit of every box to points that stand on the ground."""
+    """Fit of every box to points that stand on the ground."""
     wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
     inside = points_in_boxes(points, wide)
     fitting = np.zeros(len(boxes))
@@ -80,7 +83,7 @@ def fits_in(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """Whether boxes fit better, by `gain` at least and by more than chance explains.
+    """Return True if boxes fit better, by at least `gain` and by more than chance explains.
 
     >>> better(np.full(9, 0.2), np.full(9, 0.8)), better(np.full(9, 0.8), np.full(9, 0.2))
     (True, False)
@@ -96,7 +99,7 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """What may be wrong with boxes, (n, 7), and how it is undone; axes: whether it depends on the frame's axes."""
+    """A mistake that boxes, (n, 7), may have, and its undoing; axes: True if it depends on the frame's axes."""
 
     name: str
     remedy: str
@@ -104,7 +107,7 @@ class LabelMistake:
     axes: bool = False
 
 
-def _changed(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
+def _change(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
     places = {name: k for k, name in enumerate(("x", "y", "z", "length", "width", "height", "yaw"))}
 
     def undo(boxes: np.ndarray) -> np.ndarray:
@@ -116,57 +119,67 @@ def _changed(**columns: Callable[[np.ndarray], np.ndarray]) -> Change:
     return undo
 
 
-def _sized(factor: float) -> Change:
+def _scale(factor: float) -> Change:
     sizes = (("length", 3), ("width", 4), ("height", 5))
-    return _changed(**{name: lambda boxes, k=k: boxes[:, k] * factor for name, k in sizes})
+    return _change(**{name: lambda boxes, k=k: boxes[:, k] * factor for name, k in sizes})
 
 
-YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _changed(yaw=lambda b: -b[:, 6]), axes=True)
+YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _change(yaw=lambda b: -b[:, 6]), axes=True)
 
-LOST_DEGREES = LabelMistake(  # of which undo knows nothing: `degrees_of_turns` says what is left of them
-    "yaw in degrees where radians belong, of which only sine and cosine are left",
-    "multiply yaw by pi / 180 before its sine and cosine are taken", lambda boxes: boxes,
-)  # fmt: skip
+LOST_DEGREES = LabelMistake(  # undo is unknown: `degrees_of_turns` gives the angles it may be
+    "yaw in degrees where radians belong, with only sine and cosine left",
+    "multiply yaw by pi / 180 before its sine and cosine are taken",
+    lambda boxes: boxes,
+)
 
 LABEL_MISTAKES = (
     LabelMistake(
-        "mirrored: y points the other way", "negate y and yaw",
-        _changed(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]), axes=True,
+        "mirrored: y points the other way",
+        "negate y and yaw",
+        _change(y=lambda b: -b[:, 1], yaw=lambda b: -b[:, 6]),
+        axes=True,
     ),
     LabelMistake(
-        "mirrored: x points the other way", "negate x, and take 180 degrees minus yaw",
-        _changed(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]), axes=True,
+        "mirrored: x points the other way",
+        "negate x, and take 180 degrees minus yaw",
+        _change(x=lambda b: -b[:, 0], yaw=lambda b: np.pi - b[:, 6]),
+        axes=True,
     ),
-    LabelMistake("y of the positions alone negated", "negate y", _changed(y=lambda b: -b[:, 1]), axes=True),
+    LabelMistake("y of the positions alone negated", "negate y", _change(y=lambda b: -b[:, 1]), axes=True),
     LabelMistake(
-        "x and y swapped", "swap x and y, and take 90 degrees minus yaw",
-        _changed(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]), axes=True,
+        "x and y swapped",
+        "swap x and y, and take 90 degrees minus yaw",
+        _change(x=lambda b: b[:, 1], y=lambda b: b[:, 0], yaw=lambda b: np.pi / 2 - b[:, 6]),
+        axes=True,
     ),
-    LabelMistake("half extents where full ones belong: the boxes are half as large", "double the sizes", _sized(2.0)),
-    LabelMistake("doubled extents: the boxes are twice as large", "halve the sizes", _sized(0.5)),
+    LabelMistake("half extents where full ones belong: the boxes are half as large", "double the sizes", _scale(2.0)),
+    LabelMistake("doubled extents: the boxes are twice as large", "halve the sizes", _scale(0.5)),
     LabelMistake(
-        "length and width swapped, or yaw a quarter turn off", "swap length and width, or add 90 degrees to yaw",
-        _changed(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
+        "length and width swapped, or yaw a quarter turn off",
+        "swap length and width, or add 90 degrees to yaw",
+        _change(length=lambda b: b[:, 4], width=lambda b: b[:, 3]),
     ),
     YAW_SIGN,
     LabelMistake(
-        "yaw in radians where degrees belong", "multiply yaw by 180 / pi",
-        _changed(yaw=lambda b: np.rad2deg(b[:, 6])), axes=True,
+        "yaw in radians where degrees belong",
+        "multiply yaw by 180 / pi",
+        _change(yaw=lambda b: np.rad2deg(b[:, 6])),
+        axes=True,
     ),
-)  # fmt: skip
+)
 
 
 def undone_in(
     mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 7"]:
-    """Boxes of the world frame without a mistake that was made in another, whose z is up as well."""
+    """Undo a mistake that was made in another frame, whose z is up as well, for boxes of the world frame."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
 
 
 def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
-    """Boxes in another frame, whose z is up as well.
+    """Transform boxes to another frame, whose z is up as well.
 
     >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
     [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
@@ -177,7 +190,7 @@ def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray,
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
-    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point where `yaw` does.
+    """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`.
 
     A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
 
@@ -190,16 +203,19 @@ def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n
 
 
 SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s that labels may be late or early
-MOST_SAMPLES = 3  # that labels may be late or early, where there are no times
+MOST_SAMPLES = 3  # that labels may be late or early where there are no times
 MOVING = 2.0  # m/s
-STANDING = 0.2  # m between samples, within which an object stands
-FASTEST = 60.0  # m/s, beyond which a track has jumped
-ALONG = 0.7  # cosine between heading and way, from which on the two agree
-LEAST_TRACKS = 2  # that must head where they go once a mistake is undone, and did not before
+STANDING = 0.2  # m between samples: an object that moves less stands
+FASTEST = 60.0  # m/s: a faster track has jumped
+ALONG = 0.7  # cosine between heading and way: above this the two agree
+LEAST_TRACKS = 2  # that must head along their way only once a mistake is undone
 
 
 class Shift(NamedTuple):
-    """By how much labels lie behind their clouds, less than 0 for ahead, in words; and the fits before and after."""
+    """Delay of labels behind their clouds.
+
+    amount: in words; behind: False for labels that are ahead; before, after: fits.
+    """
 
     amount: str
     behind: bool
@@ -208,11 +224,11 @@ class Shift(NamedTuple):
 
 
 def shift_of(some: Sequence[Seen]) -> Shift | None:
-    """How late or early labels are, None where they are not or nobody can say."""
-    return _along_tracks(some) or _of_other_clouds(some)
+    """Find the delay of labels; None without one, or if it cannot be told."""
+    return _delay_along_tracks(some) or _among_clouds(some)
 
 
-def _along_tracks(some: Sequence[Seen]) -> Shift | None:
+def _delay_along_tracks(some: Sequence[Seen]) -> Shift | None:
     samples = [each.sample for each in some]
     movers = [movers_in(samples, k) for k in range(len(some))]
     if sum(len(boxes) for boxes, *_ in movers) < LEAST_BOXES:
@@ -229,9 +245,11 @@ def _along_tracks(some: Sequence[Seen]) -> Shift | None:
     return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
 
 
-def _of_other_clouds(some: Sequence[Seen]) -> Shift | None:
-    """Whether the labels of samples fit the clouds of others, some places before or after them, better: those labels
-    that are not in the same place in both."""
+def _among_clouds(some: Sequence[Seen]) -> Shift | None:
+    """Find the number of samples by which labels are off, if they fit other clouds better.
+
+    Only labels count that are not in the same place in both samples.
+    """
     found: Shift | None = None
     for places in [sign * k for k in range(1, MOST_SAMPLES + 1) for sign in (1, -1)]:
         pairs = [(some[k], some[k + places]) for k in range(len(some)) if 0 <= k + places < len(some)]
@@ -265,7 +283,10 @@ def _boxes_in(labels: Sample, cloud: Sample) -> np.ndarray:
 
 
 class Headed(NamedTuple):
-    """Boxes that move: of how many of how many tracks, how many head against their way, and no more once undone."""
+    """Moving boxes that head against their way, but not once a mistake is undone.
+
+    tracks: number of their tracks; against: number of boxes; of: number of all moving boxes.
+    """
 
     tracks: int
     against: int
@@ -295,7 +316,7 @@ def _cosines(boxes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
 
 
 class Movers(NamedTuple):
-    """Boxes of a sample that move, their velocities (m/s), and their tracks."""
+    """Moving boxes of a sample, their velocities (m/s), and their tracks."""
 
     boxes: Float64[np.ndarray, "n 7"]
     velocities: Float64[np.ndarray, "n 2"]
@@ -325,17 +346,17 @@ def movers_in(samples: Sequence[Sample], k: int) -> Movers:
     return Movers(np.array(boxes).reshape(-1, 7), np.array(velocities).reshape(-1, 2), np.array(ids, np.int64))
 
 
-SUNK = 0.3  # of a box's height, that the middle box may be off its place above the ground
-ALIKE = 0.04  # of the mean fit, within which the mistake that comes first in the list is named
-TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn
-FREER = 0.1  # of the mean fit, that explanations which choose a sensor for each box must be better by
-TURNED_GAIN = 0.15  # of the mean fit, that those which turn each box as it fits best must be better by
+SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
+ALIKE = 0.04  # of the mean fit: within this, the mistake that comes first in the list is named
+TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
+FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
+TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 
 
 def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
     """What looks wrong with the labels of some samples, consecutive ones; an empty list for healthy ones."""
     some = [Seen.of(sample) for sample in samples]
-    findings = _turned_too_far(some)
+    findings = _find_full_turns(some)
     if findings:
         return findings
     boxes = [each.sample.objects.boxes for each in some]
@@ -347,11 +368,11 @@ def diagnose_samples(samples: Iterable[Sample]) -> list[Finding]:
     findings += _sunk(some, boxes)
     if findings:
         return findings
-    return _late(some) or _misfits(some, current) or _headed(some)
+    return _late(some) or _misfits(some, current) or _find_backwards(some)
 
 
 class _Undone(NamedTuple):
-    """A mistake, the boxes without it, and how they fit."""
+    """A mistake, the boxes without it, and their fits."""
 
     mistake: LabelMistake
     boxes: list[np.ndarray]
@@ -359,21 +380,24 @@ class _Undone(NamedTuple):
 
 
 def _best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
-    """The mistake that, undone, raises the fits most: in the frame of the world or the map, or else, where that fits
-    clearly better, in those of the sensors or of angles that were lost."""
+    """Find the mistake whose undoing raises the fits most.
+
+    It is looked for in the frame of the world or the map; then, if that fits clearly better, in those of the sensors or
+    among lost angles.
+    """
     everywhere = [np.eye(4)] * len(some)
-    attempts = [_undone(some, mistake, everywhere) for mistake in LABEL_MISTAKES]
+    attempts = [_undo_mistake(some, mistake, everywhere) for mistake in LABEL_MISTAKES]
     maps = [each.sample.map_SE3_world for each in some]
     if any(not np.allclose(each, np.eye(4)) for each in maps):
-        attempts += [_undone(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
+        attempts += [_undo_mistake(some, mistake, maps) for mistake in LABEL_MISTAKES if mistake.axes]
     plain = _most(attempts, current)
-    in_sensors = [_undone_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
+    in_sensors = [_undo_in_sensors(some, mistake) for mistake in LABEL_MISTAKES if mistake.axes]
     best = _clearer(plain, _most(in_sensors, current, FREER), FREER)
-    return best if best is None else _clearer(best, _each_turned(some), TURNED_GAIN if best is plain else FREER)
+    return best if best is None else _clearer(best, _turn_each(some), TURNED_GAIN if best is plain else FREER)
 
 
 def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Undone | None:
-    """An explanation, or another that chooses for each box, where that fits better by a margin."""
+    """Return the first explanation, or the freer one if that fits better by a margin."""
     if best is None or freer is None:
         return best or freer
     one, other = _means([best, freer])
@@ -381,37 +405,37 @@ def _clearer(best: _Undone | None, freer: _Undone | None, margin: float) -> _Und
 
 
 def _means(attempts: Sequence[_Undone]) -> list[float]:
-    """The mean fit under each of some explanations, of the boxes that have one under any: of many nothing is seen."""
+    """Mean fit under each explanation, over the boxes that have a fit under any."""
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
 
 
-def _undone(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
-    """A mistake undone, in a frame for each sample: where that is in the map or the sensor, from the world."""
+def _undo_mistake(some: Sequence[Seen], mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
+    """Undo a mistake in one frame for each sample (frame_SE3_world)."""
     boxes = [undone_in(mistake, each.sample.objects.boxes, frame) for each, frame in zip(some, frames, strict=True)]
     return _Undone(mistake, boxes, fits(some, boxes))
 
 
-def _undone_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
-    """A mistake undone in the frame of that sensor, of each box, in which it fits best then."""
+def _undo_in_sensors(some: Sequence[Seen], mistake: LabelMistake) -> _Undone:
+    """Undo a mistake for each box in the frame of the sensor where it then fits best."""
     boxes = []
     for each in some:
         frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
-        boxes.append(_fitting_best(each, [undone_in(mistake, each.sample.objects.boxes, frame) for frame in frames]))
+        boxes.append(_choose_best(each, [undone_in(mistake, each.sample.objects.boxes, frame) for frame in frames]))
     return _Undone(mistake, boxes, fits(some, boxes))
 
 
-def _each_turned(some: Sequence[Seen]) -> _Undone:
-    """Each box turned by that of the angles which degrees taken for radians leave open, by which it fits best."""
+def _turn_each(some: Sequence[Seen]) -> _Undone:
+    """Turn each box by the angle that fits best, of those that degrees taken for radians leave open."""
     boxes = []
     for each in some:
         rows = each.sample.objects.boxes
-        boxes.append(_fitting_best(each, [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]))
+        boxes.append(_choose_best(each, [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]))
     return _Undone(LOST_DEGREES, boxes, fits(some, boxes))
 
 
-def _fitting_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
-    """Of every box the one among its choices that fits best."""
+def _choose_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
+    """Choose the best-fitting alternative for every box."""
     if not len(choices[0]):
         return choices[0]
     best = np.argmax([fits_in(each.points, boxes) for boxes in choices], axis=0)
@@ -426,7 +450,7 @@ def _most(attempts: Sequence[_Undone], current: np.ndarray, *gain: float) -> _Un
     return next(attempt for attempt, mean in zip(surer, means, strict=True) if mean >= max(means) - ALIKE)
 
 
-def _turned_too_far(some: Sequence[Seen]) -> list[Finding]:
+def _find_full_turns(some: Sequence[Seen]) -> list[Finding]:
     total = sum(len(each.sample.objects) for each in some)
     beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
     if not beyond or beyond < TURNED_TOO_FAR * total:
@@ -436,7 +460,7 @@ def _turned_too_far(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
-    """Whether the centres of boxes stand on the ground, or by a whole height above it."""
+    """Find centres of boxes that stand on the ground, or a whole height above it."""
     parts = [each.heights(own) / own[:, 5] for each, own in zip(some, boxes, strict=True) if each.ground is not None]
     shares = np.concatenate([np.zeros(0), *parts])
     if len(shares) < LEAST_BOXES or abs(np.median(shares) - 0.5) < SUNK:
@@ -448,8 +472,8 @@ def _sunk(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> list[Finding]:
     return [Finding("error", "labels", where, evidence, remedy)]
 
 
-def _headed(some: Sequence[Seen]) -> list[Finding]:
-    """Whether things head where they go once yaw is counted the other way round."""
+def _find_backwards(some: Sequence[Seen]) -> list[Finding]:
+    """Find boxes that move backwards unless yaw is counted the other way round."""
     samples = [each.sample for each in some]
     for in_map in (False, True):
 
@@ -467,7 +491,7 @@ def _headed(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _late(some: Sequence[Seen]) -> list[Finding]:
-    """Whether labels fit better at another time."""
+    """Find labels that fit better at another time."""
     shift = shift_of(some)
     if shift is None:
         return []
@@ -477,8 +501,8 @@ def _late(some: Sequence[Seen]) -> list[Finding]:
 
 
 def _misfits(some: Sequence[Seen], current: np.ndarray) -> list[Finding]:
-    """Whether boxes fit once each is turned, where nothing else explains why they do not."""
-    turned = _each_turned(some)
+    """Find boxes that fit once each is turned, if nothing else explains their misfit."""
+    turned = _turn_each(some)
     if not better(current, turned.fits, TURNED_GAIN):
         return []
     return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
