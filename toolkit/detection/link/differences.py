@@ -212,7 +212,7 @@ class Reference:
     """Shared state of sender and reader.
 
     number: of the last message in it; step_mm: of its numbers; fine: mean measurement of every pixel in 16ths of a
-    step; images: number of images in the mean, 0 for pixels that the last message did not send.
+    step; images: number of averaged images, 0 for pixels that the last message did not send.
     """
 
     number: int
