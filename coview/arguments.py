@@ -58,9 +58,9 @@ def check_schemes(names: Iterable[str]) -> None:
 
 def check_errors(name: str) -> None:
     """Raise ValueError, which lists what there is, where an error profile is none."""
-    from toolkit.sensors.error_profiles import profile_named
+    from toolkit.sensors.error_profiles import find_profile
 
-    profile_named(name)
+    find_profile(name)
 
 
 def sensor_errors(names: Sequence[str], combine: Combine) -> Errors:

@@ -40,6 +40,6 @@ def _models(names: Sequence[str]) -> list[Any]:
     """Sensor models by name."""
     if not names:
         return []
-    from toolkit.sensors.models import model_named
+    from toolkit.sensors.models import find_model
 
-    return [model_named(name) for name in names]
+    return [find_model(name) for name in names]

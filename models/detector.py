@@ -22,7 +22,7 @@ from models.network.voxels import collate, voxelise
 from models.weight_files import digest_detector, digest_tensors, load_weights
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
-from toolkit.points import union_of
+from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -107,7 +107,7 @@ class VoxelNetDetector:
         (`models.network.tiles`).
         """
         found = dict(self._at_once(clouds, unions)) if clouds else {}
-        return [found[row] if row in found else self(union_of(clouds, union)) for row, union in enumerate(unions)]
+        return [found[row] if row in found else self(join_clouds(clouds, union)) for row, union in enumerate(unions)]
 
     def _at_once(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
@@ -124,7 +124,7 @@ class VoxelNetDetector:
             for row, boxes in zip(rows, self._by_union(entries, predictions), strict=True):
                 if reaching[row]:
                     sure = self._sure(suppress(*boxes, self.config, self.nms_threshold))
-                    yield row, self._measured(sure, union_of(clouds, unions[row]))
+                    yield row, self._measured(sure, join_clouds(clouds, unions[row]))
 
     def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
         """Boxes and scores of each union, in map order."""

@@ -26,7 +26,7 @@ import numpy as np
 from placement_env.checks import check_iou, whole
 from placement_env.classes import COMBINE, Classes, Combine
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.error_profiles import PROFILES, only_own_noise, profile_of
+from toolkit.sensors.error_profiles import PROFILES, get_profile, only_own_noise
 
 if TYPE_CHECKING:
     from toolkit.sensors.error_profiles import ErrorProfile
@@ -100,7 +100,7 @@ class Cases:
     @cached_property
     def profiles(self) -> tuple[ErrorProfile, ...]:
         """Error profiles."""
-        return tuple(profile_of(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
+        return tuple(get_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -252,7 +252,7 @@ _HOW = {"worst": "at the worst of", "mean": "averaged over"}
 
 def _shortest(errors: ErrorProfile | str) -> ErrorProfile | str:
     """Name of a profile that has one of its own, else the profile."""
-    profile = profile_of(errors)
+    profile = get_profile(errors)
     return profile.name if PROFILES.get(profile.name) == profile else profile
 
 

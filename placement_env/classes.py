@@ -22,7 +22,7 @@ import numpy as np
 from placement_env.checks import check_iou
 from toolkit.arrays import Float64
 from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
-from toolkit.runtime.cache import key_of
+from toolkit.runtime.cache import make_key
 
 Combine = Literal["mean", "worst"]
 COMBINE: tuple[Combine, ...] = get_args(Combine)
@@ -96,7 +96,7 @@ class Classes:
     @property
     def digest(self) -> str:
         """SHA-256 of everything that figures depend on."""
-        return key_of(self.origin).hex()
+        return make_key(self.origin).hex()
 
     def iou_of(self, name: str, iou: float) -> float:
         """IoU at which a detection of a class counts. iou: of the objective."""

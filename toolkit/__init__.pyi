@@ -47,7 +47,7 @@ from .plots.curves import draw_density_cdf as draw_density_cdf
 from .points import frame_points as frame_points
 from .rendering.renderer import Renderer as Renderer
 from .runtime.run import Run as Run
-from .sensors.error_profiles import ErrorProfile as ErrorProfile, profile_named as profile_named
+from .sensors.error_profiles import ErrorProfile as ErrorProfile, find_profile as find_profile
 from .sensors.models import DepthCamera as DepthCamera, SpinningLidar as SpinningLidar
 from .sensors.sensor import Sensor as Sensor, SensorModel as SensorModel
 from .sites.files import load_site as load_site, save_site as save_site

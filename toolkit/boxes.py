@@ -102,10 +102,10 @@ def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
     return _iou_matrix(a, b, "3d")
 
 
-def footprint_inside(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
+def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
     """Share of each footprint of `a` that lies on the footprint of each of `b`.
 
-    >>> footprint_inside([[0, 0, 0, 2, 1, 1, 0]], [[1, 0, 0, 2, 4, 1, 0]]).tolist()
+    >>> footprint_overlap([[0, 0, 0, 2, 1, 1, 0]], [[1, 0, 0, 2, 4, 1, 0]]).tolist()
     [[0.5]]
     """
     a, b = check_boxes(a, "a"), check_boxes(b, "b")

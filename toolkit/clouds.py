@@ -28,9 +28,9 @@ from toolkit.points import (
     Area,
     Crop,
     Distance,
-    area_of,
-    beyond,
     frame_points,
+    get_area,
+    is_beyond,
     select_sensors,
     unproject,
 )
@@ -217,9 +217,9 @@ def outside_radius(
 ) -> PointCloud:
     """Keep the points that hybrid fusion sends: those farther than `radius` (m) from the sensor (paper section II-E).
 
-    metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.beyond`.
+    metric: "horizontal" as in the paper, or "published" as in its code; see `toolkit.points.is_beyond`.
     """
-    return _select(cloud, beyond(positions(cloud), sensor, radius, metric))
+    return _select(cloud, is_beyond(positions(cloud), sensor, radius, metric))
 
 
 def points_per_box(
@@ -261,7 +261,7 @@ def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
     """
     if not cell > 0:
         raise ValueError(f"cell must be greater than 0 m, got {cell}")
-    xmin, ymin, xmax, ymax = area_of(area)
+    xmin, ymin, xmax, ymax = get_area(area)
     columns, rows = (max(1, int(np.ceil(extent / cell - 1e-9))) for extent in (xmax - xmin, ymax - ymin))
     x, y, _ = positions(cloud).astype(np.float64).T
     within = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)

@@ -87,13 +87,13 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     return numbers
 
 
-def levelling(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
+def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
     """Shear of the world that makes ground of a slope level and keeps heights at `about` (x, y).
 
     Lines stay lines and verticals stay vertical, so a scene sheared along with the rays is hit at the same distances
     along them.
 
-    >>> transform(levelling((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
+    >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
     array([[5., 2., 1.]])
     """
     shear = np.eye(4)
@@ -102,12 +102,12 @@ def levelling(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[
     return shear
 
 
-def levelled(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
+def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
     """Return points (x, y, z) or boxes (x, y, z, ...) as if their sloping ground were level.
 
     z counts from the plane of the slope through the origin. Without a slope the array itself is returned.
 
-    >>> levelled(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
+    >>> level_rows(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
     array([[10. ,  0. ,  1.5]])
     """
     if slope == LEVEL:
@@ -117,9 +117,9 @@ def levelled(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, 
     return moved
 
 
-def on_slope(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Put points or boxes from `levelled` back on the slope."""
-    return levelled(rows, (-slope[0], -slope[1]))
+def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
+    """Put points or boxes from `level_rows` back on the slope."""
+    return level_rows(rows, (-slope[0], -slope[1]))
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:

@@ -15,14 +15,17 @@ Vector = tuple[float | int, float | int, float | int]
 
 
 class Mesh(NamedTuple):
-    """Vertices (m) and, per triangle, the rows of its three corners, counter-clockwise seen from outside."""
+    """Vertices (m) and triangles (rows of corners).
+
+    Corners are counter-clockwise seen from outside.
+    """
 
     vertices: Float64[np.ndarray, "k 3"]
     triangles: Int64[np.ndarray, "m 3"]
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """All meshes as one.
+    """Join meshes into one.
 
     >>> [len(part) for part in merge([box((1, 1, 1)), box((1, 1, 1), (3, 0, 0))])]
     [20, 32]
@@ -36,7 +39,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
-    """The skin over s closed rings of p points each, with both ends capped.
+    """Skin over s closed rings of p points each, with both ends capped.
 
     Outwards where a ring runs counter-clockwise seen against the direction in which the rings follow each other.
     """
@@ -47,7 +50,10 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 
 @lru_cache(maxsize=256)
 def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
-    """Triangles of a loft over s rings of p points, whose middles of both ends follow the points of the rings."""
+    """Triangles of a loft over s rings of p points.
+
+    The middles of both ends follow the points of the rings.
+    """
     ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
     a, b = (ring + point).ravel(), (ring + (point + 1) % p).ravel()
     first, last = s * p, s * p + 1
@@ -66,7 +72,10 @@ def tube(
     sides: int = 8,
     flat: float = 1.0,
 ) -> Mesh:
-    """A round bar along `path`, of `radii` at its points; `flat` scales its breadth along y (x, if it runs along y)."""
+    """Round bar along `path`, of `radii` at its points.
+
+    flat: scale of its breadth along y (x, if it runs along y).
+    """
     line = np.asarray(path, np.float64)
     along = np.concatenate([line[1:2] - line[:1], (line[2:] - line[:-2]) / 2, line[-1:] - line[-2:-1]])
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
@@ -80,7 +89,7 @@ def tube(
 
 
 def ellipsoid(centre: Vector, radii: Vector, rings: int = 5, sides: int = 8) -> Mesh:
-    """An ellipsoid with poles along z."""
+    """Ellipsoid with poles along z."""
     return loft(_unit_sphere(rings, sides) * radii + centre)
 
 
@@ -95,20 +104,20 @@ def _unit_sphere(rings: int, sides: int) -> Float64[np.ndarray, "_ _ 3"]:
 
 
 def _cross(a: Float64[np.ndarray, "_ 3"], b: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Cross products row by row, as NumPy's own but several times faster for few rows."""
+    """Cross products row by row, faster than NumPy's for few rows."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def box(size: Vector, centre: Vector = (0, 0, 0)) -> Mesh:
-    """A cuboid with edges along the axes."""
+    """Cuboid with edges along the axes."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
     rings = np.stack([corners - [0, 0, 0.5], corners - [0, 0, -0.5]])
     return loft(rings * size + centre)
 
 
 def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
-    """A vertical prism over a simple polygon, holes not allowed."""
+    """Vertical prism over a simple polygon without holes."""
     outline = shapely.geometry.polygon.orient(shapely.Polygon(polygon))
     ring = np.asarray(outline.exterior.coords)[:-1]
     walls = loft(np.stack([np.column_stack([ring, np.full(len(ring), z)]) for z in (base, top)]))
@@ -119,7 +128,7 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
 
 
 def triangulate(shape: Any) -> Mesh:
-    """A shapely polygon or an array of them, holes and all, as triangles at z = 0 facing up."""
+    """Triangles of polygons, holes and all, at z = 0 facing up."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(parts) == 0:
         return merge([])
@@ -130,25 +139,25 @@ def triangulate(shape: Any) -> Mesh:
     return Mesh(flat, np.arange(3 * len(corners)).reshape(-1, 3))
 
 
-def placed(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
-    """The mesh turned by `yaw` (rad) about z, then shifted."""
+def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
+    """Turn a mesh by `yaw` (rad) about z, then move it."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)
 
 
-def shifted(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
-    """The mesh moved, without being turned."""
+def shift(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+    """Move a mesh."""
     return Mesh(mesh.vertices + np.array([x, y, z]), mesh.triangles)
 
 
-def mirrored(mesh: Mesh) -> Mesh:
-    """The mesh with left and right (y) exchanged."""
+def flip_sides(mesh: Mesh) -> Mesh:
+    """Exchange left and right (y) of a mesh."""
     return Mesh(mesh.vertices * [1.0, -1.0, 1.0], mesh.triangles[:, ::-1])
 
 
 def volume(mesh: Mesh) -> float:
-    """Enclosed volume (m³); negative where the mesh is wound inwards.
+    """Enclosed volume (m³), negative for a mesh wound inwards.
 
     >>> round(volume(box((1, 2, 3))), 6)
     6.0

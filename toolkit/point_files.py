@@ -21,11 +21,13 @@ NORMALS = (("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
 COLOURS = (("red", "green", "blue"), ("r", "g", "b"))
 
 
-def attributes_of(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
-    """`positions` from x, y and z, which must be there, `normals` and `colors` where there are some, every other column
-    of numbers under its own name. Positions are float32 or float64, whatever else they were.
+def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
+    """Turn named columns into a cloud's attributes.
 
-    >>> {name: array.shape for name, array in attributes_of(dict.fromkeys(["x", "y", "z", "t"], np.zeros(5))).items()}
+    `positions` from x, y and z, which must be there, `normals` and `colors` where present, every other column of
+    numbers under its own name. Positions are float32 or float64.
+
+    >>> {name: array.shape for name, array in name_attributes(dict.fromkeys(["x", "y", "z", "t"], np.zeros(5))).items()}
     {'positions': (5, 3), 't': (5, 1)}
     """
     left = {name: np.asarray(column) for name, column in columns.items()}
@@ -56,13 +58,13 @@ def _together(left: dict[str, np.ndarray], *names: str) -> np.ndarray:
 
 
 def _colours(values: np.ndarray) -> np.ndarray:
-    """uint8 where they are whole numbers of 0..255, as files have them; else as they are."""
+    """Colours as uint8 if they are whole numbers of 0..255."""
     whole = np.isfinite(values).all() and (values == np.trunc(values)).all() and ((values >= 0) & (values <= 255)).all()
     return values.astype(np.uint8 if whole else np.float32)
 
 
-def missing(names: Sequence[str]) -> list[str]:
-    """Which of x, y and z are not among the names."""
+def missing_axes(names: Sequence[str]) -> list[str]:
+    """Axes x, y, z that are not among the names."""
     return [axis for axis in "xyz" if axis not in names]
 
 
@@ -77,7 +79,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class _Header:
-    """names, types and counts of the fields; how many points; how they are stored."""
+    """Fields, number of points, and how they are stored."""
 
     names: tuple[str, ...]
     types: tuple[np.dtype, ...]
@@ -87,32 +89,35 @@ class _Header:
 
     @property
     def row(self) -> np.dtype:
-        """One point as the file has it."""
+        """Type of one point in the file."""
         return np.dtype([(f"{i}", *each) for i, each in enumerate(zip(self.types, self.counts, strict=True))])
 
 
 def read_pcd(path: str | Path) -> Attributes:
-    """The attributes of a file's points: `positions`, `normals`, `colors` (uint8), and all other fields by their names.
+    """Read the attributes of a PCD file's points.
 
-    Raises ValueError, in one line, where the file is damaged, cut off or has no x, y and z.
+    `positions`, `normals`, `colors` (uint8), and all other fields by their names. Raises ValueError, in one line, where
+    the file is damaged, cut off or has no x, y and z.
     """
     content = Path(path).read_bytes()
     try:
         header, body = _header(content)
         if header.data == "ascii":
-            columns = _ascii(header, body)
+            columns = _read_ascii(header, body)
         elif header.data == "binary":
-            columns = _binary(header, body)
+            columns = _read_binary(header, body)
         else:
-            columns = _compressed(header, body)
+            columns = _read_compressed(header, body)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
     named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
-    return attributes_of(named)
+    return name_attributes(named)
 
 
 def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
-    """The bytes of a binary file of columns of one length, numbers of 1 to 8 bytes, in their order; it may be empty.
+    """Format columns of one length as a binary PCD file.
+
+    Columns are numbers of 1 to 8 bytes, in their order; there may be no rows.
 
     >>> pcd_bytes({"x": np.zeros(2, "f4"), "y": np.zeros(2, "f4"), "z": np.ones(2, "f4")})[-4:].hex()
     '0000803f'
@@ -153,8 +158,8 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     size, count = (_whole(entries.get(key, default)) for key, default in (("SIZE", []), ("COUNT", ["1"] * len(names))))
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
-    if missing(names):
-        raise ValueError(f"it has no field {', '.join(missing(names))}, but {', '.join(names)}")
+    if missing_axes(names):
+        raise ValueError(f"it has no field {', '.join(missing_axes(names))}, but {', '.join(names)}")
     kept = [name for name in names if name != PADDING]
     if len(set(kept)) < len(kept):
         raise ValueError(f"two fields have one name: {', '.join(names)}")
@@ -179,7 +184,7 @@ def _whole(words: list[str]) -> list[int]:
         raise ValueError(f"its header has {' '.join(words)[:40]!r} where whole numbers belong") from None
 
 
-def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
+def _read_ascii(header: _Header, body: bytes) -> list[np.ndarray]:
     cells, width = body.split(), sum(header.counts)
     if len(cells) < header.points * width:
         raise ValueError(f"it is cut off, {len(cells)} of {header.points * width} numbers are there")
@@ -197,14 +202,14 @@ def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
 
 
 def _integers(cells: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Whole numbers as text, also where they are written as floats."""
+    """Parse whole numbers, also those written as floats."""
     try:
         return cells.astype(np.int64).astype(dtype)
     except (ValueError, OverflowError):
         return cells.astype(np.float64).astype(dtype)
 
 
-def _binary(header: _Header, body: bytes) -> list[np.ndarray]:
+def _read_binary(header: _Header, body: bytes) -> list[np.ndarray]:
     needed = header.points * header.row.itemsize
     if len(body) < needed:
         raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
@@ -212,8 +217,8 @@ def _binary(header: _Header, body: bytes) -> list[np.ndarray]:
     return [np.ascontiguousarray(rows[name]) for name in header.row.names or ()]
 
 
-def _compressed(header: _Header, body: bytes) -> list[np.ndarray]:
-    """All values of the first field, then all of the second, and so on."""
+def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
+    """Columns of a compressed file: one field after the other."""
     if len(body) < 8 and header.points:
         raise ValueError("it is cut off before its points")
     packed, size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
@@ -222,7 +227,7 @@ def _compressed(header: _Header, body: bytes) -> list[np.ndarray]:
         raise ValueError(f"it is cut off, {len(body) - 8} of {packed} compressed bytes are there")
     if size != needed or size > MOST_LZF * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
-    plain = lzf_decompressed(body[8 : 8 + packed], size)
+    plain = decompress_lzf(body[8 : 8 + packed], size)
     columns, first = [], 0
     for dtype, count in zip(header.types, header.counts, strict=True):
         length = header.points * count * dtype.itemsize
@@ -231,10 +236,10 @@ def _compressed(header: _Header, body: bytes) -> list[np.ndarray]:
     return columns
 
 
-def lzf_decompressed(packed: bytes, size: int) -> bytes:
-    """What was compressed by LibLZF. Raises ValueError where that is not `size` bytes.
+def decompress_lzf(packed: bytes, size: int) -> bytes:
+    """Decompress LibLZF. Raises ValueError unless it makes `size` bytes.
 
-    >>> lzf_decompressed(bytes([1, 97, 98, 0xE0, 1, 1]), 12)
+    >>> decompress_lzf(bytes([1, 97, 98, 0xE0, 1, 1]), 12)
     b'abababababab'
     """
     out, i = bytearray(), 0

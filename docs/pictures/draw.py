@@ -16,7 +16,7 @@ from toolkit.datasets.readings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.plots.canvas import blank_figure, house_style, write_figure
 from toolkit.points import frame_points
-from toolkit.sensors.error_profiles import profile_named
+from toolkit.sensors.error_profiles import find_profile
 
 SENSOR = 1  # d1 looks at the middle of the T-junction
 INK = "#1b1b1b"
@@ -46,7 +46,7 @@ def draw_errors(recording: CoopDataset, out: Path) -> None:
     """Draw the points of one car as measured under three error profiles, seen from above."""
     profiles = ("paper", "typical", "poor")
     area = recording.site.area
-    frames = [read_frame(recording, 0, errors=profile_named(name), noise_seed=3) for name in profiles]
+    frames = [read_frame(recording, 0, errors=find_profile(name), noise_seed=3) for name in profiles]
     boxes = frames[0].objects.boxes[frames[0].objects.labels == 0]
     together = np.concatenate(frame_points(frames[0], area=area))
     near = [int((np.abs(together[:, :2] - box[:2]).max(axis=1) < 3.5).sum()) for box in boxes]

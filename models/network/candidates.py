@@ -20,7 +20,7 @@ from models.config import VoxelNetConfig
 from models.network.anchors import decode, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, Float, Float32, Int64
-from toolkit.boxes import footprint_inside, iou_bev, nms
+from toolkit.boxes import footprint_overlap, iou_bev, nms
 from toolkit.objects import Detections, label_index
 
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
@@ -207,7 +207,7 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
     strongest = np.zeros((len(found), len(config.labels)))
     if not len(found):
         return strongest
-    inside = footprint_inside(found.boxes, found.boxes)
+    inside = footprint_overlap(found.boxes, found.boxes)
     together = (np.maximum(inside, inside.T) > TOGETHER) & (found.labels[:, None] != found.labels)
     scores = np.where(together & (found.scores >= LEAST_RIVAL), found.scores, 0.0)
     for column, name in enumerate(config.labels):

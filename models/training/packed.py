@@ -29,7 +29,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Shaped
 from toolkit.boxes import check_boxes
-from toolkit.geometry import LEVEL, Slope, check_slope, levelled
+from toolkit.geometry import LEVEL, Slope, check_slope, level_rows
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
@@ -62,7 +62,7 @@ class PackedFrames:
                 self._labels = hdf5.array(file, "labels", axes=1, kinds="iu")
                 self._box_ends = hdf5.array(file, "box_ends", axes=1, kinds="iu")
                 self._clouds = _read_clouds(file)
-                self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.names_in(file, "rigs"))))
+                self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs"))))
             self._check()
         except (OSError, ValueError) as error:
             raise ValueError(
@@ -103,7 +103,7 @@ class PackedFrames:
     def level_objects(self, k: int) -> Objects:
         """Ground truth of frame k on level ground, as `points` are."""
         objects, slope = self.objects(k), self.rig(k).slope
-        return objects if slope == LEVEL else replace(objects, boxes=levelled(objects.boxes, slope))
+        return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
     def recorded(self, k: int) -> bool:
         """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
@@ -133,7 +133,7 @@ class PackedFrames:
         for s in chosen:
             changed = slice(*self._ends[k, s : s + 2])
             points = rig.points(s, self._pixels[changed], self.metres(self._steps[changed]), rng)
-            clouds.append(levelled(points, rig.slope))
+            clouds.append(level_rows(points, rig.slope))
         return clouds
 
 
@@ -207,7 +207,7 @@ class Rig:
 
     def in_crop(self, points: Float32[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Mark points (world frame) in the crop, widened by a margin (m)."""
-        (x, y, z), (xmin, ymin, xmax, ymax) = levelled(points, self.slope).T, self.area
+        (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
         return inside & (z > -margin) & (z < self.height + margin)
 
@@ -239,7 +239,7 @@ class RecordedClouds:
 
 
 def _read_clouds(file: h5py.File) -> RecordedClouds:
-    if not hdf5.holds(file, "clouds"):
+    if not hdf5.contains(file, "clouds"):
         return RecordedClouds({}, np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32))
     frames = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
     ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
@@ -251,7 +251,7 @@ def _read_clouds(file: h5py.File) -> RecordedClouds:
 
 def _read_rig(file: h5py.File, name: str) -> Rig:
     with hdf5.reading(name):
-        attributes = hdf5.attributes_in(file[name], name)
+        attributes = hdf5.read_node_attributes(file[name], name)
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
     pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
     ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")

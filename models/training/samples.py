@@ -20,9 +20,9 @@ from models.training.losses import Assignment, assign, assign_by_kind, sample
 from models.training.packed import PackedFrames, Rig
 from toolkit.arrays import Bool, Float, Float32, Shaped
 from toolkit.boxes import count_points, points_in_boxes
-from toolkit.geometry import levelled
+from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, Objects, label_index
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 from toolkit.sensors.error_profiles import ErrorProfile
 from toolkit.sensors.error_terms import (
     Calibration,
@@ -105,7 +105,7 @@ def _read(
     seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
     believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
     points = believed.world(0, seen, measured[seen])
-    return levelled(points[rig.in_crop(points)], rig.slope)
+    return level_rows(points[rig.in_crop(points)], rig.slope)
 
 
 def thin(points: Float32[np.ndarray, "n 3"], rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
@@ -188,7 +188,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         rng = np.random.default_rng([self.seed, epoch, k])
         points, objects, inside = self._scene(k, rng)
         seen = count_points(points, objects.boxes) >= self.recipe.seen
-        asked = inside & seen & centred_in(objects.boxes, np.array(self.config.area))
+        asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
         found = self._assigned(objects, asked)
         if self.recipe.sampled:
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
@@ -217,7 +217,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
         points = read_points(self.frames, k, rng, subsets=self.recipe.subsets, errors=self.recipe.errors)
         objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
-        boxes, inside = objects.boxes.copy(), centred_in(objects.boxes, area)
+        boxes, inside = objects.boxes.copy(), has_centre_inside(objects.boxes, area)
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)

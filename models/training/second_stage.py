@@ -27,7 +27,7 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 from toolkit.boxes import count_points, iou_bev
 from toolkit.detection.metrics import TRUE_IOU, match
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, label_index
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 
 
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
@@ -248,7 +248,7 @@ def face_examples(
         rng = np.random.default_rng([seed, k])
         points = read_points(frames, k, rng, subsets=_FACE_SUBSETS, errors=_FACE_ERRORS)
         objects = frames.level_objects(k)
-        there = np.isin(objects.labels, wanted) & centred_in(objects.boxes, np.array(frames.rig(k).area))
+        there = np.isin(objects.labels, wanted) & has_centre_inside(objects.boxes, np.array(frames.rig(k).area))
         objects = objects[there & (count_points(points, objects.boxes) >= FEWEST_POINTS)]
         boxes, truths, kinds = off_at_random(objects.boxes, rng), objects.boxes, objects.labels
         if detector_in is not None:

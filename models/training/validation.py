@@ -16,7 +16,7 @@ from models.training.samples import read_points
 from toolkit.arrays import Bool
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 
 VEHICLE_LABEL = LABELS[VEHICLE]
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
@@ -61,7 +61,7 @@ def detect_frames(
         area = frames.rig(k).area
         points = read_points(frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors)
         truth = frames.level_objects(k)
-        results.append((detector_in(area)(points), truth, centred_in(truth.boxes, np.array(area))))
+        results.append((detector_in(area)(points), truth, has_centre_inside(truth.boxes, np.array(area))))
     network.train(training)
     return results
 

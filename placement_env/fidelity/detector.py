@@ -40,7 +40,7 @@ from toolkit.detection.scheme import Fused, Scheme
 from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import Cloud
 from toolkit.objects import LABELS, Detections, Detector, check_known
-from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.parallel import spread
 
@@ -236,7 +236,7 @@ class Detected:
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: Any) -> bytes:
         """What a value of frame k depends on, for a set of sensors."""
-        return key_of(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
+        return make_key(kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more)
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
         """Which objects of frame k are to be found."""
@@ -268,11 +268,11 @@ class Detected:
         parts = [self.renders.digest, getattr(self.detector, "digest", ""), self.renders.site.hybrid_radius]
         within = getattr(self.detector, "detector", self.detector)  # of one that knows its background
         code = code_digest(__name__, *(each.__module__ for each in (self.detector, within, self.scheme, self.codec)))
-        return key_of(*parts, code).hex()
+        return make_key(*parts, code).hex()
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
-        return [key_of(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
+        return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
 @dataclass(frozen=True)

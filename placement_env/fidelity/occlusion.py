@@ -12,9 +12,9 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Int64
-from toolkit.geometry import levelled
+from toolkit.geometry import level_rows
 from toolkit.objects import VEHICLE
-from toolkit.points import Crop, inside
+from toolkit.points import Crop, is_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays, Windows
 from toolkit.sensors.sensor import Sensor
@@ -158,8 +158,8 @@ def worth(
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
     """The chance of each point to be sent and to be far: noise lifts half of even ground above z = 0. spread: standard
     deviation of its height; positions: of the sensor that measures it."""
-    above = levelled(points, site.relief.slope)
-    within, z = inside(above, site.area, site.height, -np.inf), above[:, 2]
+    above = level_rows(points, site.relief.slope)
+    within, z = is_inside(above, site.area, site.height, -np.inf), above[:, 2]
     sent = within * _normal(np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8))
     offset = points[:, :2] - positions
     return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)

@@ -283,9 +283,9 @@ def check_errors_for(errors: Errors, fidelity: str) -> None:
 def shipped_detector(network: str, site: Site) -> Detector:
     """A shipped network as it detects at a site. The general one was not trained there and would take some hedge for
     somebody in every frame, so it knows the site empty. It is made once, for whatever preparations there are."""
-    from toolkit.sites.files import dumps
+    from toolkit.sites.files import format_site
 
-    return _detector_at(network, _Place(dumps(site), site))
+    return _detector_at(network, _Place(format_site(site), site))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
 from toolkit.sensors.error_terms import velocities
@@ -78,7 +78,7 @@ class Renders:
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
         parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
-        return key_of(*parts, *_beyond_noise(self.errors)).hex()
+        return make_key(*parts, *_beyond_noise(self.errors)).hex()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k inside the crop, world frame."""
@@ -143,7 +143,9 @@ class Renders:
         if self._cache is None:
             return self._render(c)
         sensor = self.sensors[c]
-        key = key_of("whole render" if self._whole else "render", _code([sensor]), self.traffic.digest(), sensor.digest)
+        key = make_key(
+            "whole render" if self._whole else "render", _code([sensor]), self.traffic.digest(), sensor.digest
+        )
         arrays = self._cache.get([key])[0]
         if arrays is not None:
             return _unpacked(self._rig(c), arrays)
@@ -186,9 +188,9 @@ class Recorded:
     @cached_property
     def digest(self) -> str:
         """SHA-256 over all that clouds depend on but the sensor."""
-        from toolkit.sites.files import dumps
+        from toolkit.sites.files import format_site
 
-        parts = [_code(self.sensors), self._noise_seed, dumps(self.site), *_beyond_noise(self.errors)]
+        parts = [_code(self.sensors), self._noise_seed, format_site(self.site), *_beyond_noise(self.errors)]
         sha = sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
             while block := file.read(1 << 20):

@@ -25,7 +25,7 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, find_scheme
 from toolkit.objects import LABELS, VEHICLE, Detector
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
@@ -236,10 +236,10 @@ def make_table(
 
 def digest_of(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and sensors there: a table says nothing about others. The hybrid radius stands beside it."""
-    from toolkit.sites.files import dumps
+    from toolkit.sites.files import format_site
 
     mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
-    return key_of(dumps(site, without=["hybrid_radius"]), mounted).hex()
+    return make_key(format_site(site, without=["hybrid_radius"]), mounted).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:

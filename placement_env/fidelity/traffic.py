@@ -15,7 +15,7 @@ from toolkit.arrays import Bool
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot, simulate
 from toolkit.traffic.spawner import LIFE
@@ -43,9 +43,9 @@ class Traffic:
 
     @cached_property
     def _digest(self) -> str:
-        from toolkit.sites.files import dumps
+        from toolkit.sites.files import format_site
 
-        sha = sha256(dumps(self.site).encode())
+        sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
             sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
             sha.update(b"" if body.truth is None else repr(body.truth).encode())
@@ -83,4 +83,4 @@ def renderer_of(traffic: Traffic) -> Renderer:
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
     """Which objects a detector is scored by: those of some classes (numbers), vehicles (no heavy ones) if none are
     given, centred in the area, as in `toolkit.detection.evaluation` with its exact protocol."""
-    return np.isin(objects.labels, labels) & centred_in(objects.boxes, site.area)
+    return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

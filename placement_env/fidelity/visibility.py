@@ -25,8 +25,8 @@ from placement_env.setting import Rendering
 from toolkit.arrays import Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.objects import VEHICLE
-from toolkit.points import beyond, frame_points, points_on
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.points import count_on_ground, frame_points, is_beyond
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
@@ -121,10 +121,10 @@ class Visibility:
             counted = frame.objects[scored(frame.objects, site, labels)]
             boxes.append(counted.boxes)
             kinds.append(counted.labels)
-            points.append([points_on(cloud, boxes[-1], site) for cloud in frame_points(frame, area=site)])
+            points.append([count_on_ground(cloud, boxes[-1], site) for cloud in frame_points(frame, area=site)])
             clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
-            far.append([beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
+            far.append([is_beyond(*pair, radius).sum() for pair in zip(clouds, recording.sensors, strict=True)])
         sent_each, far_each = (np.array(each, np.float32).reshape(count, -1).T for each in (sent, far))
         every = np.concatenate([np.zeros((0, 7)), *boxes])
         on_objects = np.concatenate([np.zeros((len(recording.sensors), 0)), *points], axis=1).astype(np.float32)
@@ -254,4 +254,4 @@ class _FullLook:
         """What is seen by a block of sensors depends on this."""
         sensors = self.sensors[slice(*block)]
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
-        return key_of("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)
+        return make_key("seen", code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels)

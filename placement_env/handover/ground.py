@@ -18,8 +18,8 @@ from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.geometry import invert, transform
 from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer, SightLines
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.rendering.static_scene import ground as ground_mesh
-from toolkit.rendering.static_scene import scenery
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -85,7 +85,7 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
     middles = np.stack(np.meshgrid(x, y), axis=-1)
     targets = np.concatenate([middles, site.ground(middles)[..., None] + TARGET_HEIGHT], axis=-1)
     open_ground = _open_ground(site, targets)
-    still = scenery(site)
+    still = build_scenery(site)
     lines = SightLines(still)
     images = Renderer(site, (), sensors, still).background
     bare = Renderer(site, (), sensors, ground_mesh(site)).background

@@ -43,7 +43,7 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
-from toolkit.runtime.files import finite
+from toolkit.runtime.files import replace_infinite
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
@@ -206,7 +206,7 @@ def _answered(order: SearchOrder, out: Path | None, checkpoint: Checkpoint, prog
         summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
         lines += described_by_errors(by_errors)
     if out is not None:
-        write_answer(out, objective, result, finite(summary), chosen=chosen)
+        write_answer(out, objective, result, replace_infinite(summary), chosen=chosen)
         lines.append(f"written to {out}: {', '.join(ANSWER_FILES)}")
     return Answered(summary, tuple(line for line in lines if line), True)
 
@@ -260,7 +260,12 @@ def _curve(
         objective, order.budget, amounts=amounts, seed=seed, checkpoint=checkpoint, **order.limits, **own
     )
     rows = [asdict(point) | {"sensors": [objective.names[c] for c in point.subset]} for point in points]
-    summary = {"curve": finite(rows), "judge": order.judge, "provenance": objective.provenance, **_over_errors(order)}
+    summary = {
+        "curve": replace_infinite(rows),
+        "judge": order.judge,
+        "provenance": objective.provenance,
+        **_over_errors(order),
+    }
     if not points:
         return Answered(summary, (f"no sensors: {described_empty(objective)}",), False)
     of = "for each amount of money" if limited else "of each number of sensors"
@@ -273,7 +278,7 @@ def _curve(
         )
         lines += [f"    at each error profile: {described_profiles(point.by_errors)}"] if point.by_errors else []
     if out is not None:
-        write_curve(out, objective, points, finite(summary), judge=order.judge, currency=order.currency)
+        write_curve(out, objective, points, replace_infinite(summary), judge=order.judge, currency=order.currency)
         lines.append(f"written to {out}: {', '.join(CURVE_TABLES)}, and the site with each set")
     return Answered(summary, tuple(lines), True)
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import decoded, encoded, key_of
+from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key
 from toolkit.runtime.code_digest import code_digest
-from toolkit.runtime.files import finite, write_bytes
+from toolkit.runtime.files import replace_infinite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
 
 EVERY_S = 10.0  # seconds between two states of a part, at least
@@ -51,7 +51,7 @@ class Checkpoint:
         if self.folder is None:
             return None
         try:
-            arrays = decoded(self._key, self._path.read_bytes())
+            arrays = decode_arrays(self._key, self._path.read_bytes())
         except FileNotFoundError:
             return None
         if not arrays:
@@ -66,7 +66,7 @@ class Checkpoint:
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
         values = {name: value for name, value in state.items() if name not in arrays}
         head = np.frombuffer(json.dumps([list(arrays), values]).encode(), np.uint8)
-        write_bytes(self._path, encoded(self._key, (head, *arrays.values())))
+        write_bytes(self._path, encode_arrays(self._key, (head, *arrays.values())))
         self._saved = time.monotonic()
 
     def offer(self, state: Callable[[], Mapping[str, Any]]) -> None:
@@ -81,7 +81,7 @@ class Checkpoint:
 
     @property
     def _key(self) -> bytes:
-        return key_of(self._depends_on.hex(), self._part)
+        return make_key(self._depends_on.hex(), self._part)
 
 
 NOWHERE = Checkpoint(None)
@@ -97,11 +97,11 @@ def unfinished(
     Raises FileExistsError where the folder holds an unfinished search of another question and is not to be overwritten,
     and where another process is at work in it.
     """
-    asked = json.loads(json.dumps(finite(dict(question))))
+    asked = json.loads(json.dumps(replace_infinite(dict(question))))
     shards = ShardFolder(folder, asked)
     with shards.locked():
         shards.open(overwrite)
-        depends_on = key_of(asked, code_digest(code))
+        depends_on = make_key(asked, code_digest(code))
         yield Checkpoint(folder, depends_on=depends_on)
         remove_states(folder)
         shards.remove()

@@ -13,7 +13,7 @@ import numpy as np
 
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
-from toolkit.runtime.files import finite, read_json, write_text
+from toolkit.runtime.files import read_json, replace_infinite, write_text
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
 
@@ -158,7 +158,9 @@ class Result:
             "sensors": [_sensor_row(sensor) for sensor in self.sensors],
             "assessment": None if self.assessment is None else asdict(self.assessment),
         }
-        write_text(path, json.dumps({"coview_result": VERSION} | finite(content), indent=1, allow_nan=False) + "\n")
+        write_text(
+            path, json.dumps({"coview_result": VERSION} | replace_infinite(content), indent=1, allow_nan=False) + "\n"
+        )
 
     @staticmethod
     def load(path: str | Path) -> Result:

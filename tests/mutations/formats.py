@@ -233,7 +233,7 @@ def _read_osm(path: Path) -> None:
 
     town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
     pieces, _ = osm.roads(town, window)
-    osm.written(pieces, town)
+    osm.write_osm(pieces, town)
     osm.paths(town, window)
     street = shapely.box(-60, -4, 60, 4)
     osm.buildings(town, window, street)
@@ -273,7 +273,7 @@ def _read_opendrive(path: Path) -> None:
     roads = opendrive.roads_near(path, window, 0.0, 3.5)
     opendrive.surfaces(path, roads)
     opendrive.steepest(roads, window)
-    opendrive.understood(path, roads)
+    opendrive.read_standing(path, roads)
 
 
 def _table(path: Path) -> None:
@@ -329,23 +329,23 @@ def _read_surrogate(path: Path) -> None:
 
 
 def _cache(path: Path) -> None:
-    from toolkit.runtime.cache import Cache, key_of
+    from toolkit.runtime.cache import Cache, make_key
 
     cache = Cache(path)
-    cache.put({key_of(k): (np.arange(20.0 * k),) for k in range(20)})
+    cache.put({make_key(k): (np.arange(20.0 * k),) for k in range(20)})
     cache.close()
     with sqlite3.connect(path) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
 def _read_cache(path: Path) -> None:
-    from toolkit.runtime.cache import Cache, key_of
+    from toolkit.runtime.cache import Cache, make_key
 
     cache = Cache(path)
-    for k, value in enumerate(cache.get([key_of(k) for k in range(20)])):
+    for k, value in enumerate(cache.get([make_key(k) for k in range(20)])):
         if value is not None and not np.array_equal(value[0], np.arange(20.0 * k)):
             raise RuntimeError("the cache answers with a figure that was never put in")
-    cache.put({key_of("more"): (np.arange(3),)})
+    cache.put({make_key("more"): (np.arange(3),)})
     cache.close()
 
 

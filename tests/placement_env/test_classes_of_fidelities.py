@@ -25,7 +25,7 @@ from placement_env.search.exact.submodular import is_submodular
 from placement_env.subsets import all_subsets
 from toolkit.detection.metrics import evaluate
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections, Objects
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -201,7 +201,7 @@ def test_the_detector_is_scored_class_by_class(scheme):
         members = tuple(np.flatnonzero(chosen).tolist())
         detections = [found.detections(members, k) for k in range(FRAMES)]
         truths = [Street().objects(k) for k in range(FRAMES)]
-        counted = [centred_in(there.boxes, Street.site.area) for there in truths]
+        counted = [has_centre_inside(there.boxes, Street.site.area) for there in truths]
         for c, name in enumerate(NAMES):
             iou = MEAN.iou_of(name, 0.7)
             (at,) = evaluate(detections, truths, iou_thresholds=[iou], label=name, counted=counted).values()

@@ -84,7 +84,7 @@ def test_iou_is_symmetric_and_moves_with_the_world(a, b, yaw, offset):
 
 
 def test_iou_of_nothing_has_the_right_shape():
-    for iou in (bx.iou_bev, bx.iou_3d, bx.footprint_inside):
+    for iou in (bx.iou_bev, bx.iou_3d, bx.footprint_overlap):
         assert iou([], [CAR]).shape == (0, 1)
         assert iou([CAR, CAR], np.zeros((0, 7))).shape == (2, 0)
 
@@ -98,8 +98,8 @@ def test_iou_does_not_depend_on_how_many_pairs_there_are(monkeypatch):
 
 
 def test_footprint_inside_is_the_share_of_the_first():
-    assert bx.footprint_inside([CAR], [[0, 0, 9, 40, 40, 1, 0.5]])[0, 0] == pytest.approx(1)
-    assert bx.footprint_inside([CAR], [[2, 0, 9, 4, 2, 1, 0]])[0, 0] == pytest.approx(0.5)
+    assert bx.footprint_overlap([CAR], [[0, 0, 9, 40, 40, 1, 0.5]])[0, 0] == pytest.approx(1)
+    assert bx.footprint_overlap([CAR], [[2, 0, 9, 4, 2, 1, 0]])[0, 0] == pytest.approx(0.5)
 
 
 @given(some_boxes)

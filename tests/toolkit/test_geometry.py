@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from toolkit.geometry import check_pose, check_slope, invert, levelled, levelling, look, on_slope, pose, transform
+from toolkit.geometry import check_pose, check_slope, invert, level_motion, level_rows, look, pose, tilt_rows, transform
 
 metre, angle = st.floats(-1000, 1000), st.floats(-10, 10)
 points = arrays(np.float64, st.tuples(st.integers(0, 5), st.just(3)), elements=metre)
@@ -101,18 +101,18 @@ def test_points_of_another_shape_are_refused():
 
 def test_levelled_rows_count_z_from_the_plane_and_come_back():
     rows = np.array([[10.0, 20, 3, 4], [0, 0, 1, 5], [-10, 5, 0, 6]])
-    flat = levelled(rows, (0.02, -0.05))
+    flat = level_rows(rows, (0.02, -0.05))
     np.testing.assert_allclose(flat[:, 2], [3 - 0.2 + 1.0, 1, 0.2 + 0.25])
     np.testing.assert_array_equal(flat[:, [0, 1, 3]], rows[:, [0, 1, 3]])
-    np.testing.assert_allclose(on_slope(flat, (0.02, -0.05)), rows, atol=1e-12)
-    assert levelled(rows, (0.0, 0.0)) is rows
-    assert levelled(rows.astype(np.float32), (0.02, 0.0)).dtype == np.float32
+    np.testing.assert_allclose(tilt_rows(flat, (0.02, -0.05)), rows, atol=1e-12)
+    assert level_rows(rows, (0.0, 0.0)) is rows
+    assert level_rows(rows.astype(np.float32), (0.02, 0.0)).dtype == np.float32
 
 
 @given(points, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), metre, metre)
 def test_levelling_is_levelled_about_a_place(p, sx, sy, x, y):
-    expected = np.add(levelled(p, (sx, sy)), [0, 0, sx * x + sy * y])
-    np.testing.assert_allclose(transform(levelling((sx, sy), (x, y)), p), expected, atol=1e-6)
+    expected = np.add(level_rows(p, (sx, sy)), [0, 0, sx * x + sy * y])
+    np.testing.assert_allclose(transform(level_motion((sx, sy), (x, y)), p), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("slope", [(0.3, 0.01), (np.nan, 0.0), (0.1,), (0.1, 0.1, 0.0)])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from toolkit.mesh import box, ellipsoid, extrude, merge, mirrored, placed, shifted, triangulate, tube, volume
+from toolkit.mesh import box, ellipsoid, extrude, flip_sides, merge, place, shift, triangulate, tube, volume
 
 L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
 
@@ -16,8 +16,8 @@ L_SHAPE = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
         (tube([(0, 0, 0), (0, 2, 0)], 0.5, 64), np.pi / 2),
         (tube([(0, 0, 0), (2, 0, 0)], 0.5, 64), np.pi / 2),
         (ellipsoid((1, 1, 1), (1, 2, 3), 40, 40), 8 * np.pi),
-        (mirrored(box((1, 2, 3), (5, 5, 5))), 6.0),
-        (placed(box((1, 2, 3)), 4.0, yaw=0.7), 6.0),
+        (flip_sides(box((1, 2, 3), (5, 5, 5))), 6.0),
+        (place(box((1, 2, 3)), 4.0, yaw=0.7), 6.0),
         (merge([]), 0.0),
     ],
 )
@@ -36,13 +36,13 @@ def test_triangulated_holes_stay_open_and_face_up():
 
 
 def test_moved_turns_counter_clockwise():
-    assert np.allclose(placed(box((2, 0.1, 1), (1, 0, 0)), yaw=np.pi / 2).vertices[:, 1].max(), 2.0)
+    assert np.allclose(place(box((2, 0.1, 1), (1, 0, 0)), yaw=np.pi / 2).vertices[:, 1].max(), 2.0)
 
 
 def test_shifting_moves_without_turning():
     cube = box((1, 1, 1))
-    assert np.allclose(shifted(cube, 1.0, 2.0, 3.0).vertices, cube.vertices + np.array([1, 2, 3]))
-    assert np.array_equal(shifted(cube, z=2.0).triangles, cube.triangles)
+    assert np.allclose(shift(cube, 1.0, 2.0, 3.0).vertices, cube.vertices + np.array([1, 2, 3]))
+    assert np.array_equal(shift(cube, z=2.0).triangles, cube.triangles)
     assert np.allclose(cube.vertices.mean(axis=0), 0)
 
 

@@ -4,19 +4,19 @@ import pytest
 from toolkit.boxes import count_points
 from toolkit.clouds import crop, from_depth, from_points, positions
 from toolkit.frame import Frame
-from toolkit.geometry import levelled, look, on_slope, pose
+from toolkit.geometry import level_rows, look, pose, tilt_rows
 from toolkit.objects import Detections, Objects, UnionDetector
 from toolkit.points import (
-    beyond,
-    centred_in,
-    cropped_pixels,
+    count_on_ground,
     detect_on_ground,
     detect_unions_on_ground,
+    find_crop_pixels,
     frame_points,
-    inside,
-    points_on,
+    get_slope,
+    has_centre_inside,
+    is_beyond,
+    is_inside,
     select_sensors,
-    slope_of,
 )
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -99,13 +99,15 @@ def test_map_coordinates_are_refused_since_float32_cannot_hold_them():
 
 def test_centred_in_includes_the_edge():
     boxes = np.array([[40, 20, 99, 4, 2, 1.5, 0], [40.1, 0, 1, 4, 2, 1.5, 0]])
-    assert centred_in(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
+    assert has_centre_inside(boxes, np.array(AREA, np.float64)).tolist() == [True, False]
 
 
 def test_a_point_on_the_circle_is_not_beyond_it():
     points = np.array([[3.0, 4.0, 9.0], [3.0, 4.001, 0.0], [0.0, -5.0, 0.0]])
     for metric in ("horizontal", "published"):
-        level = beyond(points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric)
+        level = is_beyond(
+            points * [1, 1, 0], np.eye(4)[[0, 2, 1, 3]] if metric == "published" else np.eye(4), 5.0, metric
+        )
         assert level.tolist() == [False, True, False]
 
 
@@ -131,19 +133,19 @@ def test_on_a_slope_the_crop_and_the_points_of_a_box_are_those_of_level_ground()
     rng = np.random.default_rng(4)
     flat = rng.uniform([-45, -45, -1], [45, 45, 5], (400, 3))
     boxes = np.array([[10.0, 5, 1, 20, 30, 2, 0.4], [-20, -20, 1, 25, 25, 2, 1.0]])
-    kept = inside(flat, steep.area, 3.0)
-    world = on_slope(flat, slope)
-    assert slope_of(steep) == slope
-    assert slope_of((0, 0, 1, 1)) == (0.0, 0.0)
-    np.testing.assert_array_equal(inside(levelled(world, slope), steep.area, 3.0), kept)
-    np.testing.assert_array_equal(points_on(world, on_slope(boxes, slope), steep), count_points(flat, boxes))
+    kept = is_inside(flat, steep.area, 3.0)
+    world = tilt_rows(flat, slope)
+    assert get_slope(steep) == slope
+    assert get_slope((0, 0, 1, 1)) == (0.0, 0.0)
+    np.testing.assert_array_equal(is_inside(level_rows(world, slope), steep.area, 3.0), kept)
+    np.testing.assert_array_equal(count_on_ground(world, tilt_rows(boxes, slope), steep), count_points(flat, boxes))
     np.testing.assert_allclose(positions(crop(from_points(world), steep)), world[kept], atol=1e-4)
 
 
 def test_pixels_of_the_cropped_points():
     scene = frame()
     for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
-        pixels = cropped_pixels(scene, k, area=AREA, height=3.0)
+        pixels = find_crop_pixels(scene, k, area=AREA, height=3.0)
         sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
         np.testing.assert_allclose(sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4)
         assert (np.diff(pixels) > 0).all()

@@ -18,9 +18,10 @@ from toolkit.mesh import Mesh, merge
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid mesh: vertices (k, 3) m, from the middle of its box; triangles (m, 3), rows of `vertices`; a class label.
+    """Rigid mesh and the ground truth box it stands in.
 
-    truth: length, width, height (m) of its ground truth box where parts stick out of it, None where it is tight.
+    vertices: (k, 3) m, from the middle of the box; triangles: (m, 3) rows of `vertices`; label: class number; truth:
+    length, width, height (m) of the box if parts stick out of it, None if it is tight.
     """
 
     name: str
@@ -39,22 +40,22 @@ class Body:
 
     @cached_property
     def bounds(self) -> Float64[np.ndarray, "6"]:
-        """Of all the mesh, in the body's frame: middle x y z and length, width, height (m)."""
+        """Middle x y z and length, width, height (m) of the whole mesh."""
         if self.truth is None:
             return np.array([0.0, 0.0, 0.0, *self.size])
         low, high = self.vertices.min(axis=0).astype(np.float64), self.vertices.max(axis=0).astype(np.float64)
         return np.concatenate([(low + high) / 2, high - low])
 
 
-def centred(name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]) -> Body:
-    """A body from a mesh anywhere: the origin goes to the centre of its bounds, which are its box."""
+def make_body(name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]) -> Body:
+    """Make a body of a mesh, its box tight around it."""
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return Body(name, label, (vertices - middle).astype(np.float32), np.asarray(triangles, np.int32))
 
 
-def boxed(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
-    """A body whose box is tight around `mesh`, while `outside` (mirrors) belongs to it but not to its box."""
+def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
+    """Make a body with a box around `mesh` only; `outside` sticks out."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     whole = merge([mesh, outside])
     length, width, height = (high - low).tolist()
@@ -62,13 +63,16 @@ def boxed(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
     return Body(name, label, vertices, whole.triangles.astype(np.int32), (length, width, height))
 
 
-def tight(body: Body) -> Body:
-    """The body with a box around all of its mesh, mirrors included: the other convention."""
-    return centred(body.name, body.label, body.vertices, body.triangles)
+def include_mirrors(body: Body) -> Body:
+    """Put the box around the whole mesh, mirrors included."""
+    return make_body(body.name, body.label, body.vertices, body.triangles)
 
 
-def vary(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
-    """The body stretched along each of its axes by a factor N(1, spread), cut at two spreads; its box follows."""
+def stretch_randomly(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
+    """Stretch a body along each axis by a factor N(1, spread).
+
+    Factors are cut at two spreads; the box follows.
+    """
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
     truth = None
     if body.truth is not None:

@@ -2,8 +2,9 @@
 
 The ground truth box of a drawn vehicle is the body without its wing mirrors, which stick out of it by 8 to 25 cm. Roof
 signs, roof boxes, racks, loads and spare wheels belong to the box, and so does a trailer, which makes a car an
-articulated heavy vehicle. `toolkit.bodies.body.tight` gives the other convention, mirrors included. Articulated
-vehicles are straight: a body is rigid.
+articulated heavy vehicle. `toolkit.bodies.body.include_mirrors` gives the other convention. Articulated vehicles are
+straight: a body is rigid.
+
 """
 
 from __future__ import annotations
@@ -13,18 +14,18 @@ from functools import cache
 
 import numpy as np
 
-from toolkit.bodies.body import Body, boxed
+from toolkit.bodies.body import Body, make_boxed_body
 from toolkit.bodies.drawn_cars import (
     CAR_KINDS,
     CARRIED,
     NOTHING,
     TRAILERS,
-    block_car,
-    drawn_proportions,
-    lofted_car,
+    build_block_car,
+    draw_load,
+    draw_proportions,
+    loft_car,
     mirrors,
     mound,
-    on_roof,
     plank,
     trailer,
 )
@@ -33,12 +34,12 @@ from toolkit.bodies.people import (
     backpack,
     bag,
     bicycle,
-    grown,
     hat,
     motorcycle,
     person,
     pushchair,
     rider,
+    scale_mesh,
     scooter,
     skirt,
     stick,
@@ -46,8 +47,8 @@ from toolkit.bodies.people import (
     trolley,
     umbrella,
 )  # fmt: skip
-from toolkit.bodies.vehicles import wheel_at
-from toolkit.mesh import Mesh, Vector, box, loft, merge, mirrored, shifted, tube
+from toolkit.bodies.vehicles import make_wheel
+from toolkit.mesh import Mesh, Vector, box, flip_sides, loft, merge, shift, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
 SUPERSTRUCTURES = {
@@ -59,9 +60,12 @@ BUSES = ("minibus", "bus", "bendy_bus")
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
 
 
-def drawn_heavy(rng: np.random.Generator) -> Built:
-    """A truck, an articulated truck or a bus, x forward, wheels on z = 0."""
-    kinds = (_truck, _articulated, _bus)
+def draw_heavy(rng: np.random.Generator) -> Built:
+    """Draw a truck, an articulated truck or a bus.
+
+    x forward, wheels on z = 0.
+    """
+    kinds = (_truck, _semi_trailer, _bus)
     return kinds[int(rng.choice(3, p=(0.55, 0.17, 0.28)))](rng)
 
 
@@ -77,7 +81,7 @@ def _truck(rng: np.random.Generator) -> Built:
     return f"{kind}_truck", merge([cab, load, *_chassis(length, width, floor, deep, rng)]), mirror
 
 
-def _articulated(rng: np.random.Generator) -> Built:
+def _semi_trailer(rng: np.random.Generator) -> Built:
     length, width = float(rng.uniform(12.5, 17.0)), float(rng.uniform(2.4, 2.58))
     cab_height, deep = float(rng.uniform(2.9, 3.9)), float(rng.uniform(1.9, 2.5))
     cab, mirror = _cab(length / 2, width - float(rng.uniform(0, 0.1)), cab_height, deep, rng)
@@ -90,7 +94,7 @@ def _articulated(rng: np.random.Generator) -> Built:
 
 
 def _cab(front: float, width: float, height: float, deep: float, rng: np.random.Generator) -> tuple[Mesh, Mesh]:
-    """A cab whose front is at `front`, and its mirrors."""
+    """Cab whose front is at `front`, and its mirrors."""
     low, rake = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.04, 0.35))
     nose = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0  # a bonnet
     x, corner = front - nose, float(rng.uniform(0.03, 0.15))
@@ -101,20 +105,20 @@ def _cab(front: float, width: float, height: float, deep: float, rng: np.random.
         (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
         (x, width - 2 * corner, low, sill),
     ]
-    parts = [_lofted(rings)]
+    parts = [_loft_chamfered(rings)]
     if nose:
-        parts.append(_lofted([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)]))
+        parts.append(_loft_chamfered([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)]))
     if rng.random() < 0.25:
         parts.append(plank((0.5 * deep, 0.8 * width, float(rng.uniform(0.3, 0.6))), x - 0.6 * deep, 0.0, height - 0.03))
     high, out = float(rng.uniform(0.25, 0.5)), float(rng.uniform(0.1, 0.28))
     mirror = box(
         (float(rng.uniform(0.06, 0.2)), out + 0.04, high), (x - 0.2, width / 2 + out / 2 - 0.02, 0.68 * height)
     )
-    return merge(parts), merge([mirror, mirrored(mirror)])
+    return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
-def _lofted(stations: list[tuple[float, float, float, float]]) -> Mesh:
-    """A loft through chamfered rectangles given as (x, width, floor, roof), from the rear to the front."""
+def _loft_chamfered(stations: list[tuple[float, float, float, float]]) -> Mesh:
+    """Loft through chamfered rectangles (x, width, floor, roof), rear to front."""
     rings = []
     for x, width, low, top in stations:
         y, c = width / 2, 0.06
@@ -135,18 +139,18 @@ def _lofted(stations: list[tuple[float, float, float, float]]) -> Mesh:
 def _superstructure(
     front: float, rear: float, width: float, floor: float, cab: float, rng: np.random.Generator
 ) -> tuple[str, Mesh]:
-    """What a truck carries between `front` and `rear` (m), and the word for it."""
+    """Load of a truck between `front` and `rear` (m), and its kind."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     length, middle = front - rear, (front + rear) / 2
     deck = plank((length, width, 0.14), middle, 0.0, floor - 0.02)
     top = float(np.clip(cab + rng.uniform(-0.2, 1.0), floor + 1.0, 4.0))
     if kind in ("box", "curtain", "container"):
         sides = width if kind != "container" else min(width, 2.44)
-        return kind, merge([deck, _lofted([(rear, sides, floor, top), (front, sides, floor, top)])])
+        return kind, merge([deck, _loft_chamfered([(rear, sides, floor, top), (front, sides, floor, top)])])
     if kind == "refuse":
         rings = [(rear, 0.9 * width, floor - 0.2, floor + 1.2), (rear + 0.2 * length, width, floor, top),
                  (front, width, floor, top - 0.15)]  # fmt: skip
-        return kind, merge([deck, _lofted(rings)])
+        return kind, merge([deck, _loft_chamfered(rings)])
     if kind == "tank":
         radius = min(width / 2, float(rng.uniform(0.75, 1.2)))
         line = [(rear, 0.0, floor + radius), (rear + 0.15, 0.0, floor + radius), (front - 0.15, 0.0, floor + radius),
@@ -182,15 +186,15 @@ def _chassis(length: float, width: float, floor: float, deep: float, rng: np.ran
 
 
 def _wheels(rows: list[float], width: float, radius: float) -> list[Mesh]:
-    """A pair of wheels at every x."""
+    """Pair of wheels at every x."""
     breadth = 0.3
-    one = wheel_at(0.0, width / 2 - breadth / 2 - 0.02, radius, breadth, 12)
-    wheels = [shifted(one, x) for x in rows]
-    return wheels + [mirrored(wheel) for wheel in wheels]
+    one = make_wheel(0.0, width / 2 - breadth / 2 - 0.02, radius, breadth, 12)
+    wheels = [shift(one, x) for x in rows]
+    return wheels + [flip_sides(wheel) for wheel in wheels]
 
 
 def _bus(rng: np.random.Generator) -> Built:
-    """A minibus, city bus, coach, or bendy bus with its bellows."""
+    """Minibus, city bus, coach, or bendy bus with its bellows."""
     bendy = rng.random() < 0.18
     length = float(rng.uniform(16.5, 18.5) if bendy else rng.choice([rng.uniform(6.2, 9.0), rng.uniform(9.0, 13.5)]))
     width = float(np.clip(2.05 + 0.085 * (length - 6.2) + rng.normal(0, 0.06), 2.0, 2.58))
@@ -214,7 +218,7 @@ def _bus(rng: np.random.Generator) -> Built:
             (at, wide, low + (0.1 if wide < width else 0), height - (0.12 if wide < width else 0))
             for at, wide in bellows
         ]
-    parts = [_lofted(rings)]
+    parts = [_loft_chamfered(rings)]
     for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
         size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
         parts.append(plank(size, share * (x - 1.5), 0.0, height - 0.03))
@@ -228,7 +232,7 @@ def _bus(rng: np.random.Generator) -> Built:
     at = x + float(rng.uniform(-0.3, -0.1))
     mirror = box((0.14, out + 0.06, high), (at, 0.48 * width + out / 2, low + 0.6 * (height - low)))
     kind = "bendy_bus" if bendy else "minibus" if length < 8 else "bus"
-    return kind, merge([*parts, *_wheels(rows, width, radius)]), merge([mirror, mirrored(mirror)])
+    return kind, merge([*parts, *_wheels(rows, width, radius)]), merge([mirror, flip_sides(mirror)])
 
 
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
@@ -238,8 +242,11 @@ _PUSHING = {
 }
 
 
-def drawn_person(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """Somebody on foot or in a wheelchair and the word for it, facing +x, soles or wheels on z = 0."""
+def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
+    """Draw a person on foot or in a wheelchair, and its kind.
+
+    Facing +x, soles or wheels on z = 0.
+    """
     chance = rng.random()
     if chance < 0.035:
         return "wheelchair", standing(_wheelchair(rng))
@@ -251,7 +258,9 @@ def drawn_person(rng: np.random.Generator) -> tuple[str, Mesh]:
     height = float(np.clip(rng.normal(1.71, 0.09), 1.48, 2.02))
     if chance < 0.25:
         pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
-        return "pram", standing(merge([person(pushing, height), grown(pushchair(), float(rng.uniform(0.85, 1.1)))]))
+        return "pram", standing(
+            merge([person(pushing, height), scale_mesh(pushchair(), float(rng.uniform(0.85, 1.1)))])
+        )
     if chance < 0.27:
         pushing = replace(_walking(rng, lean=0.06), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
         return "walker", standing(merge([person(pushing, height), _walker(height)]))
@@ -272,8 +281,8 @@ def drawn_person(rng: np.random.Generator) -> tuple[str, Mesh]:
     return "adult", standing(merge(parts))
 
 
-def drawn_pose(rng: np.random.Generator, stout: float) -> Figure:
-    """Somebody who stands: arms hanging or at an ear."""
+def draw_pose(rng: np.random.Generator, stout: float) -> Figure:
+    """Draw a standing pose: arms hanging or at an ear."""
     figure = replace(Figure(), stout=stout)
     if rng.random() < 0.25:
         elbows, hands = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
@@ -282,21 +291,21 @@ def drawn_pose(rng: np.random.Generator, stout: float) -> Figure:
 
 
 def standing(mesh: Mesh) -> Mesh:
-    """The mesh let down or lifted onto z = 0."""
+    """Move a mesh onto z = 0."""
     return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
 
 
 def _walking(rng: np.random.Generator, stout: float | None = None, lean: float | None = None) -> Figure:
     stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
     if rng.random() < 0.2:
-        return drawn_pose(rng, stout)
+        return draw_pose(rng, stout)
     lean = float(rng.uniform(0.0, 0.05)) if lean is None else lean
     figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
     return figure if rng.random() < 0.5 else _other_foot(figure)
 
 
 def _other_foot(figure: Figure) -> Figure:
-    """The figure with left and right exchanged."""
+    """Figure with left and right exchanged."""
     swapped = {
         name: tuple((x, -y, z) for x, y, z in reversed(getattr(figure, name)))
         for name in ("knees", "ankles", "elbows", "hands")
@@ -305,7 +314,7 @@ def _other_foot(figure: Figure) -> Figure:
 
 
 def _wheelchair(rng: np.random.Generator) -> Mesh:
-    """Somebody seated between two large wheels, sometimes with a companion who pushes."""
+    """Person seated between two large wheels, sometimes pushed."""
     height, radius = float(rng.uniform(1.5, 1.85)), float(rng.uniform(0.27, 0.31))
     half, seat = float(rng.uniform(0.26, 0.31)), float(rng.uniform(0.45, 0.52))
     hip = seat / height + 0.05
@@ -318,20 +327,20 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
         hands=((0.14, 0.13, hip + 0.09), (0.14, -0.13, hip + 0.09)),
         stout=float(rng.uniform(0.9, 1.2)),
     )
-    wheels = [wheel_at(-0.08, half, radius, 0.04, 14), wheel_at(0.38, half - 0.05, 0.08, 0.04, 8)]
+    wheels = [make_wheel(-0.08, half, radius, 0.04, 14), make_wheel(0.38, half - 0.05, 0.08, 0.04, 8)]
     chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
-    parts = [person(figure, height), *wheels, *(mirrored(wheel) for wheel in wheels), *chair]
+    parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
     if rng.random() < 0.3:
         pushing = replace(_walking(rng), **_PUSHING)  # type: ignore[arg-type]  # pairs by construction
         companion = person(pushing, float(rng.uniform(1.55, 1.85)))
-        parts.append(shifted(companion, -0.75))
+        parts.append(shift(companion, -0.75))
     return merge(parts)
 
 
 def _walker(height: float) -> Mesh:
-    """A frame on four wheels held in front."""
+    """Frame on four wheels, held in front."""
     legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-    wheels = [wheel_at(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
+    wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
     return merge([*legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)])
 
 
@@ -339,8 +348,11 @@ TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"
 RIDERLESS = 0.1  # of all but e-scooters
 
 
-def drawn_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """A two-wheeler and the word for it, x forward, wheels on z = 0."""
+def draw_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
+    """Draw a two-wheeler, and its kind.
+
+    x forward, wheels on z = 0.
+    """
     kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
     kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
     return kind, standing(mesh)
@@ -354,7 +366,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
         height = float(np.clip(rng.normal(1.73, 0.09), 1.5, 2.0))
         scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
     sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
-    bike = grown(_bare_bicycle(int(rng.integers(31, 37))), scale)
+    bike = scale_mesh(_bare_bicycle(int(rng.integers(31, 37))), scale)
     parts, kind = [_longer(bike, float(rng.uniform(0.95, 1.08)))], "bicycle"
     extra = rng.random()
     if scale > 0.84 and extra < 0.1:
@@ -371,9 +383,9 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 
 def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """A board on two small wheels; whoever rides it stands."""
+    """Board on two small wheels, with a standing rider."""
     half, radius, bar = float(rng.uniform(0.4, 0.52)), float(rng.uniform(0.1, 0.14)), float(rng.uniform(1.0, 1.2))
-    parts = [wheel_at(-half, 0.0, radius, 0.05, 10), wheel_at(half, 0.0, radius, 0.05, 10)]
+    parts = [make_wheel(-half, 0.0, radius, 0.05, 10), make_wheel(half, 0.0, radius, 0.05, 10)]
     parts += [plank((1.7 * half, 0.16, 0.06), -0.05, 0.0, radius)]
     parts += [tube([(half, 0.0, radius), (half - 0.14, 0.0, bar)], 0.03, 6)]
     parts += [tube([(half - 0.14, -0.25, bar), (half - 0.13, 0.0, bar), (half - 0.14, 0.25, bar)], 0.02, 5)]
@@ -381,7 +393,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
         return "e_scooter_alone", merge(parts)
     height = float(np.clip(rng.normal(1.73, 0.09), 1.35, 2.0))
     hand = ((half - 0.18 + 0.12) / height, 0.22 / height, (bar - radius - 0.06) / height)
-    pose = drawn_pose(rng, float(rng.uniform(0.85, 1.2)))
+    pose = draw_pose(rng, float(rng.uniform(0.85, 1.2)))
     figure = type(pose)(
         ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),
         elbows=((0.03, 0.15, 0.66), (0.03, -0.15, 0.66)),
@@ -389,13 +401,13 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
         stout=pose.stout,
     )
     body = person(figure, height)
-    parts.append(shifted(standing(body), -0.12, 0.0, radius + 0.06))
+    parts.append(shift(standing(body), -0.12, 0.0, radius + 0.06))
     return "e_scooter", merge(parts)
 
 
 def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
-    bike = _longer(grown(_bare_motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
+    bike = _longer(scale_mesh(_bare_motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
     if rng.random() < RIDERLESS:
         return "motorcycle_alone", bike
     bent, height = float(rng.uniform(0, 1)), float(np.clip(rng.normal(1.77, 0.07), 1.58, 1.98))
@@ -406,7 +418,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     scale = float(rng.uniform(0.9, 1.12))
-    bike = _longer(grown(_bare_scooter(), scale), float(rng.uniform(0.95, 1.08)))
+    bike = _longer(scale_mesh(_bare_scooter(), scale), float(rng.uniform(0.95, 1.08)))
     if rng.random() < RIDERLESS:
         return "scooter_alone", bike
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
@@ -419,7 +431,7 @@ def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 
 def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mesh]:
-    """A passenger, sometimes: the rider once more, farther back and a little higher."""
+    """Passenger, sometimes: the rider again, farther back and higher."""
     if rng.random() > 0.12:
         return []
     return [Mesh(mesh.vertices * [0.8, 0.95, 0.97] + [-behind - 0.05, 0.0, 0.08], mesh.triangles) for mesh in on]
@@ -441,25 +453,27 @@ BLOCKS = 0.25  # of the cars are built of plain blocks
 TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
-def drawn_body(label: int | str, rng: np.random.Generator) -> Body:
-    """A body of a class, drawn: `vehicle`, `cyclist`, `pedestrian` or `heavy`; its name says what kind of one it is.
+def draw_body(label: int | str, rng: np.random.Generator) -> Body:
+    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy.
 
-    >>> body = drawn_body("vehicle", np.random.default_rng(0))
+    Its name says its kind.
+
+    >>> body = draw_body("vehicle", np.random.default_rng(0))
     >>> body.label, len(body.size)
     (0, 3)
     """
     label = label_index(label)
     kind, mesh, outside = _DRAW[label](rng)
-    return boxed(f"{LABELS[label]}/{kind}", label, mesh, outside)
+    return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)
 
 
-def drawn_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body, ...]:
-    """So many bodies of each class, in the order of the classes given."""
-    return tuple(drawn_body(label, rng) for label, count in counts.items() for _ in range(count))
+def draw_bodies(rng: np.random.Generator, counts: dict[int, int]) -> tuple[Body, ...]:
+    """Draw the given number of bodies of each class, in that order."""
+    return tuple(draw_body(label, rng) for label, count in counts.items() for _ in range(count))
 
 
-def drawn_names() -> tuple[str, ...]:
-    """Every name a drawn body may have: its class and what kind of one it is."""
+def possible_names() -> tuple[str, ...]:
+    """Names that drawn bodies may have: class and kind."""
     cars = [kind.name for kind in CAR_KINDS]
     kinds = {
         VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
@@ -474,20 +488,20 @@ def drawn_names() -> tuple[str, ...]:
 
 
 def _car(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
-    shape = drawn_proportions(rng)
+    shape = draw_proportions(rng)
     if rng.random() < BLOCKS:
-        return f"block_{shape.kind}", block_car(shape, rng), mirrors(shape, rng)
-    carried, load = on_roof(shape, rng)
+        return f"block_{shape.kind}", build_block_car(shape, rng), mirrors(shape, rng)
+    carried, load = draw_load(shape, rng)
     name = f"{shape.kind}_{carried}" if carried else shape.kind
-    return name, merge([lofted_car(shape), load]), mirrors(shape, rng)
+    return name, merge([loft_car(shape), load]), mirrors(shape, rng)
 
 
 def _heavy(rng: np.random.Generator) -> tuple[str, Mesh, Mesh]:
     if rng.random() >= TOWING:
-        return drawn_heavy(rng)
-    shape = drawn_proportions(rng)
+        return draw_heavy(rng)
+    shape = draw_proportions(rng)
     kind, behind = trailer(shape, rng)
-    return f"{shape.kind}_with_{kind}", merge([lofted_car(shape), behind]), mirrors(shape, rng)
+    return f"{shape.kind}_with_{kind}", merge([loft_car(shape), behind]), mirrors(shape, rng)
 
 
 def _without_mirrors(kind: str, mesh: Mesh) -> tuple[str, Mesh, Mesh]:
@@ -496,7 +510,7 @@ def _without_mirrors(kind: str, mesh: Mesh) -> tuple[str, Mesh, Mesh]:
 
 _DRAW = {
     VEHICLE: _car,
-    CYCLIST: lambda rng: _without_mirrors(*drawn_two_wheeler(rng)),
-    PEDESTRIAN: lambda rng: _without_mirrors(*drawn_person(rng)),
+    CYCLIST: lambda rng: _without_mirrors(*draw_two_wheeler(rng)),
+    PEDESTRIAN: lambda rng: _without_mirrors(*draw_person(rng)),
     HEAVY: _heavy,
 }

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.bodies.vehicles import wheel_at
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, placed, shifted, tube
+from toolkit.bodies.vehicles import make_wheel
+from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, shift, tube
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
 _GRID = np.linspace(0, 1, 61)  # of profiles, 0 front to 1 rear
@@ -27,9 +27,12 @@ ProfileCorner = tuple[float | int, float | int]
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of car. share: of all cars; length, height: m, from .. to; width: m, at the shortest and the longest;
-    profile: distance from the front and height of the body's top, as parts of length and height; wheel: radius (m),
-    from .. to; lean: of the sides above the belt, from .. to, as parts of the half width."""
+    """Kind of car.
+
+    share: of all cars; length, height: m, from .. to; width: m, at the shortest and the longest; profile: distance from
+    the front and height of the body's top, as parts of length and height; wheel: radius (m), from .. to; lean: of the
+    sides above the belt, from .. to, as parts of the half width.
+    """
 
     name: str
     share: float
@@ -107,10 +110,11 @@ CAR_KINDS = (
 
 @dataclass(frozen=True)
 class Proportions:
-    """One car; lengths in metres, belt, lean, rounding and ends as parts of height, half width, length and width.
+    """Proportions of one car; lengths in metres.
 
-    profile: (k, 2) as in `Kind`; axles: distances from the front; rounding: depth of the plan's corners, front, rear;
-    ends: width of the very front and rear; bow: how far screens bulge forward in plan; camber: of the roof (m).
+    belt, lean, rounding and ends are parts of height, half width, length and width. profile: (k, 2) as in `Kind`;
+    axles: distances from the front; rounding: depth of the plan's corners, front, rear; ends: width of the very front
+    and rear; bow: how far screens bulge forward in plan; camber: of the roof (m).
     """
 
     kind: str
@@ -134,8 +138,8 @@ class Proportions:
         return self.height * np.interp(s, self.profile[:, 0], self.profile[:, 1])
 
 
-def drawn_proportions(rng: np.random.Generator) -> Proportions:
-    """The proportions of a car of any kind."""
+def draw_proportions(rng: np.random.Generator) -> Proportions:
+    """Draw the proportions of a car of any kind."""
     kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=np.array([each.share for each in CAR_KINDS]) / _TOTAL))]
     along = rng.uniform()
     length = float(np.interp(along, (0, 1), kind.length))
@@ -160,15 +164,21 @@ def drawn_proportions(rng: np.random.Generator) -> Proportions:
 
 
 def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
-    """The kind's side profile with its corners moved, and a little of another kind's mixed in; its top is 1."""
-    own, other = _moved(kind.profile, rng), _moved(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
+    """Draw a side profile of a kind, its top at 1.
+
+    Its corners are moved, and a little of another kind's profile is mixed in.
+    """
+    own, other = (
+        _jitter_corners(kind.profile, rng),
+        _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng),
+    )
     share = float(np.clip(rng.exponential(0.06), 0, 0.2)) if kind.name != "pickup" else 0.0
     stations = np.unique(np.concatenate([own[:, 0], _GRID]))
     heights = (1 - share) * np.interp(stations, *own.T) + share * np.interp(stations, *other.T)
     return np.column_stack([stations, heights / heights.max()])
 
 
-def _moved(profile: tuple[ProfileCorner, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+def _jitter_corners(profile: tuple[ProfileCorner, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
     corners = np.array(profile)
     corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     corners[:, 1] += np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04) * (corners[:, 1] < 0.93)
@@ -183,13 +193,16 @@ _STATIONS = 26
 _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 
 
-def lofted_car(shape: Proportions) -> Mesh:
-    """The mesh of a car without mirrors, x forward from its middle, wheels standing on z = 0."""
-    return stretched(merge([_hull(shape), *_wheels(shape)]), (shape.length, shape.width, shape.height))
+def loft_car(shape: Proportions) -> Mesh:
+    """Loft a car without mirrors, x forward, wheels on z = 0."""
+    return stretch(merge([_hull(shape), *_wheels(shape)]), (shape.length, shape.width, shape.height))
 
 
-def block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
-    """The same car of a few plain blocks: a lower body, a cabin with slanted screens, wheels of few sides or none."""
+def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
+    """Build the same car of a few plain blocks.
+
+    A lower body, a cabin with slanted screens, wheels of few sides or none.
+    """
     length, half, belt = shape.length, shape.width / 2, shape.belt * shape.height
     tops = shape.profile[:, 1]
     roof, cabin = (shape.profile[tops >= least, 0][[0, -1]] for least in (0.93, 0.7))
@@ -208,22 +221,28 @@ def block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
     sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
     wheels = []
     for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
-        wheel = wheel_at(length / 2 - axle, half - breadth / 2 - 0.005, shape.wheel, breadth, sides)
-        wheels += [wheel, mirrored(wheel)]
+        wheel = make_wheel(length / 2 - axle, half - breadth / 2 - 0.005, shape.wheel, breadth, sides)
+        wheels += [wheel, flip_sides(wheel)]
     parts = merge([lower, upper, *wheels])
     standing = Mesh(parts.vertices - [0.0, 0.0, parts.vertices[:, 2].min()], parts.triangles)
-    return stretched(standing, (length, shape.width, shape.height))
+    return stretch(standing, (length, shape.width, shape.height))
 
 
-def stretched(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
-    """The mesh stretched to a length, width and height (m), standing on z = 0 about x = y = 0."""
+def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
+    """Stretch a mesh to a length, width and height (m).
+
+    It stands on z = 0 about x = y = 0.
+    """
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     middle = np.array([*((low + high) / 2)[:2], low[2]])
     return Mesh((mesh.vertices - middle) * (np.array(size) / (high - low)), mesh.triangles)
 
 
 def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Half the width at stations s (0 front, 1 rear): nearly parallel flanks, superelliptic corners at both ends."""
+    """Half the width at stations s (0 front, 1 rear).
+
+    Nearly parallel flanks, superelliptic corners at both ends.
+    """
     corners = []
     for distance, rounding, end in zip((s, 1 - s), shape.rounding, shape.ends, strict=True):
         beyond = np.maximum(0.0, 1 - distance / rounding)
@@ -232,7 +251,10 @@ def half_width(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.n
 
 
 def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
-    """A loft upwards through rectangles given as (z, front, rear as parts of the length, half width)."""
+    """Loft upwards through rectangles.
+
+    levels: z, front and rear as parts of the length, half width.
+    """
     rings = [
         [(length * rear, -y, z), (length * front, -y, z), (length * front, y, z), (length * rear, y, z)]
         for z, front, rear, y in levels
@@ -241,13 +263,16 @@ def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> M
 
 
 def _hull(shape: Proportions) -> Mesh:
-    """The painted body: half cross-sections, mirrored and lofted from the rear to the front."""
+    """Painted body: half cross-sections, mirrored and lofted to the front."""
     half = _half_sections(shape, _stations(shape)[::-1])
     return loft(np.concatenate([half, half[:, -2:0:-1] * [1.0, -1.0, 1.0]], axis=1))
 
 
 def _stations(shape: Proportions) -> Float64[np.ndarray, " s"]:
-    """Where the cross-sections are (0 front to 1 rear): dense at both ends and at the rims of the wheel arches."""
+    """Stations of cross-sections (0 front to 1 rear).
+
+    Dense at both ends and at the rims of the wheel arches.
+    """
     even = np.linspace(0, 1, _STATIONS // 2)
     ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])
     reach = shape.wheel * 1.13 / shape.length
@@ -258,7 +283,7 @@ def _stations(shape: Proportions) -> Float64[np.ndarray, " s"]:
 
 
 def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 13 3"]:
-    """Left halves of the sections at stations s: from the middle of the floor out and up to the middle of the roof."""
+    """Left halves of the sections at stations s, from floor to roof."""
     w, roof = half_width(shape, s), _roof(shape, s)
     floor = shape.clearance + np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, 0.12])
     nearest = np.abs(s[:, None] * shape.length - np.array(shape.axles)).min(axis=1)
@@ -281,21 +306,21 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
     ]  # fmt: skip
     sections = np.stack(np.broadcast_arrays(shape.length * (0.5 - s)[:, None], np.stack(y, 1), np.stack(z, 1)), axis=-1)
     if shape.kind == "pickup":
-        bed = bed_of(shape)
+        bed = find_bed(shape)
         open_ = (s > bed[0]) & (s < bed[1])
         sections[open_, -3:, 1] = edge[open_, None] * [0.84, 0.4, 0.0]
         sections[open_, -3:, 2] = np.maximum(shoulder - 0.42, low + 0.02)[open_, None]
     return sections
 
 
-def bed_of(shape: Proportions) -> tuple[float, float]:
-    """Where a pick-up's bed begins and ends, as parts of its length."""
+def find_bed(shape: Proportions) -> tuple[float, float]:
+    """Begin and end of a pick-up's bed, as parts of its length."""
     low = shape.profile[(shape.profile[:, 1] < 0.7) & (shape.profile[:, 0] > 0.45), 0]
     return float(low[0]) + 0.012, 0.982
 
 
 def _roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 5"]:
-    """Height of the body at stations s and across it: bowed in plan, cambered, rounded."""
+    """Height at stations s and across: bowed, cambered, rounded."""
     across = np.array(_ACROSS)
     bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
     near = np.linspace(-1, 1, 5) * shape.soft
@@ -305,21 +330,21 @@ def _roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarra
 
 def _wheels(shape: Proportions) -> list[Mesh]:
     breadth = 0.115 * shape.width
-    one, wheels = wheel_at(0.0, 0.0, shape.wheel, breadth), []
+    one, wheels = make_wheel(0.0, 0.0, shape.wheel, breadth), []
     for axle in shape.axles:
         y = float(half_width(shape, np.array([axle / shape.length]))[0]) * 0.985
-        wheel = shifted(one, shape.length / 2 - axle, y - breadth / 2)
-        wheels += [wheel, mirrored(wheel)]
+        wheel = shift(one, shape.length / 2 - axle, y - breadth / 2)
+        wheels += [wheel, flip_sides(wheel)]
     return wheels
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
-    """A cuboid standing on height z, about x and y."""
+    """Cuboid standing on height z, about x and y."""
     return box(size, (x, y, z + size[2] / 2))
 
 
 def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
-    """A heap as long, wide and high as `size`, on height z about x and y = 0."""
+    """Heap of a size on height z, about x and y = 0."""
     length, width, height = size
     round_ = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
     return Mesh(np.maximum(round_.vertices, [-np.inf, -np.inf, z]), round_.triangles)
@@ -332,7 +357,10 @@ _TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "mi
 
 
 def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
-    """Wing mirrors that stick out 8 to 25 cm on either side, or none (3 cars of 10), or one (1 of 50)."""
+    """Draw wing mirrors that stick out 8 to 25 cm.
+
+    None on 3 cars of 10, one on 1 of 50.
+    """
     chance = rng.random()
     if chance < 0.3:
         return NOTHING
@@ -350,11 +378,11 @@ def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
         mirror = ellipsoid((x, y, z), (deep, reach, high), 3, 8)
     arm = tube([(x, 0.75 * shape.width / 2, z - 0.6 * high), (x, y, z - 0.6 * high)], 0.025, 4)
     mirror = merge([mirror, arm])
-    return mirror if chance > 0.98 else merge([mirror, mirrored(mirror)])
+    return mirror if chance > 0.98 else merge([mirror, flip_sides(mirror)])
 
 
-def on_roof(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
-    """What a car has on its roof or bed, and the word for it; mostly nothing."""
+def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+    """Draw a load on a car's roof or bed, mostly none, and its kind."""
     flat = shape.profile[shape.profile[:, 1] > 0.965, 0]
     front, rear = (shape.length * (0.5 - float(s)) for s in flat[[0, -1]])
     middle, room, width = (front + rear) / 2, front - rear, shape.width * (1 - shape.lean)
@@ -374,17 +402,17 @@ def on_roof(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         y = 0.42 * width
         rail = tube([(rear + 0.1 * room, y, z - 0.03), (rear + 0.15 * room, y, z + 0.03),
                      (front - 0.15 * room, y, z + 0.03), (front - 0.1 * room, y, z - 0.03)], 0.02, 4)  # fmt: skip
-        return "rails", merge([rail, mirrored(rail)])
+        return "rails", merge([rail, flip_sides(rail)])
     if shape.kind == "offroader" and chance < 0.6:
         x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
-        spare = wheel_at(0.0, 0.0, 0.92 * shape.wheel, breadth)
-        turned = placed(spare, yaw=np.pi / 2)
-        return "spare_wheel", shifted(turned, x, 0.0, 0.36 * shape.height)
+        spare = make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth)
+        turned = place(spare, yaw=np.pi / 2)
+        return "spare_wheel", shift(turned, x, 0.0, 0.36 * shape.height)
     return "", NOTHING
 
 
 def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
-    """A trailer behind the car with its drawbar: open, boxed, or a caravan."""
+    """Draw a trailer with its drawbar: open, boxed, or a caravan."""
     kind = TRAILERS[int(rng.integers(3))]
     length = float(rng.uniform(*{"open_trailer": (1.8, 3.4), "box_trailer": (2.0, 4.2), "caravan": (3.8, 6.6)}[kind]))
     width = float(rng.uniform(*{"open_trailer": (1.3, 2.0), "box_trailer": (1.4, 2.1), "caravan": (2.0, 2.4)}[kind]))
@@ -416,13 +444,13 @@ def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
             for x, t in levels
         ]
         parts.append(loft(np.stack(rings)))
-    wheels = [wheel_at(middle - 0.05 * length, width / 2 - (0.08 if kind == "caravan" else -0.1), radius, 0.18)]
-    return kind, merge([*parts, *wheels, *(mirrored(wheel) for wheel in wheels)])
+    wheels = [make_wheel(middle - 0.05 * length, width / 2 - (0.08 if kind == "caravan" else -0.1), radius, 0.18)]
+    return kind, merge([*parts, *wheels, *(flip_sides(wheel) for wheel in wheels)])
 
 
 def _bed_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
-    """An open load on a pick-up's bed, a hard top over it, or nothing."""
-    front, rear = (shape.length * (0.5 - s) for s in bed_of(shape))
+    """Load on a pick-up's bed, a hard top over it, or nothing."""
+    front, rear = (shape.length * (0.5 - s) for s in find_bed(shape))
     middle, room, width = (front + rear) / 2, 0.9 * (front - rear), 0.78 * shape.width * (1 - shape.lean)
     floor, chance = shape.belt * shape.height - 0.43, rng.random()
     if chance < 0.15:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.bodies.body import Body, boxed, centred, tight
+from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
 from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CARS, car, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -25,10 +25,10 @@ _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
-    """Every body traffic may use: cars, two-wheelers, pedestrians, trucks and buses, and the meshes of a folder.
+    """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses.
 
-    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on;
-    meshes: a folder of mesh files, see `toolkit.bodies.meshes`; theirs come last.
+    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never trained on; meshes: a
+    folder of mesh files, see `toolkit.bodies.meshes`; theirs come last.
 
     >>> [sum(body.label == label for body in catalogue()) for label in range(4)]
     [21, 7, 14, 5]
@@ -43,11 +43,11 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """Where the bodies of traffic come from: some that stay, some drawn afresh for everyone who is spawned, or both.
+    """Bodies of traffic: fixed ones, drawn ones, or both.
 
-    fixed: bodies that stay; drawn: classes whose bodies are drawn, mixed half and half with the fixed ones of a class;
-    mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the body otherwise, as those
-    of the fixed ones do or do not; notes: how each mesh of a folder was taken, a line for each.
+    fixed: bodies that stay; drawn: classes whose bodies are drawn for each spawned object, mixed half and half with the
+    fixed ones of a class; mirrors: count wing mirrors into the ground truth boxes of drawn bodies, which end at the
+    body otherwise; notes: a line on how each mesh of a folder was taken.
     """
 
     fixed: tuple[Body, ...] = ()
@@ -57,17 +57,19 @@ class Fleet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all bodies there may be, the fixed ones first."""
-        from toolkit.bodies.drawn_bodies import drawn_names
+        """Names of all possible bodies, the fixed ones first."""
+        from toolkit.bodies.drawn_bodies import possible_names
 
-        return tuple(body.name for body in self.fixed) + (drawn_names() if self.drawn else ())
+        return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
     def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
-        """Bodies for `frames` frames of traffic; where some are drawn, enough for everyone who is spawned in up to
-        `LARGEST_DRAW` frames, if `simulate` is asked to take each `once`."""
+        """Bodies for `frames` frames of traffic.
+
+        Drawn ones are enough for all objects spawned in up to `LARGEST_DRAW` frames, if `simulate` takes each `once`.
+        """
         if not self.drawn:
             return self.fixed
-        from toolkit.bodies.drawn_bodies import drawn_body
+        from toolkit.bodies.drawn_bodies import draw_body
 
         bodies: list[Body] = []
         for label in range(len(LABELS)):
@@ -75,8 +77,8 @@ class Fleet:
             at_first, per_frame = _SPAWNED[label]
             spawned = at_first + round(per_frame * min(frames, LARGEST_DRAW))
             count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
-            drawn = (drawn_body(label, rng) for _ in range(count))
-            bodies += [tight(body) if self.mirrors else body for body in drawn]
+            drawn = (draw_body(label, rng) for _ in range(count))
+            bodies += [include_mirrors(body) if self.mirrors else body for body in drawn]
             bodies += islice(cycle(fixed), max(spawned - count, len(fixed)) if fixed else 0)
         return tuple(bodies)
 
@@ -84,13 +86,17 @@ class Fleet:
 def fleet_named(
     name: str | None = None, meshes: str | Path | None = None, *, held_out: bool = False, mirrors: bool = False
 ) -> Fleet:
-    """A fleet of `FLEETS`: `own`, everyone drawn; `catalogue`, our 47 bodies and any meshes; `meshes`, those of the
-    folder, and drawn ones of classes it has none of; `both`, half drawn, half from the folder, class by class. None:
-    `own`, but `meshes` where a folder is given and `catalogue` where held-out cars are asked for.
+    """Find one of `FLEETS` by name.
 
-    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, of ours and of meshes where they can
-    be seen to stick out; boxes end at the body otherwise.
-    Raises ValueError for another name, where a folder is missing or given in vain, and for what cannot be combined.
+    own: all bodies drawn; catalogue: our 47 bodies and any meshes; meshes: those of the folder, and drawn ones for the
+    other classes; both: half drawn, half from the folder, class by class; None: own, but meshes if a folder is given
+    and catalogue if held-out cars are asked for.
+
+    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen
+    to stick out; boxes end at the body otherwise.
+
+    Raises ValueError for another name, where a folder is missing or given in vain, and for arguments that exclude each
+    other.
     """
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"
@@ -106,9 +112,9 @@ def fleet_named(
         return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors)
     if meshes is None:
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
-    from toolkit.bodies.meshes import taken_meshes
+    from toolkit.bodies.meshes import take_meshes
 
-    taken = taken_meshes(meshes, mirrors=mirrors)
+    taken = take_meshes(meshes, mirrors=mirrors)
     given = {each.body.label for each in taken} if name == "meshes" else set()
     drawn = tuple(label for label in range(len(LABELS)) if label not in given)
     return Fleet(
@@ -117,13 +123,13 @@ def fleet_named(
 
 
 def _catalogue_fleet(meshes: str | Path | None, held_out: bool, mirrors: bool) -> Fleet:
-    """The catalogue, and the meshes of a folder."""
-    ours = tuple(tight(body) if mirrors else body for body in catalogue(held_out=held_out))
+    """Catalogue, and the meshes of a folder."""
+    ours = tuple(include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out))
     if meshes is None:
         return Fleet(ours, mirrors=mirrors)
-    from toolkit.bodies.meshes import taken_meshes
+    from toolkit.bodies.meshes import take_meshes
 
-    taken = taken_meshes(meshes, mirrors=mirrors)
+    taken = take_meshes(meshes, mirrors=mirrors)
     notes = tuple(f"{each.file}: {each.how}" for each in taken)
     return Fleet(ours + tuple(each.body for each in taken), mirrors=mirrors, notes=notes)
 
@@ -132,6 +138,6 @@ def _catalogue_fleet(meshes: str | Path | None, held_out: bool, mirrors: bool) -
 def _procedural() -> tuple[Body, ...]:
     with_mirrors = ((VEHICLE, {shape.name: car(shape) for shape in CARS}), (HEAVY, trucks()))
     without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
-    bodies = [boxed(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
-    bodies += [centred(name, label, *mesh) for label, group in without for name, mesh in group.items()]
+    bodies = [make_boxed_body(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
+    bodies += [make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()]
     return tuple(sorted(bodies, key=lambda body: _ORDER.index(body.label)))

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.bodies.body import Body, centred
+from toolkit.bodies.body import Body, make_body
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 _POINTS, _CELLS = 30_000, 32
@@ -40,10 +40,13 @@ BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
 
 
 class Shape(NamedTuple):
-    """size: of the bounds (m); fills: share of the box's outline that is covered, seen along x, y, z; asymmetry: share
-    of the surface without a counterpart when mirrored along x, y, z; stance: length and width (m) of where it touches
-    the ground; clearance: height (m) of what is lowest over the middle; ahead: how much lower the front is than the
-    rear, as a part of the height."""
+    """Shape of a mesh, measured on points of its surface.
+
+    size: of the bounds (m); fills: covered share of the box's outline, seen along x, y, z; asymmetry: share of the
+    surface without a counterpart when mirrored along x, y, z; stance: length and width (m) of its contact with the
+    ground; clearance: lowest height over the middle (m); ahead: how much lower the front is than the rear, as a part of
+    the height.
+    """
 
     size: Float64[np.ndarray, "3"]
     fills: Float64[np.ndarray, "3"]
@@ -53,15 +56,18 @@ class Shape(NamedTuple):
     ahead: float
 
 
-def measured_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
-    """The shape of a mesh that stands on its lowest point with z up and x forward. Raises ValueError for flat ones."""
+def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
+    """Measure a mesh that stands with z up and x forward.
+
+    Raises ValueError for a flat one.
+    """
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
     if not (size > 0).all():
         raise ValueError("has no volume")
     points = surface_points(vertices, triangles)
     unit = np.clip((points - low) / size, 0, 1 - 1e-9)
     cells = (unit * _CELLS).astype(np.int64)
-    fills = np.array([_filled(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
+    fills = np.array([_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
     ground = points[unit[:, 2] < 0.04]
     length, width = np.ptp(ground[:, :2], axis=0).tolist()
     middle = unit[(np.abs(unit[:, 0] - 0.5) < 0.1) & (np.abs(unit[:, 1] - 0.5) < 0.25), 2]
@@ -69,8 +75,8 @@ def measured_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.nda
     return Shape(size, fills, _asymmetry(unit), (length, width), clearance, _ahead(unit))
 
 
-def clear_class(shape: Shape, label: int) -> bool:
-    """Whether the shape is clearly one of a class, with nothing else known about it."""
+def is_clearly(shape: Shape, label: int) -> bool:
+    """True if the shape alone clearly says a class."""
     (length, width, height), fills = shape.size.tolist(), shape.fills
     if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # somebody who walks is not symmetric
         return False
@@ -89,8 +95,8 @@ def clear_class(shape: Shape, label: int) -> bool:
     return bool(label == PEDESTRIAN and upright and 0.22 < fills[0] < 0.75 and fills[1] < 0.8 and fills[2] < 0.85)
 
 
-def wrong_stand(shape: Shape, label: int) -> str | None:
-    """What is wrong with how a mesh of this class stands, None where nothing is seen to be."""
+def find_wrong_stand(shape: Shape, label: int) -> str | None:
+    """Describe how a mesh stands wrongly; None if it seems right."""
     asymmetry = shape.asymmetry
     if label == PEDESTRIAN:
         return "lies on the ground" if shape.size[2] < 0.7 * shape.size[:2].max() else None
@@ -106,7 +112,10 @@ def wrong_stand(shape: Shape, label: int) -> str | None:
 def surface_points(
     vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"], count: int = _POINTS
 ) -> Float64[np.ndarray, "n 3"]:
-    """Points spread evenly over the triangles, the same ones each time, and the corners."""
+    """Points spread evenly over the triangles, and the corners.
+
+    The same ones each time.
+    """
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
@@ -121,9 +130,10 @@ def surface_points(
 def mirror_span(
     vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]
 ) -> tuple[float, float] | None:
-    """Between which y (m) a vehicle's body lies where wing mirrors stick out of it by 3 cm or more, None where none do.
+    """Range of y (m) of a vehicle's body without its wing mirrors.
 
-    A mirror is what sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
+    None where no mirror sticks out by 3 cm or more. A mirror sticks out within 30 cm of the outermost point, above the
+    wheels, in the front six tenths.
     """
     points = surface_points(vertices, triangles)
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
@@ -140,8 +150,8 @@ def mirror_span(
     return None if left - right > size[1] - 0.03 else (right, left)
 
 
-def _filled(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
-    """The outline that occupied cells have, with what they enclose along both axes."""
+def _fill_outline(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
+    """Outline of occupied cells and everything they enclose."""
     grid = np.zeros((_CELLS, _CELLS), bool)
     grid[tuple(cells.T)] = True
     enclosed = [
@@ -168,7 +178,7 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
 
 
 def _ahead(unit: Float64[np.ndarray, "n 3"]) -> float:
-    """How much lower the top of the front third is than that of the rear third, on average."""
+    """Mean top of the front third minus that of the rear third."""
     along = (unit[:, 0] * 24).astype(np.int64)
     tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
     return float(tops[:8].mean() - tops[-8:].mean())
@@ -180,7 +190,10 @@ _AXES = {sign + axis: (1 if not sign else -1) * np.eye(3)[i] for i, axis in enum
 
 @dataclass(frozen=True)
 class MeshEntry:
-    """What the table says of a file; None for what it does not say. up, forward: axes of the file; scale: metres."""
+    """Entry of the table for a file; None for what it does not say.
+
+    up, forward: axes of the file; scale: metres.
+    """
 
     label: int | None = None
     up: str | None = None
@@ -189,12 +202,12 @@ class MeshEntry:
 
     @property
     def framed(self) -> bool:
-        """Whether the entry says how the mesh stands."""
+        """True if the entry says how the mesh stands."""
         return self.up is not None or self.forward is not None
 
     @property
     def turn(self) -> Float64[np.ndarray, "3 3"]:
-        """The rotation from the file's axes to x forward, y left, z up."""
+        """Rotation from the file's axes to x forward, y left, z up."""
         forward, up = _AXES[self.forward or "x"], _AXES[self.up or "z"]
         return np.stack([forward, np.cross(up, forward), up])
 
@@ -203,9 +216,9 @@ NOTHING_SAID = MeshEntry()
 
 
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
-    """What `meshes.toml` in the folder says, by file; nothing where there is none.
+    """Read `meshes.toml` in a folder, by file; empty if there is none.
 
-    Raises ValueError, naming the table and the entry, where it is no TOML or says what cannot be.
+    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries.
     """
     path = folder / TABLE
     if not path.is_file():
@@ -270,7 +283,7 @@ _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0
 
 
 class TakenMesh(NamedTuple):
-    """A file below the folder, the body it became, and how it was taken, in words: class, size, frame."""
+    """Mesh file, the body it became, and how it was taken, in words."""
 
     file: str
     body: Body
@@ -278,19 +291,19 @@ class TakenMesh(NamedTuple):
 
 
 def load_meshes(folder: str | Path) -> tuple[Body, ...]:
-    """A body per mesh file in `folder` and below, in the order of their paths; other files are left alone.
+    """Load a body per mesh file in `folder` and below, in order of paths.
 
-    Raises what `taken_meshes` raises.
+    Other files are left alone. Raises what `take_meshes` raises.
     """
-    return tuple(taken.body for taken in taken_meshes(folder))
+    return tuple(taken.body for taken in take_meshes(folder))
 
 
-def taken_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
-    """The mesh files in `folder` and below, in the order of their paths, each with how it was taken.
+def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
+    """Load the mesh files in `folder` and below, and say how each was taken.
 
-    mirrors: whether the ground truth boxes of vehicles hold the wing mirrors that can be seen to stick out of them.
-    Raises FileNotFoundError where there is no such folder; ValueError, naming the file, where a mesh cannot be read, is
-    empty or broken, has a size that no road user has, or is not clearly one.
+    mirrors: count visible wing mirrors into the ground truth boxes of vehicles. Raises FileNotFoundError for a missing
+    folder; ValueError, naming the file, for a mesh that cannot be read, is empty or broken, has an implausible size, or
+    has no clear class.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -301,20 +314,23 @@ def taken_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMes
     table = read_mesh_table(folder)
     called = [path.relative_to(folder) for path in paths]
     return tuple(
-        _taken(path, name, table.get(name, NOTHING_SAID), mirrors) for path, name in zip(paths, called, strict=True)
+        _take_mesh(path, name, table.get(name, NOTHING_SAID), mirrors) for path, name in zip(paths, called, strict=True)
     )
 
 
 def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
-    """The body of one file; `called` is the path whose folders and name give its class and name."""
+    """Load the body of one file.
+
+    called: path whose folders and name give its class and name.
+    """
     path = Path(path)
-    return _taken(path, Path(called or path.name), NOTHING_SAID, mirrors=False).body
+    return _take_mesh(path, Path(called or path.name), NOTHING_SAID, mirrors=False).body
 
 
-def _taken(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMesh:
+def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMesh:
     vertices, triangles = _read(path)
     vertices = vertices * (entry.scale or 1.0)
-    named = _label_in(called) if entry.label is None else entry.label
+    named = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named is None else (named,)
     gltf = path.suffix.lower() in (".glb", ".gltf")
     turns = [entry.turn] if entry.framed else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
@@ -325,12 +341,14 @@ def _taken(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMe
         if not fitting:
             continue
         shape = _shape(path, turned, triangles)
-        clear = [label for label in fitting if named is not None or clear_class(shape, label)]
-        doubt = wrong_stand(shape, clear[0]) if clear and not entry.framed else None
+        clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
+        doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.framed else None
         if len(clear) == 1 and doubt is None:
             body = _body(called.with_suffix("").as_posix(), clear[0], turned, triangles, mirrors)
             return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
-        doubts.append(doubt or f"by its size it may be {_either(fitting)}, but its shape is not clearly that of one")
+        doubts.append(
+            doubt or f"by its size it may be {_list_labels(fitting)}, but its shape is not clearly that of one"
+        )
     size = " x ".join(f"{extent:.4g}" for extent in np.ptp(vertices, axis=0))
     remedy = _remedy(vertices, triangles, named)
     if doubts:
@@ -345,7 +363,7 @@ def _taken(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMe
 
 
 def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mirrors: bool) -> Body:
-    whole = centred(name, label, vertices, triangles)
+    whole = make_body(name, label, vertices, triangles)
     span = (
         None if mirrors or label not in (VEHICLE, HEAVY) else mirror_span(whole.vertices.astype(np.float64), triangles)
     )
@@ -357,7 +375,7 @@ def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mi
 
 
 def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np.ndarray) -> str:
-    """Class, size and frame of a body, and what each was told by."""
+    """Describe class, size and frame of a body, and their sources."""
     known = (
         f"as {TABLE} says"
         if entry.label is not None
@@ -380,13 +398,13 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     return f"{LABELS[body.label]} ({known}), {size} m, {frame}{scale}{mirrors}"
 
 
-def _either(labels: list[int]) -> str:
+def _list_labels(labels: list[int]) -> str:
     return " or ".join(f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in labels)
 
 
 def _shape(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     try:
-        return measured_shape(vertices, triangles)
+        return measure_shape(vertices, triangles)
     except ValueError as error:
         raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
 
@@ -411,8 +429,8 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
     return vertices[used], corners.reshape(-1, 3)
 
 
-def _label_in(called: Path) -> int | None:
-    """The class named by a folder of the path or by the beginning of the file's name."""
+def _find_label(called: Path) -> int | None:
+    """Class named by a folder of the path or the start of the file's name."""
     for part in (*reversed(called.parent.parts), called.stem):
         for label, name in enumerate(LABELS):
             if part.lower().startswith(name):
@@ -425,7 +443,7 @@ def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
 
 
 def _remedy(vertices: np.ndarray, triangles: np.ndarray, named: int | None) -> str:
-    """What would make it plausible: other units, another orientation, or both; empty where nothing would."""
+    """Describe units or orientation that would make it plausible, if any."""
     best, remedy = (np.inf, np.inf), ""
     for what, turn, scale in _readings():
         read = vertices @ turn.T * scale
@@ -436,14 +454,14 @@ def _remedy(vertices: np.ndarray, triangles: np.ndarray, named: int | None) -> s
             off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
             if off >= best:
                 continue
-            shape = measured_shape(read, triangles)
-            if wrong_stand(shape, label) is None and (named is not None or clear_class(shape, label)):
+            shape = measure_shape(read, triangles)
+            if find_wrong_stand(shape, label) is None and (named is not None or is_clearly(shape, label)):
                 best, remedy = off, what
     return remedy
 
 
 def _readings() -> Iterator[tuple[str, Float64[np.ndarray, "3 3"], float]]:
-    """Ways to read a file that is not as documented: what to do about it, its rotation, its scale."""
+    """Alternative readings of a file: remedy, rotation, scale."""
     for axes, turn in _TURNS.items():
         yield f"it seems to be {axes} forward, turn it", turn, 1.0
     for unit, metres in _UNITS.items():

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.bodies.vehicles import wheel_at
-from toolkit.mesh import Mesh, Vector, box, ellipsoid, loft, merge, mirrored, placed, tube
+from toolkit.bodies.vehicles import make_wheel
+from toolkit.mesh import Mesh, Vector, box, ellipsoid, flip_sides, loft, merge, place, tube
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A person 1 unit tall facing +x: where the joints are, y left; a limb's two entries are left and right.
+    """Joints of a person 1 unit tall facing +x, y left.
 
-    stout: breadth of trunk and limbs relative to an average adult.
+    A limb's two entries are left and right. stout: breadth of trunk and limbs relative to an average adult.
     """
 
     hip: Vector = (0.0, 0.0, 0.52)
@@ -29,7 +29,10 @@ class Figure:
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
-    """A figure in mid-stride: `step` between the ankles and `swing` of the hands, as parts of the height."""
+    """Figure in mid-stride.
+
+    step: between the ankles; swing: of the hands; both parts of the height.
+    """
     return Figure(
         hip=(0.0, 0.0, 0.52 - 0.18 * step**2),
         neck=(lean, 0.0, 0.83 - 0.18 * step**2),
@@ -42,7 +45,7 @@ def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float =
 
 
 def person(figure: Figure, height: float) -> Mesh:
-    """The mesh of a figure `height` metres tall, soles near z = 0."""
+    """Mesh of a figure `height` metres tall, soles near z = 0."""
     stout = figure.stout
     head = _beyond(figure.neck, 0.012, 0.0, 0.105)
     parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
@@ -57,7 +60,7 @@ def person(figure: Figure, height: float) -> Mesh:
         parts.append(tube(arm, [0.032 * stout, 0.026 * stout, 0.020], 6))
         parts.append(ellipsoid(foot, (0.075, 0.028, 0.022), 3, 6))
         parts.append(ellipsoid(figure.hands[side], (0.024, 0.018, 0.03), 3, 5))
-    return grown(merge(parts), height)
+    return scale_mesh(merge(parts), height)
 
 
 def _trunk(figure: Figure) -> Mesh:
@@ -72,13 +75,13 @@ def _trunk(figure: Figure) -> Mesh:
 
 
 def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
-    """A skirt or coat from the waist down to the height `hem` (part of the body height)."""
+    """Skirt or coat from the waist down to `hem` (part of the height)."""
     waist = [(0.0, 0.0, 0.58 * height), (0.0, 0.0, hem * height)]
     return tube(waist, [0.095 * stout * height, (0.10 + 0.06 * stout) * height], 10)
 
 
 def umbrella(height: float) -> Mesh:
-    """An open umbrella held in the right hand over the head."""
+    """Open umbrella held in the right hand over the head."""
     x, y, top = 0.12 * height, -0.10 * height, 1.2 * height
     angle = np.arange(10) * 2 * np.pi / 10
     ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -89,43 +92,46 @@ def umbrella(height: float) -> Mesh:
 
 
 def pushchair() -> Mesh:
-    """A pushchair with a child, 0.75 m ahead of whoever pushes it."""
-    wheels = [wheel_at(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
-    seat = placed(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
+    """Pushchair with a child, 0.75 m ahead of the person pushing."""
+    wheels = [make_wheel(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
+    seat = place(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
     bars = [tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)]
     return merge([*wheels, seat, *bars, tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)])
 
 
 def trolley() -> Mesh:
-    """A suitcase on wheels, drawn behind."""
+    """Suitcase on wheels, drawn behind."""
     return merge(
         [box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)]
     )
 
 
 def bag(height: float) -> Mesh:
-    """A carrier bag in the left hand."""
+    """Carrier bag in the left hand."""
     return ellipsoid((0.03 * height, 0.17 * height, 0.31 * height), (0.16, 0.08, 0.20), 3, 8)
 
 
 def backpack(height: float) -> Mesh:
-    """A rucksack."""
+    """Rucksack."""
     return ellipsoid((-0.105 * height, 0.0, 0.71 * height), (0.12, 0.16, 0.25), 5, 8)
 
 
 def hat(height: float) -> Mesh:
-    """A hat with a brim that ends level with the crown of the head."""
+    """Hat with a brim, level with the crown of the head."""
     x, z = 0.022 * height, 0.965 * height
     return tube([(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)], [0.17, 0.17, 0.10, 0.09], 10)
 
 
 def stick(height: float) -> Mesh:
-    """A walking stick in the right hand."""
+    """Walking stick in the right hand."""
     return tube([(0.20, -0.17 * height, 0.0), (0.10, -0.155 * height, 0.50 * height)], 0.015, 5)
 
 
 def pedestrians() -> dict[str, Mesh]:
-    """Fourteen people on foot, 1.1 to 1.95 m tall (umbrellas, hats and loads come on top)."""
+    """Fourteen people on foot, 1.1 to 1.95 m tall.
+
+    Umbrellas, hats and loads come on top.
+    """
     arms_up = replace(
         Figure(), elbows=((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), hands=((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
     )
@@ -163,11 +169,11 @@ def pedestrians() -> dict[str, Mesh]:
 
 def _exactly(mesh: Mesh, height: float) -> Mesh:
     standing = Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
-    return grown(standing, height / standing.vertices[:, 2].max())
+    return scale_mesh(standing, height / standing.vertices[:, 2].max())
 
 
-def grown(mesh: Mesh, factor: float) -> Mesh:
-    """The mesh scaled about the origin."""
+def scale_mesh(mesh: Mesh, factor: float) -> Mesh:
+    """Scale a mesh about the origin."""
     return Mesh(mesh.vertices * factor, mesh.triangles)
 
 
@@ -176,12 +182,15 @@ def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
 
 
 def two_wheelers() -> dict[str, Mesh]:
-    """Bicycles, motorcycles and a scooter, each with its rider; x forward, wheels on z = 0."""
+    """Bicycles, motorcycles and a scooter, each with its rider.
+
+    x forward, wheels on z = 0.
+    """
     crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
     people = {
         "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
         "racing_bicycle": (bicycle(0.335), rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9)),
-        "child_bicycle": (grown(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
+        "child_bicycle": (scale_mesh(bicycle(0.34), 0.72), rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98)),
         "cargo_bicycle": (bicycle(0.33), crate, rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1)),
         "motorcycle": (motorcycle(), rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, rest=(-0.05, 0.36))),
         "sport_motorcycle": (
@@ -201,9 +210,10 @@ def rider(
     stout: float = 1.0,
     rest: tuple[float, float] | None = None,
 ) -> Mesh:
-    """Somebody `height` m tall on a saddle `saddle` m high at x = -0.2, hands at `grip` and at its mirror image.
+    """Person on a saddle, hands at `grip` and its mirror image.
 
-    upright: sine of the back's slope; rest: x and z of the foot rests (m), None for pedals, one up and one down.
+    height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's slope; rest: x and
+    z of the foot rests (m), None for pedals, one up and one down.
     """
     back, x0 = 0.31, -0.2 / height
     hip = (x0, 0.0, saddle / height + 0.045)
@@ -223,7 +233,10 @@ def rider(
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:
-    """Where thigh and shin, each a quarter of the height, meet in front of the line from hip to ankle."""
+    """Knee in front of the line from hip to ankle.
+
+    Thigh and shin are each a quarter of the height.
+    """
     a, b = np.array(hip), np.array(ankle)
     along = b - a
     bend = math.sqrt(max(0.245**2 - float(along @ along) / 4, 0.0004))
@@ -233,7 +246,7 @@ def _knee(hip: Vector, ankle: Vector) -> Vector:
 
 
 def bicycle(radius: float) -> Mesh:
-    """A bicycle whose wheels have this radius (m)."""
+    """Bicycle whose wheels have this radius (m)."""
     rear, front, crank = (-0.52, 0.0, radius), (0.52, 0.0, radius), (-0.08, 0.0, 0.29)
     seat, head, bar = (-0.2, 0.0, 0.88), (0.36, 0.0, 0.82), (0.40, 0.0, 1.0)
     frame = [(crank, seat), (crank, head), (seat, head), (crank, rear), ((-0.18, 0.0, 0.78), rear), (bar, front)]
@@ -244,7 +257,7 @@ def bicycle(radius: float) -> Mesh:
 
 
 def _tyre(x: float, radius: float, thickness: float) -> Mesh:
-    """A ring of a wheel, open between the spokes, standing on z = 0."""
+    """Ring of a wheel, open between the spokes, standing on z = 0."""
     around, across = np.arange(21) * 2 * np.pi / 20, np.arange(5) * 2 * np.pi / 5
     distance = radius - thickness * (1 - np.cos(across))
     rings = np.stack(
@@ -258,8 +271,8 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
 
 
 def motorcycle(fairing: bool = False) -> Mesh:
-    """A motorcycle, bare or with a fairing and a top case."""
-    parts = [wheel_at(-0.70, 0.0, 0.31, 0.16), wheel_at(0.74, 0.0, 0.30, 0.12)]
+    """Motorcycle, bare or with a fairing and a top case."""
+    parts = [make_wheel(-0.70, 0.0, 0.31, 0.16), make_wheel(0.74, 0.0, 0.30, 0.12)]
     parts += [ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22)), ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))]
     parts += [tube([(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)], [0.06, 0.13, 0.12], 8)]
     parts += [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
@@ -274,8 +287,8 @@ def motorcycle(fairing: bool = False) -> Mesh:
 
 
 def scooter() -> Mesh:
-    """A motor scooter with mirrors on its handlebar."""
-    parts = [wheel_at(-0.58, 0.0, 0.24, 0.13), wheel_at(0.60, 0.0, 0.24, 0.11)]
+    """Motor scooter with mirrors on its handlebar."""
+    parts = [make_wheel(-0.58, 0.0, 0.24, 0.13), make_wheel(0.60, 0.0, 0.24, 0.11)]
     parts += [ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19)), box((0.5, 0.34, 0.08), (0.05, 0, 0.30))]
     parts += [tube([(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)], [0.10, 0.12, 0.06], 8, flat=1.9)]
     parts += [tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)]
@@ -286,4 +299,4 @@ def scooter() -> Mesh:
             tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4),
         ]
     )
-    return merge([*parts, grips, mirror, mirrored(mirror)])
+    return merge([*parts, grips, mirror, flip_sides(mirror)])

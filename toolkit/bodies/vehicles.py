@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, mirrored, tube
+from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, tube
 
 # Side profiles: (distance from the front as a part of the length, height as a part of the total height).
 _PROFILES: dict[str, tuple[tuple[float, float], ...]] = {
@@ -49,10 +49,11 @@ _PROFILES: dict[str, tuple[tuple[float, float], ...]] = {
 
 @dataclass(frozen=True)
 class CarShape:
-    """What makes one model of car; lengths in metres, the rest as parts of its length, height or width.
+    """Figures of one model of car.
 
-    width: without mirrors; wheel: radius; belt: height of the window line; tumblehome: how far the roof edge leans in;
-    rounding: depth of the plan rounding at front and rear; rake: how far the roof is shifted back; rails: on the roof.
+    Lengths in metres, the rest as parts of its length, height or width. width: without mirrors; wheel: radius; belt:
+    height of the window line; tumblehome: how far the roof edge leans in; rounding: depth of the plan rounding at front
+    and rear; rake: how far the roof is shifted back; rails: on the roof.
     """
 
     name: str
@@ -107,19 +108,19 @@ _ENDS = 0.62  # width of the very front and rear, as a part of the greatest widt
 
 
 def car(shape: CarShape) -> tuple[Mesh, Mesh]:
-    """The meshes of one car and of its wing mirrors, x forward from its middle, wheels standing on z = 0."""
+    """Meshes of a car and of its wing mirrors, wheels on z = 0."""
     parts = [_hull(shape), *_wheels(shape)]
     glass = shape.length * (0.5 - _PROFILES[shape.style][2][0] - max(shape.rake, 0.0) - 0.035)
     mirror = ellipsoid((glass, shape.width / 2 + 0.005, shape.belt * shape.height + 0.04), (0.09, 0.10, 0.075), 3, 6)
     if shape.rails:
         z, y, x = shape.height - 0.08, shape.width * (0.5 - 0.48 * shape.tumblehome), shape.length
         rail = tube([(0.08 * x, y, z), (0.02 * x, y, z + 0.05), (-0.3 * x, y, z + 0.05), (-0.36 * x, y, z)], 0.02, 4)
-        parts += [rail, mirrored(rail)]
-    return merge(parts), merge([mirror, mirrored(mirror)])
+        parts += [rail, flip_sides(rail)]
+    return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
 def _hull(shape: CarShape) -> Mesh:
-    """The painted body: half cross-sections, mirrored and lofted from the rear to the front."""
+    """Painted body: half cross-sections, mirrored and lofted to the front."""
     s = _stations(shape)
     half = np.stack([_half_section(shape, x) for x in s[::-1].tolist()])
     other = half[:, -2:0:-1] * [1.0, -1.0, 1.0]
@@ -127,7 +128,10 @@ def _hull(shape: CarShape) -> Mesh:
 
 
 def _stations(shape: CarShape) -> Float64[np.ndarray, " s"]:
-    """Where the cross-sections are (0 front to 1 rear): dense at both ends and at the rims of the wheel arches."""
+    """Stations of cross-sections (0 front to 1 rear).
+
+    Dense at both ends and at the rims of the wheel arches.
+    """
     even = np.linspace(0, 1, _STATIONS)
     ends = np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])[::2]
     reach = shape.wheel * 1.13 / shape.length
@@ -136,13 +140,16 @@ def _stations(shape: CarShape) -> Float64[np.ndarray, " s"]:
 
 
 def _axles(shape: CarShape) -> tuple[float, float]:
-    """Front and rear axle (0 front to 1 rear); the front overhang is a little shorter, a pickup's rear is long."""
+    """Front and rear axle (0 front to 1 rear).
+
+    The front overhang is a little shorter, a pickup's rear is long.
+    """
     overhang = (shape.length - shape.wheelbase) * (0.44 if shape.style != "pickup" else 0.40)
     return overhang / shape.length, (overhang + shape.wheelbase) / shape.length
 
 
 def _half_section(shape: CarShape, s: float) -> Float64[np.ndarray, "p 3"]:
-    """Left half of the section at station s: from the middle of the floor out and up to the middle of the roof."""
+    """Left half of the section at station s, from floor to roof."""
     top = partial(_top, shape)
     w, floor, arch = _half_width(shape, s), _floor(shape, s), _arch(shape, s)
     crown = top(s, 1.0)
@@ -170,7 +177,7 @@ def _bed(shape: CarShape, s: float) -> bool:
 
 
 def _top(shape: CarShape, s: float, across: float) -> float:
-    """Height of the body at station s and `across` (0 middle, 1 roof edge): bowed in plan, cambered, rounded."""
+    """Height at station s and `across` (0 middle, 1 roof edge)."""
     bow = 0.035 * across**2 * np.clip((s - 0.55) * 6, -1, 1)
     near = np.linspace(-1, 1, 7) * 0.018
     profile = np.array(_PROFILES[shape.style])
@@ -181,7 +188,10 @@ def _top(shape: CarShape, s: float, across: float) -> float:
 
 
 def _half_width(shape: CarShape, s: float) -> float:
-    """Half the width at station s: nearly parallel flanks, superelliptic corners at both ends."""
+    """Half the width at station s.
+
+    Nearly parallel flanks, superelliptic corners at both ends.
+    """
     depth = min(s, 1 - s) / shape.rounding
     corner = (1 - max(0.0, 1 - depth) ** 2.6) ** (1 / 2.6)
     barrel = 1 - 0.06 * (2 * s - 1.05) ** 2
@@ -189,12 +199,12 @@ def _half_width(shape: CarShape, s: float) -> float:
 
 
 def _floor(shape: CarShape, s: float) -> float:
-    """Height of the underside: rising to both ends."""
+    """Height of the underside, rising to both ends."""
     return shape.clearance + float(np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, 0.14]))
 
 
 def _arch(shape: CarShape, s: float) -> float:
-    """Height of the wheel arch at station s, 0 where there is none."""
+    """Height of the wheel arch at station s, 0 outside of it."""
     radius = 1.13 * shape.wheel
     nearest = min(abs(s - axle) for axle in _axles(shape)) * shape.length
     return shape.wheel + float(np.sqrt(radius**2 - nearest**2)) if nearest < radius else 0.0
@@ -205,13 +215,13 @@ def _wheels(shape: CarShape) -> list[Mesh]:
     wheels = []
     for axle in _axles(shape):
         x, y = shape.length * (0.5 - axle), _half_width(shape, axle) * 0.985
-        wheel = wheel_at(x, y - breadth / 2, shape.wheel, breadth)
-        wheels += [wheel, mirrored(wheel)]
+        wheel = make_wheel(x, y - breadth / 2, shape.wheel, breadth)
+        wheels += [wheel, flip_sides(wheel)]
     return wheels
 
 
-def wheel_at(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
-    """A wheel with its axle along y, standing on z = 0; its lowest point touches the ground."""
+def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
+    """Make a wheel with its axle along y, standing on z = 0."""
     across = np.array([-0.5, -0.42, 0.42, 0.5]) * breadth + y
     wheel = tube(
         np.column_stack([np.full(4, x), across, np.full(4, radius)]), np.array([0.86, 1, 1, 0.86]) * radius, sides
@@ -220,7 +230,10 @@ def wheel_at(x: float, y: float, radius: float, breadth: float, sides: int = 12)
 
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
-    """Box trucks, a tipper and buses, x forward, wheels on z = 0, each with its wing mirrors beside it."""
+    """Trucks and buses, each with its wing mirrors beside it.
+
+    x forward, wheels on z = 0.
+    """
     return {
         "box_truck": (
             merge([_cab(7.6, 2.35, 2.5), _cargo(7.6, 5.6, 2.45, 3.35), *_truck_axles(7.6, 2.4, 0.45, (1.3, 5.6))]),
@@ -248,7 +261,7 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
 
 
 def _outline(width: float, z0: float, z1: float, corner: float) -> np.ndarray:
-    """A closed rounded rectangle in (y, z), counter-clockwise seen from the front."""
+    """Rounded rectangle in (y, z), counter-clockwise seen from the front."""
     y, r = width / 2, corner
     quarter = np.linspace(0, np.pi / 2, 3)
     arcs = [
@@ -261,13 +274,13 @@ def _outline(width: float, z0: float, z1: float, corner: float) -> np.ndarray:
 
 
 def _shell(stations: list[tuple[float, float, float, float]], corner: float) -> Mesh:
-    """A loft through rounded rectangles given as (x, width, floor, roof)."""
+    """Loft through rounded rectangles (x, width, floor, roof)."""
     rings = [_outline(width, z0, z1, corner) for _, width, z0, z1 in stations]
     return loft(np.stack([np.column_stack([np.full(len(r), s[0]), r]) for s, r in zip(stations, rings, strict=True)]))
 
 
 def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
-    """A forward-control cab whose front is at length / 2."""
+    """Forward-control cab whose front is at length / 2."""
     front = length / 2
     return _shell(
         [
@@ -281,7 +294,7 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
 
 def _cab_mirrors(length: float, width: float, height: float) -> Mesh:
     mirror = box((0.12, 0.16, 0.42), (length / 2 - 0.15, width / 2 + 0.12, height * 0.72))
-    return merge([mirror, mirrored(mirror)])
+    return merge([mirror, flip_sides(mirror)])
 
 
 def _cargo(length: float, deep: float, width: float, top: float) -> Mesh:
@@ -293,7 +306,7 @@ def _cargo(length: float, deep: float, width: float, top: float) -> Mesh:
 
 
 def _skip(length: float, deep: float) -> Mesh:
-    """An open tipper body with a heap in it."""
+    """Open tipper body with a heap in it."""
     rear = -length / 2
     middle = rear + deep / 2
     walls = [box((deep, 0.08, 1.35), (middle, y, 1.75)) for y in (-1.2, 1.2)]
@@ -305,7 +318,7 @@ def _skip(length: float, deep: float) -> Mesh:
 
 
 def _bus(length: float, width: float, height: float) -> Mesh:
-    """A city bus: window band set 4 cm in, roof units, rounded front and rear."""
+    """City bus: window band set 4 cm in, roof units, rounded ends."""
     x, belt = length / 2, 1.05
     body = _shell(
         [
@@ -336,10 +349,10 @@ def _bus_mirrors(length: float, width: float, height: float) -> Mesh:
         [0.03, 0.05, 0.09],
         6,
     )
-    return merge([mirror, mirrored(mirror)])
+    return merge([mirror, flip_sides(mirror)])
 
 
 def _truck_axles(length: float, width: float, radius: float, behind_front: tuple[float, ...]) -> list[Mesh]:
     breadth = 0.3
-    wheels = [wheel_at(length / 2 - d, width / 2 - breadth / 2, radius, breadth, 14) for d in behind_front]
-    return wheels + [mirrored(wheel) for wheel in wheels]
+    wheels = [make_wheel(length / 2 - d, width / 2 - breadth / 2, radius, breadth, 14) for d in behind_front]
+    return wheels + [flip_sides(wheel) for wheel in wheels]

@@ -18,7 +18,7 @@ from toolkit.datasets.dataset import CoopDataset, published_cameras
 from toolkit.geometry import check_pose
 from toolkit.runtime.files import parse_json, writing
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import dumps
+from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 
@@ -50,7 +50,7 @@ def write_corrected(
                     where = images if place is None else f"cameras/{cameras[place]}"
                     _place(file[where], np.asarray(poses[sensor.name], np.float64), recording.site)
             if "coview/site" in file:
-                _replace_text(file, "coview/site", dumps(_moved(recording.site, poses)))
+                _replace_text(file, "coview/site", format_site(_moved(recording.site, poses)))
             own = file.get("coview")
             if own is not None and "plan" in own.attrs:
                 own.attrs["plan"] = json.dumps({**parse_json(str(own.attrs["plan"])), "calibrated": _rounded(poses)})

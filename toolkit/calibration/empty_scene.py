@@ -34,7 +34,7 @@ from toolkit.datasets.readings import Readable, read_frame
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.models import make_model
-from toolkit.sensors.sensor import Sensor, SensorModel, returned
+from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
 SAMPLE = 128  # images kept of a sensor
 SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
@@ -83,7 +83,7 @@ class EmptyScene:
     @staticmethod
     def of(sensor: Sensor, image: Float32[np.ndarray, "rows columns"]) -> EmptyScene:
         """Return the scene known from a render without noise, with the sensor model's spread."""
-        first = np.where(returned(image, sensor.model.max_range), image, 0).astype(np.float32)
+        first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
         always, never = np.ones_like(first), np.zeros_like(first)
         none = np.full(first.shape, np.nan, np.float32)
@@ -105,7 +105,7 @@ class EmptyScene:
         They lie within `sigmas` spreads of one of its medians, or have no return where that may be.
         """
         self.check_shape(measurement)
-        there = returned(measurement, self.model.max_range)
+        there = is_return(measurement, self.model.max_range)
         near = np.abs(measurement - self.first) <= sigmas * self.spread
         near |= np.abs(measurement - self.second) <= sigmas * self.second_spread
         return np.where(there, near, (self.first == 0) | (self.second == 0))
@@ -286,7 +286,7 @@ class SceneAdaptation:
             raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
         share = 0.0 if self._time is None else 1 - np.exp(-(time - self._time) / self._seconds)
         self._time, self._frames = time, self._frames + 1
-        there = returned(measurement, self._began.model.max_range)
+        there = is_return(measurement, self._began.model.max_range)
         seen = np.where(there, measurement, np.inf).astype(np.float32)
         shown = np.zeros(seen.shape, bool)
         for median, spread in zip(self._medians, self._spreads, strict=True):
@@ -366,7 +366,7 @@ def _clusters(
     The first is the farthest that belongs to the scene, the second the largest of the nearer ones.
     """
     shape, n = images.shape[1:], len(images)
-    in_time = np.where(returned(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
+    in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
     values = np.sort(in_time, axis=1)
     finite = np.isfinite(values)
     solid = np.where(finite, values, np.float32(0))

@@ -44,7 +44,7 @@ from toolkit.datasets.sample import Sample
 from toolkit.geometry import invert
 from toolkit.objects import Detector
 from toolkit.points import select_sensors
-from toolkit.runtime.files import finite, write_text
+from toolkit.runtime.files import replace_infinite, write_text
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.models import RowLidar
 from toolkit.sensors.sensor import Sensor
@@ -150,7 +150,7 @@ def save_poses(path: str | Path, found: Sequence[FoundPose]) -> None:
 
     `toolkit.datasets.cloud_files.read_poses` reads the file.
     """
-    write_text(path, json.dumps(finite({each.sensor.name: each.described() for each in found}), indent=1))
+    write_text(path, json.dumps(replace_infinite({each.sensor.name: each.described() for each in found}), indent=1))
 
 
 def find_poses(

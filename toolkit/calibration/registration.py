@@ -27,8 +27,8 @@ from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
 from toolkit.datasets.cloud_files import read_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.geometry import transform
-from toolkit.rendering.static_scene import scenery
-from toolkit.sensors.error_terms import rotation_about
+from toolkit.rendering.static_scene import build_scenery
+from toolkit.sensors.error_terms import make_rotation
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -106,7 +106,7 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
     """Sample the ground of a site and all that stands on it evenly, without what grows leaves."""
-    mesh = scenery(replace(site, solids=tuple(solid for solid in site.solids if solid.kind not in GROWS)))
+    mesh = build_scenery(replace(site, solids=tuple(solid for solid in site.solids if solid.kind not in GROWS)))
     corners = mesh.vertices[mesh.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(across, axis=1)
@@ -250,7 +250,7 @@ def _align_levels(
 def apply_motion(pose: Float64[np.ndarray, "4 4"], motion: Float64[np.ndarray, "6"]) -> Float64[np.ndarray, "4 4"]:
     """Apply a motion, turns times `LEVER`, to a pose."""
     after = pose.copy()
-    after[:3, :3] = rotation_about(motion[:3] / LEVER) @ pose[:3, :3]
+    after[:3, :3] = make_rotation(motion[:3] / LEVER) @ pose[:3, :3]
     after[:3, 3] += motion[3:]
     return after
 

@@ -26,7 +26,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.clouds import PointCloud, attributes, crop, from_attributes, fuse, load, positions
 from toolkit.geometry import check_pose, invert, transform
-from toolkit.point_files import Attributes, attributes_of, missing
+from toolkit.point_files import Attributes, missing_axes, name_attributes
 from toolkit.runtime.files import load_arrays, parse_json
 
 Pose = Float64[np.ndarray, "4 4"]
@@ -190,20 +190,20 @@ def _read(path: Path) -> Attributes:
     if ending in (".ply", ".pcd", ".npz"):
         return {name: column for name, column in attributes(load(path)).items() if name != "sensor"}
     if ending in (".xyz", ".txt", ".csv"):
-        return attributes_of(_columns_of_text(path))
+        return name_attributes(_columns_of_text(path))
     if ending == ".npy":
         return _array(path)
     if ending == ".bin":
         names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
-        return attributes_of(dict(zip(names, _floats(path, len(names)).T, strict=True)))
+        return name_attributes(dict(zip(names, _floats(path, len(names)).T, strict=True)))
     if ending == ".feather":
         table = read_table(path)
-        if missing(tuple(table)):
+        if missing_axes(tuple(table)):
             raise ValueError(f"{path} must have columns x, y and z, got {', '.join(table)}")
         if any(table[axis].dtype.kind not in "fiu" for axis in "xyz"):
             raise ValueError(f"{path} must hold numbers in its columns x, y and z")
         half = {name: column.astype(np.float32) for name, column in table.items() if column.dtype == np.float16}
-        return attributes_of(table | half)
+        return name_attributes(table | half)
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
 
 
@@ -211,8 +211,8 @@ def _array(path: Path) -> Attributes:
     table = load_arrays(path).get("")
     if table is None:
         raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
-    if table.dtype.names is not None and table.ndim == 1 and not missing(table.dtype.names):
-        return attributes_of({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
+    if table.dtype.names is not None and table.ndim == 1 and not missing_axes(table.dtype.names):
+        return name_attributes({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
     if table.ndim != 2 or table.shape[1] < 3:
         raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
     if table.dtype.kind not in "fiu":

@@ -21,7 +21,7 @@ from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
-from toolkit.sensors.models import make_model, model_class
+from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -185,7 +185,7 @@ def open_file(path: str | Path) -> h5py.File:
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
     """The published rows of a frame's objects, whatever they say. Raises ValueError where they cannot be read."""
-    if not hdf5.holds(file, name):
+    if not hdf5.contains(file, name):
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")
     rows = hdf5.array(file, name, kinds="fiub")
     if not rows.ndim:
@@ -196,33 +196,33 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 def check_kinds(file: h5py.File) -> None:
     """ValueError where a dataset stands in the place of a group of the layout, or a group in that of a dataset, and
     where the file holds recorded clouds."""
-    if str(hdf5.attributes_in(file, "the file").get("coview", "")) == CLOUDS_KIND:
+    if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     kinds: dict[str, type] = {
         "dslices": h5py.Dataset, "objects": h5py.Group, "cameras": h5py.Group, "coview": h5py.Group,
         "coview/ranges": h5py.Group, "coview/depth": h5py.Group,
     }  # fmt: skip
     for name, kind in kinds.items():
-        if hdf5.holds(file, name) and not issubclass(hdf5.kind_of(file, name), kind):
+        if hdf5.contains(file, name) and not issubclass(hdf5.find_kind(file, name), kind):
             raise ValueError(
-                f"{name} must be an HDF5 {kind.__name__.lower()}, got a {hdf5.kind_of(file, name).__name__.lower()}: "
+                f"{name} must be an HDF5 {kind.__name__.lower()}, got a {hdf5.find_kind(file, name).__name__.lower()}: "
                 "see toolkit.datasets.recording"
             )
     for name in published_cameras(file):
-        if not issubclass(hdf5.kind_of(file, f"cameras/{name}"), h5py.Group):
+        if not issubclass(hdf5.find_kind(file, f"cameras/{name}"), h5py.Group):
             raise ValueError(f"cameras/{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
 
 
 def published_cameras(file: h5py.File) -> tuple[str, ...]:
     """The names of the depth cameras in the order of `dslices`: those that start with d, by the alphabet."""
-    return tuple(sorted(name for name in hdf5.names_in(file, "cameras") if name.startswith("d")))
+    return tuple(sorted(name for name in hdf5.child_names(file, "cameras") if name.startswith("d")))
 
 
 StoredChannel = tuple[Sensor, str, int | None]  # a sensor, the dataset of its measurements, and its place in `dslices`
 
 
 def _site(file: h5py.File) -> Site:
-    if hdf5.holds(file, "coview/site"):
+    if hdf5.contains(file, "coview/site"):
         from toolkit.sites.files import parse
 
         try:
@@ -239,7 +239,7 @@ def _recognised(file: h5py.File) -> Site:
     cameras = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in published_cameras(file)]
     usable = [matrix for matrix in cameras if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
-    some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.names_in(file, "objects"), 20))
+    some = (hdf5.array(file, f"objects/{k}", kinds="fiub") for k in islice(hdf5.child_names(file, "objects"), 20))
     centres = [objects[:, :2] for objects in some if objects.ndim == 2 and objects.shape[1] > 1]
     for site in map(load_site, BUILT_IN):
         carla_to_site = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
@@ -253,11 +253,11 @@ def _recognised(file: h5py.File) -> Site:
 
 def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
     own = _own_channels(file)
-    has_images = hdf5.holds(file, "dslices")
+    has_images = hdf5.contains(file, "dslices")
     if not has_images and not own:
         raise ValueError(
             "dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds "
-            f"{hdf5.names_in(file, '/') or 'nothing'}"
+            f"{hdf5.child_names(file, '/') or 'nothing'}"
         )
     every = [*(_published_channels(file, site) if has_images else []), *own]
     channels = {sensor.name: (sensor, name, place) for sensor, name, place in every}
@@ -273,9 +273,9 @@ def _channels(file: h5py.File, site: Site) -> tuple[StoredChannel, ...]:
 
 def _order(file: h5py.File) -> list[str]:
     """The names of the sensors in the order of a frame's measurements, none where the file does not say."""
-    if not hdf5.holds(file, "coview"):
+    if not hdf5.contains(file, "coview"):
         return []
-    written = hdf5.attributes_in(file["coview"], "coview").get("sensors", "[]")
+    written = hdf5.read_node_attributes(file["coview"], "coview").get("sensors", "[]")
     try:
         order = parse_json(written) if isinstance(written, str) else None
     except ValueError:
@@ -300,11 +300,11 @@ def _published_channels(file: h5py.File, site: Site) -> list[StoredChannel]:
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
     where = group.name.lstrip("/")
     for matrix in ("intrinsic", "extrinsic"):
-        if not hdf5.holds(group, matrix):
+        if not hdf5.contains(group, matrix):
             raise ValueError(f"{where}/{matrix} is missing")
     model = published.camera_of(hdf5.array(group, "intrinsic"), *shape, name=f"{where}/intrinsic")
     pose = published.pose_of(hdf5.array(group, "extrinsic"), site.map_SE3_site, f"{where}/extrinsic")
-    attributes = hdf5.attributes_in(group, where)
+    attributes = hdf5.read_node_attributes(group, where)
     if "site_SE3_sensor" not in attributes:
         return Sensor(where.removeprefix("cameras/"), model, pose)
     ours = _own_sensor(attributes, where)
@@ -322,9 +322,9 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> Sensor:
 def _own_channels(file: h5py.File) -> list[StoredChannel]:
     channels: list[StoredChannel] = []
     for kind in OWN_IMAGES.values():
-        for name in hdf5.names_in(file, f"coview/{kind}"):
+        for name in hdf5.child_names(file, f"coview/{kind}"):
             images = hdf5.dataset(file, f"coview/{kind}/{name}", axes=3)
-            sensor = _own_sensor(hdf5.attributes_in(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
+            sensor = _own_sensor(hdf5.read_node_attributes(images, f"coview/{kind}/{name}"), f"coview/{kind}/{name}")
             if images.shape[1:] != sensor.model.shape:
                 raise ValueError(f"coview/{kind}/{name} must be [T, *{sensor.model.shape}], got {images.shape}")
             channels.append((sensor, f"coview/{kind}/{name}", None))
@@ -337,7 +337,7 @@ def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
         raise ValueError(f"{where} has no attribute {missing[0]}: write the file again")
     try:
         kind = str(attributes["model"])
-        entries = [entry.name for entry in fields(model_class(kind)) if entry.name in attributes]
+        entries = [entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes]
         values = {name: np.asarray(attributes[name]).tolist() for name in entries}
         return Sensor(str(attributes["name"]), make_model(kind, values), attributes["site_SE3_sensor"])
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -347,7 +347,7 @@ def _own_sensor(attributes: Mapping[str, Any], where: str) -> Sensor:
 
 
 def _own(file: h5py.File, name: str) -> np.ndarray | None:
-    return hdf5.array(file, name, axes=1) if hdf5.holds(file, name) else None
+    return hdf5.array(file, name, axes=1) if hdf5.contains(file, name) else None
 
 
 def _check_starts(starts: np.ndarray | None, frames: int) -> None:
@@ -361,7 +361,7 @@ def _check_starts(starts: np.ndarray | None, frames: int) -> None:
 
 
 def _length(file: h5py.File, images: list[str]) -> int:
-    names = (*images, *(["coview/time"] if hdf5.holds(file, "coview/time") else []))
+    names = (*images, *(["coview/time"] if hdf5.contains(file, "coview/time") else []))
     lengths = {name: hdf5.dataset(file, name).shape[0] for name in names}
     if len(set(lengths.values())) != 1:
         raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")

@@ -29,9 +29,9 @@ from toolkit.datasets.mistakes import (
     suspect_sensor,
     witnesses,
 )
-from toolkit.geometry import levelled, transform
+from toolkit.geometry import level_rows, transform
 from toolkit.objects import Objects
-from toolkit.points import points_on
+from toolkit.points import count_on_ground
 from toolkit.runtime import hdf5
 from toolkit.sites.site import Site
 
@@ -295,8 +295,8 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
     """Boxes whose floor is not on the ground that was measured beside them."""
     gaps = []
     for objects, cloud in exam.clouds():
-        points = levelled(cloud[::4], exam.site.relief.slope)
-        for x, y, z, length, width, height, _ in levelled(objects.boxes, exam.site.relief.slope):
+        points = level_rows(cloud[::4], exam.site.relief.slope)
+        for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
             beside = points[(away > np.hypot(length, width) / 2) & (away < np.hypot(length, width) / 2 + 2), 2]
             if len(beside) >= 20:
@@ -319,7 +319,7 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
         if len(points):
             inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
             total += len(inside)
-            unseen += int((points_on(points, inside.boxes, exam.site) == 0).sum())
+            unseen += int((count_on_ground(points, inside.boxes, exam.site) == 0).sum())
     if total >= 10 and unseen > UNSEEN * total:
         evidence = f"{unseen} of {total} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"
@@ -367,7 +367,7 @@ def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
     """What the file's depth may have to be multiplied by to be metres, judged by its largest number."""
-    if not hdf5.holds(file, "dslices"):
+    if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
     if images.ndim != 4 or not len(images):
@@ -384,7 +384,7 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
     """The published rows of all frames without the damaged ones, which are whole, and what is wrong in the first three
     that are not."""
-    images = [name for name in ("dslices", "coview/time") if hdf5.holds(file, name)]
+    images = [name for name in ("dslices", "coview/time") if hdf5.contains(file, name)]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
     frames = shape[0] if shape else 0
     tables: list[np.ndarray] = []

@@ -59,7 +59,7 @@ def random_recording(
     a little.
     Raises what drawing the site and SUMO raise.
     """
-    from toolkit.bodies.body import vary
+    from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.random import random_sensors, random_site
@@ -71,7 +71,7 @@ def random_recording(
     fleet = fleet_named() if fleet is None else fleet
     bodies = fleet.bodies(frames, rng)
     if not fleet.drawn:
-        bodies = tuple(vary(body, rng) for body in bodies)
+        bodies = tuple(stretch_randomly(body, rng) for body in bodies)
     parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
     most = MOST_OBJECTS * 4 // 5 + parked
     snapshots = simulate(site, bodies, frames=frames, seed=rng, most=most, parked=parked, once=bool(fleet.drawn))

@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.frame import Frame
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, profile_of
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
@@ -37,7 +37,7 @@ def read_frame(
     Raises ValueError for a profile that there is not, a negative seed, and a clock's offset where frames lie too far
     apart to know velocities.
     """
-    errors, frame = profile_of(errors), frames[k]
+    errors, frame = get_profile(errors), frames[k]
     check_drawn(errors, noise_seed)
     if noise_seed is None:
         return frame
@@ -63,7 +63,7 @@ def with_errors(
     """
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    errors = profile_of(errors)
+    errors = get_profile(errors)
     numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
     readings = [
         errors.read(

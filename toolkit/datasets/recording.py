@@ -190,6 +190,6 @@ def _add(group: h5py.Group, name: str, content: Any) -> None:
 
 
 def _text(site: Site) -> str:
-    from toolkit.sites.files import dumps
+    from toolkit.sites.files import format_site
 
-    return dumps(site)
+    return format_site(site)

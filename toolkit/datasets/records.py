@@ -22,7 +22,7 @@ from toolkit.datasets.sample import OtherObjects, Sample, SensorCloud
 from toolkit.geometry import check_pose
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.point_files import pcd_bytes
-from toolkit.runtime.files import finite, parse_json, write_bytes, write_text
+from toolkit.runtime.files import parse_json, replace_infinite, write_bytes, write_text
 
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
@@ -420,7 +420,7 @@ def boxes_record(
 def write_boxes(path: str | Path, entries: Sequence[dict[str, Any]], **more: Any) -> None:
     """Write the file of some samples' entries, whole or not at all; more: what else it shall say."""
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
-    write_text(path, json.dumps(finite(content), indent=1, allow_nan=False))
+    write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
 
 
 def read_entries(path: str | Path) -> dict[str, dict[str, Any]]:

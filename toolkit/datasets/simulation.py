@@ -142,7 +142,7 @@ class Job:
     @cached_property
     def plan(self) -> dict[str, Any]:
         """What must be equal for two runs to give the same bytes, to be compared and shown to people."""
-        from toolkit.sites.files import dumps
+        from toolkit.sites.files import format_site
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
@@ -156,7 +156,7 @@ class Job:
             code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
             drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
         return {
-            "site": f"{self.site.name} {_digest(dumps(self.site))}",
+            "site": f"{self.site.name} {_digest(format_site(self.site))}",
             "frames": int(self.frames),
             "seed": int(self.seed),
             "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",

@@ -19,7 +19,7 @@ from toolkit.arrays import Bool, Float, Float64
 from toolkit.boxes import count_points
 from toolkit.detection.provenance import detector_origin
 from toolkit.objects import Detections, Detector, UnionDetector
-from toolkit.points import union_of
+from toolkit.points import join_clouds
 
 VOXEL = 0.15  # m
 MOST_VOXELS = 1 << 28
@@ -151,10 +151,10 @@ class KnownBackground:
         if isinstance(self.detector, UnionDetector):
             found = self.detector.unions(clouds, unions)
         else:
-            found = [self.detector(union_of(clouds, union)) for union in unions]
+            found = [self.detector(join_clouds(clouds, union)) for union in unions]
         new = [self._new(cloud) for cloud in clouds]
         somebody = (
-            self._filled(each, union_of(clouds, union), union_of(new, union))
+            self._filled(each, join_clouds(clouds, union), join_clouds(new, union))
             for each, union in zip(found, unions, strict=True)
         )
         return [each[rows] for each, rows in zip(found, somebody, strict=True)]

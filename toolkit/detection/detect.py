@@ -23,7 +23,7 @@ from toolkit.detection.codec import PAPER, Codec, ImageCodec
 from toolkit.detection.scheme import Scheme, scheme_codec
 from toolkit.detection.view import CROP_HEIGHT, LinkMemory, sample_view
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import inside
+from toolkit.points import is_inside
 
 Level = Literal["map", "plane", "none"]
 DETECTION_REACH = 50.0  # m
@@ -189,7 +189,7 @@ def _level_sample(
         small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
         points = points[sample.complete.covers(small)] - [*centre, 0.0]
         upright = (points if ground is None or not len(points) else ground.points(points)).astype(np.float32)
-        clouds.append(upright[inside(upright, np.array(area), CROP_HEIGHT)])
+        clouds.append(upright[is_inside(upright, np.array(area), CROP_HEIGHT)])
     boxes = sample.objects.boxes - np.array([*centre, 0, 0, 0, 0, 0])
     boxes = boxes if ground is None or not len(boxes) else ground.boxes(boxes)
     near = (np.abs(boxes[:, :2]) <= np.array(area[2:]) + MARGIN_AROUND).all(axis=1)

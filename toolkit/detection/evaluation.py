@@ -40,10 +40,10 @@ from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, Objects, check_known, label_index
-from toolkit.points import centred_in, select_sensors
+from toolkit.points import has_centre_inside, select_sensors
 from toolkit.runtime.files import write_text, writing_together
-from toolkit.runtime.text_tables import aligned
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, profile_of
+from toolkit.runtime.text_tables import align_columns
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -188,7 +188,7 @@ def evaluate_dataset(
     if not (len(schemes) and len(sensor_sets) and labels and all(ious.values())):
         raise ValueError("there must be a scheme, a sensor set, a class and an IoU threshold to evaluate")
     check_known(detector, labels)
-    errors = profile_of(errors)
+    errors = get_profile(errors)
     check_drawn(errors, noise_seed)
     site = dataset.site if radius is None else replace(dataset.site, hybrid_radius=radius)
     named = _named(schemes)
@@ -256,7 +256,7 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
         shares = (each.recall, each.precision, each.false_alarms_per_frame, each.reliability.error)
         named = [each.label, each.scheme, _sensor_text(each.sensors), str(each.truths)]
         table.append([*named, *(f"{figure:.3f}" for figure in shares), f"{each.iou:g}"])
-    return aligned(table, texts=3)
+    return align_columns(table, texts=3)
 
 
 def _ap_table(rows: Sequence[Row]) -> str:
@@ -271,7 +271,7 @@ def _ap_table(rows: Sequence[Row]) -> str:
         ap = [f"{line[iou].ap:.4f}" for iou in ious]
         costs = [f"{first.recall:.4f}", f"{first.kbit_per_sensor:.2f}", f"{first.ms_per_frame:.1f}"]
         table.append([scheme, sensors, *ap, *costs])
-    return aligned(table, texts=2)
+    return align_columns(table, texts=2)
 
 
 def _sensor_text(sensors: Sequence[int]) -> str:
@@ -337,7 +337,7 @@ class _Run:
 
 def _truth(objects: Objects, site: Site, protocol: Scoring) -> tuple[Objects, Bool[np.ndarray, " n"]]:
     """The objects that are there, and which of them are scored."""
-    within = centred_in(objects.boxes, site.area)
+    within = has_centre_inside(objects.boxes, site.area)
     there = within if protocol == "published" else np.ones_like(within)
     return objects[there], within[there]
 

@@ -10,7 +10,7 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.detection.schemes import fuse_frame
 from toolkit.objects import Detections, Detector, Objects
 from toolkit.plots.plan_view import FrameOutcome, draw_frame
-from toolkit.points import centred_in, frame_points
+from toolkit.points import frame_points, has_centre_inside
 from toolkit.sites.site import Site
 
 IOU = 0.7  # at which a detection hits, in the paper's first column
@@ -36,5 +36,5 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
 
 def outcome_of(found: Detections, truth: Objects, site: Site, iou: float = IOU) -> FrameOutcome:
     """What became of the detections and vehicles of one frame; objects centred outside the area do not count."""
-    result = match(found, truth, iou, counted=centred_in(truth.boxes, site.area))
+    result = match(found, truth, iou, counted=has_centre_inside(truth.boxes, site.area))
     return FrameOutcome(iou, result.hit, ~result.scored, result.truth >= 0, result.ignored)

@@ -22,7 +22,7 @@ from toolkit.detection.detect import DETECTION_REACH, Level, middle_of
 from toolkit.detection.view import CROP_HEIGHT
 from toolkit.geometry import transform
 from toolkit.objects import Detections
-from toolkit.points import inside
+from toolkit.points import is_inside
 
 CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
 SWEEPS = 4  # of the empty scenes with their noise, that a background is learnt from
@@ -67,7 +67,7 @@ class AreaClusters:
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect in the points of the area."""
-        return self.clusters(points[inside(points, np.array(self.area), CROP_HEIGHT)])
+        return self.clusters(points[is_inside(points, np.array(self.area), CROP_HEIGHT)])
 
 
 def foreground_clusters(
@@ -135,7 +135,7 @@ def learn_cluster_detector(
     ground = None if levelling == "none" else level(sweeps[0], method=levelling)
     area = (-half[0], -half[1], half[0], half[1])
     upright = [(sweep if ground is None else ground.points(sweep)).astype(np.float32) for sweep in sweeps]
-    cropped = [points[inside(points, np.array(area), CROP_HEIGHT)] for points in upright]
+    cropped = [points[is_inside(points, np.array(area), CROP_HEIGHT)] for points in upright]
     return AreaClusters(ClusterDetector.learn(cropped), area)
 
 

@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float, Float64, Int64
-from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_inside, iou_3d, iou_bev
+from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_overlap, iou_3d, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects, label_index
 
 Protocol = Literal["exact", "published"]
@@ -346,7 +346,7 @@ def _overlaps(frame: _Frame, metric: Overlap, protocol: Protocol) -> _Overlaps:
     between = partial(sample_iou, metric=metric) if protocol == "published" else exact
     iou = between(frame.boxes, frame.truths)
     unscored_iou = between(frame.boxes, frame.unscored).max(axis=1, initial=0)
-    unscored_share = footprint_inside(frame.boxes, frame.unscored).max(axis=1, initial=0)
+    unscored_share = footprint_overlap(frame.boxes, frame.unscored).max(axis=1, initial=0)
     order = np.lexsort((-iou.max(axis=1, initial=0), -frame.scores))
     return _Overlaps(order, frame.scores[order], iou[order], unscored_iou[order], unscored_share[order])
 

@@ -20,7 +20,7 @@ from toolkit.detection.link.load import link_load
 from toolkit.detection.results import described, summary
 from toolkit.detection.scheme import Scheme
 from toolkit.objects import Detector, check_known
-from toolkit.runtime.files import finite, write_text
+from toolkit.runtime.files import replace_infinite, write_text
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SampleEvaluation:
     def as_dict(self) -> dict[str, Any]:
         """For JSON; None for a figure that is undefined."""
         poses = {"poses": {each.sensor.name: each.described() for each in self.poses}} if self.poses else {}
-        return finite({"rows": [row.as_dict() for row in self.rows], "schemes": self.schemes, **poses})
+        return replace_infinite({"rows": [row.as_dict() for row in self.rows], "schemes": self.schemes, **poses})
 
     def text(self) -> str:
         """Tables by scheme, class and protocol."""

@@ -28,7 +28,7 @@ from toolkit.detection.scheme import Counts, Fused, Scheme, make_fused
 from toolkit.detection.view import NMS_IOU, View, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
-from toolkit.points import Area, Distance, beyond, select_sensors
+from toolkit.points import Area, Distance, is_beyond, select_sensors
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
@@ -91,7 +91,7 @@ class Hybrid:
     """Hybrid fusion.
 
     radius: within which no points are sent (m), None for the site's own; metric: how it is measured, see
-    `toolkit.points.beyond`.
+    `toolkit.points.is_beyond`.
     """
 
     radius: float | None = None
@@ -114,7 +114,7 @@ class Hybrid:
         radius = self.radius_at(view.site)
 
         def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
-            return beyond(points, sensor, radius, self.metric)
+            return is_beyond(points, sensor, radius, self.metric)
 
         name = f"beyond {radius} m, {self.metric}"
         points = [view.send_points(view.part(view.cloud(sensor), name, far)) for sensor in sensors]

@@ -22,7 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
-from toolkit.sensors.sensor import Sensor, returned
+from toolkit.sensors.sensor import Sensor, is_return
 
 SILENT_AFTER = 0.5  # s
 LEAST_REPEATED = 50  # that a message must have for its repetition to count, and below which others are asked
@@ -101,7 +101,7 @@ class SensorMonitor:
 
     def _take(self, shown: Shown, covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None) -> None:
         """One message more."""
-        there = returned(shown.image, self._scene.model.max_range)
+        there = is_return(shown.image, self._scene.model.max_range)
         there &= True if shown.sent is None else shown.sent
         pixels = np.where(there, shown.image, np.float32(0))
         count = int(there.sum())

@@ -10,11 +10,11 @@ from toolkit.arrays import Bool, Float, Float32, Float64
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import VOXEL, Background, KnownBackground
 from toolkit.frame import empty_scene
-from toolkit.geometry import levelled
+from toolkit.geometry import level_rows
 from toolkit.mesh import Mesh
 from toolkit.objects import Detector
 from toolkit.points import Crop, frame_points
-from toolkit.rendering.static_scene import scenery
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.sites.site import Site
 
 PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
@@ -43,7 +43,7 @@ def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(_SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
-            yield levelled(points, recording.site.relief.slope)
+            yield level_rows(points, recording.site.relief.slope)
 
 
 def add_background(detector: Detector, site: Site) -> KnownBackground:
@@ -57,10 +57,10 @@ def site_background(site: Site) -> Background:
     In its area and up to its height, seen or unseen, with the ground levelled. The same site gives the same background.
     """
     crop, slope = Crop.of(site), site.relief.slope
-    voxel, mesh = choose_voxel(crop), scenery(site)
-    near = _reaches_crop(levelled(mesh.vertices, slope)[mesh.triangles], crop)
+    voxel, mesh = choose_voxel(crop), build_scenery(site)
+    near = _reaches_crop(level_rows(mesh.vertices, slope)[mesh.triangles], crop)
     surfaces = _on_surfaces(Mesh(mesh.vertices, mesh.triangles[near]), voxel)
-    points = [levelled(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
+    points = [level_rows(some[crop.holds(some, _FLOOR)], slope) for some in surfaces]
     return Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *points]), voxel)
 
 

@@ -20,8 +20,8 @@ from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.provenance import dataset_origin, settings_origin, with_file_digest
 from toolkit.objects import LABELS, VEHICLE, label_index
-from toolkit.points import centred_in, frame_points, points_on, select_sensors
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, profile_of
+from toolkit.points import count_on_ground, frame_points, has_centre_inside, select_sensors
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, get_profile
 
 if TYPE_CHECKING:
     from toolkit.detection.evaluation import Recording
@@ -44,7 +44,7 @@ class Survey:
         """The point density of each vehicle in the fused cloud of a sensor set (indices)."""
         return self.counts[:, list(sensors)].sum(axis=1)
 
-    def points_on(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
+    def points_on_objects(self, label: str, sensors: Sequence[int]) -> Int64[np.ndarray, " objects"]:
         """The same of each object of a class. Raises ValueError for one that was not counted."""
         if label not in self.by_class:
             raise ValueError(f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}")
@@ -52,7 +52,7 @@ class Survey:
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
         """The share of vehicles, or objects of a class, on which a sensor set has no point; NaN where there is none."""
-        points = self.points_on_vehicles(sensors) if label is None else self.points_on(label, sensors)
+        points = self.points_on_vehicles(sensors) if label is None else self.points_on_objects(label, sensors)
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Survey:
         """How many objects there are, and of each sensor set mean and median points on them and the share unseen."""
         sets: dict[str, Any] = {}
         for chosen in sensor_sets:
-            points = self.points_on(label, chosen)
+            points = self.points_on_objects(label, chosen)
             figures = (points.mean(), np.median(points), (points == 0).mean()) if len(points) else (None,) * 3
             named = zip(("mean_points", "median_points", "unseen"), figures, strict=True)
             sets[",".join(map(str, chosen))] = {name: value if value is None else float(value) for name, value in named}
@@ -93,7 +93,7 @@ def survey(
     progress is told how many frames are done. Raises ValueError for a class or error profile that does not exist."""
     check_codec(codec)
     wanted = sorted({label_index(label) for label in classes})
-    errors = profile_of(errors)
+    errors = get_profile(errors)
     total = min(len(dataset), len(dataset) if frames is None else frames)
     if total < 1 or isinstance(frames, float):
         raise ValueError(f"there must be a frame to survey, a whole number, got {frames} of {len(dataset)}")
@@ -102,11 +102,11 @@ def survey(
     counts: dict[int, list[np.ndarray]] = {label: [] for label in {VEHICLE, *wanted}}
     for k in range(total):
         frame = read_frame(dataset, k, errors=errors, noise_seed=noise_seed)
-        objects = frame.objects[centred_in(frame.objects.boxes, site.area)]
+        objects = frame.objects[has_centre_inside(frame.objects.boxes, site.area)]
         clouds = frame_points(frame, everyone, area=site)
         for label, so_far in counts.items():
             boxes = objects.boxes[objects.labels == label]
-            so_far.append(np.stack([points_on(points, boxes, site) for points in clouds], axis=1))
+            so_far.append(np.stack([count_on_ground(points, boxes, site) for points in clouds], axis=1))
         labels += np.bincount(objects.labels, minlength=len(LABELS))
         sent += [codec.encode_points(points).bits / 1000 for points in clouds]
         if progress is not None:

@@ -23,7 +23,7 @@ from toolkit.datasets.sample import Sample
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector, Objects
-from toolkit.points import Area, cropped_pixels, detect_on_ground, frame_points, inside, unproject
+from toolkit.points import Area, detect_on_ground, find_crop_pixels, frame_points, is_inside, unproject
 from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor, SensorModel
 
@@ -73,7 +73,7 @@ class Captured:
         """Those of the points in the crop, in the order of these, counted row after row."""
         if self.kept is not None:
             return self.kept
-        return cropped_pixels(self.frame, self.index, area=self.area, height=self.height)
+        return find_crop_pixels(self.frame, self.index, area=self.area, height=self.height)
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
         """The image of some pixels alone."""
@@ -345,7 +345,7 @@ class ImagedClouds:
         points = (cloud.in_world() - [*self.middle, 0.0])[image.shown]
         lifted = points if self._lift is None or not len(points) else self._lift(points)
         upright = lifted.astype(np.float32)
-        kept = inside(upright, self.area, self.height)
+        kept = is_inside(upright, self.area, self.height)
         cells = image.cells[image.shown][kept]
         return upright[kept], Captured(frame, 0, self.area, self.height, cells, self._lift)
 
@@ -379,7 +379,7 @@ def sample_view(
     def points(k: int) -> Float32[np.ndarray, "n 3"]:
         points = sample.clouds[k].in_world() - [*middle, 0.0]
         upright = (points if ground is None or not len(points) else ground.points(points)).astype(np.float32)
-        return upright[inside(upright, area, CROP_HEIGHT)]
+        return upright[is_inside(upright, area, CROP_HEIGHT)]
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)

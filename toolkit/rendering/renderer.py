@@ -22,18 +22,21 @@ import shapely
 from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
-from toolkit.geometry import LEVEL, Slope, invert, levelling, pose, transform
+from toolkit.geometry import LEVEL, Slope, invert, level_motion, pose, transform
 from toolkit.mesh import Mesh
-from toolkit.rendering.static_scene import scenery as build_scenery
+from toolkit.rendering.static_scene import build_scenery as build_scenery
 from toolkit.sensors.sensor import NEAR, Sensor, SensorModel
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
 
 class Footprints(NamedTuple):
-    """What bodies cover of the ground and how high they reach. points: corners of the convex footprints, world frame,
-    one object after the other; first: (n + 1,) where those of each begin; low, high: z (m); rectangles: around each
-    footprint: x y of the middle, half the length and width, cosine and sine of the yaw."""
+    """Ground that bodies cover, and how high they reach.
+
+    points: corners of the convex footprints, world frame, one object after the other; first: (n + 1,) where those of
+    each begin; low, high: z (m); rectangles: around each footprint: x y of the middle, half the length and width,
+    cosine and sine of the yaw.
+    """
 
     points: Float64[np.ndarray, "k 2"]
     first: Int64[np.ndarray, " _"]
@@ -43,8 +46,11 @@ class Footprints(NamedTuple):
 
 
 class Moment:
-    """Objects of a frame: a body and a box each; threads: of Open3D, 0 for all cores; slope: of the ground, with which
-    bodies are sheared (see `toolkit.geometry.levelling`)."""
+    """Moving objects of a frame in one scene: a body and a box each.
+
+    threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (see
+    `toolkit.geometry.level_motion`).
+    """
 
     def __init__(
         self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0, *, slope: Slope = LEVEL
@@ -58,14 +64,16 @@ class Moment:
         self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])  # -1 for no triangle
         self._scene = None
         if sum(sizes):
-            self._scene = scene_of(np.concatenate(vertices), np.concatenate(triangles), threads)
+            self._scene = build_scene(np.concatenate(vertices), np.concatenate(triangles), threads)
 
     def __len__(self) -> int:
         return len(self.boxes)
 
     def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """The object that each line (start, direction; world frame) meets first, -1 for none, and how many times its
-        direction it goes until there, infinite where it meets none."""
+        """First object that each line meets, -1 for none, and the length.
+
+        lines: start and direction, world frame. The length is in directions, infinite for a line that meets none.
+        """
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
@@ -95,8 +103,8 @@ class Moment:
         return placed + self.boxes[row, :3]
 
 
-def scene_of(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
-    """Open3D's scene of a mesh; threads: 0 for all cores."""
+def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
+    """Build Open3D's scene of a mesh; threads: 0 for all cores."""
     scene = o3d.t.geometry.RaycastingScene(threads)
     tensor = o3d.core.Tensor.from_numpy
     scene.add_triangles(
@@ -107,7 +115,7 @@ def scene_of(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t
 
 @lru_cache(maxsize=4096)
 def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
-    """Corners of the convex hull of a body seen from above, body frame, in order."""
+    """Corners of a body's convex hull seen from above, body frame."""
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
 
@@ -116,18 +124,20 @@ GRAZE = 1e-3  # m before its end, where a line meets what the end lies on
 
 
 class SightLines:
-    """Lines from one place to many others through a mesh, such as `toolkit.rendering.static_scene.scenery`.
+    """Lines from one place to many others through a mesh.
 
     threads: of Open3D, 0 for all cores.
     """
 
     def __init__(self, scenery: Mesh, threads: int = 0) -> None:
         self._threads = threads
-        self._scene = scene_of(scenery.vertices, scenery.triangles, threads)
+        self._scene = build_scene(scenery.vertices, scenery.triangles, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which ends are in sight of the start: further off than `NEAR`, as sensors measure nothing nearer, and from
-        there on nothing in between, but for the last `GRAZE`.
+        """Mask of ends in sight of the start.
+
+        They lie further off than `NEAR`, as sensors measure nothing nearer, with nothing in between from there on,
+        except for the last `GRAZE`.
 
         >>> from toolkit.mesh import box
         >>> wall = SightLines(box((0.2, 4.0, 4.0), (5.0, 0.0, 0.0)))
@@ -148,20 +158,23 @@ Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene, and
 
 
 class Rendered(NamedTuple):
-    """Per sensor an image: measurement (m, depth of a camera, range of a lidar, 0 no return), and the row of the object
-    in the snapshot that was hit (-1: none, or what stands still)."""
+    """Images of measurements and hits, per sensor.
+
+    measurements: m, depth of a camera, range of a lidar, 0 for no return; hits: row of the object in the snapshot, -1
+    for none and for the static scene.
+    """
 
     measurements: tuple[Float32[np.ndarray, "_ _"], ...]
     hits: tuple[Int32[np.ndarray, "_ _"], ...]
 
 
 class Renderer:
-    """Casts the rays of sensors at a site.
+    """Cast the rays of sensors at a site.
 
-    bodies: what `Snapshot.bodies` counts; scenery: the mesh of what stands still, made from the site unless given;
-    threads: of Open3D, 0 for all cores. `background` is what each sensor measures of the empty site; with it, a sensor
-    takes 4 bytes a pixel and no rays are kept, so thousands of sensors fit. Pickles as its arguments; the scenes are
-    built again where it is unpickled.
+    bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by default; threads: of
+    Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; with it, a sensor takes 4
+    bytes a pixel and no rays are kept, so thousands of sensors fit. Pickles as its arguments; the scenes are built
+    again where it is unpickled.
     """
 
     def __init__(
@@ -179,14 +192,14 @@ class Renderer:
         self._threads, self._slope = threads, site.relief.slope
         self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
         self._measure_bodies()
-        self._still = scene_of(scenery.vertices, scenery.triangles, threads)
+        self._still = build_scene(scenery.vertices, scenery.triangles, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Renderer, self._arguments
 
     def looking(self, sensors: Sequence[Sensor]) -> Renderer:
-        """The same site and bodies through other sensors; the scenes are shared, so nothing is built again."""
+        """Renderer of other sensors at the same site; the scenes are shared."""
         other = object.__new__(Renderer)
         other.__dict__.update(self.__dict__, sensors=tuple(sensors))
         site, bodies, _, scenery, threads = self._arguments
@@ -195,7 +208,7 @@ class Renderer:
         return other
 
     def of(self, bodies: Sequence[Body]) -> Renderer:
-        """The same site and sensors with other bodies; what stands still is not cast again."""
+        """Renderer of other bodies; the static scene is not cast again."""
         other = object.__new__(Renderer)
         site, _, sensors, scenery, threads = self._arguments
         other.__dict__.update(self.__dict__, bodies=tuple(bodies), _scenes=OrderedDict())
@@ -204,7 +217,10 @@ class Renderer:
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
-        """Measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
+        """Render measurements and hits of all sensors.
+
+        Raises ValueError where a box is not the box of its body.
+        """
         self._check(snapshot.objects.boxes, snapshot.bodies)
         world_corners = self.reached_corners(snapshot.bodies, snapshot.objects.boxes)
         movers = [
@@ -215,7 +231,7 @@ class Renderer:
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
     def reach(self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
-        """Boxes round all of the bodies' meshes, mirrors that stick out of the ground truth boxes included."""
+        """Boxes around all of the bodies' meshes, mirrors included."""
         reached, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
         middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
         reached[out, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
@@ -227,36 +243,48 @@ class Renderer:
     def reached_corners(
         self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]
     ) -> Float64[np.ndarray, "n 8 3"]:
-        """Corners of what `reach` says, world frame, sheared with the slope of the site."""
+        """Corners of `reach`, world frame, sheared with the slope."""
         reached = corners(self.reach(chosen, boxes))
         if self._slope != LEVEL:
             reached[..., 2] += (reached[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
         return reached
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "4 4"]:
-        """What turns the world into the frame of the body in a box. On sloping ground it takes the slope out too (see
-        `toolkit.geometry.levelling`): there a body stands as on level ground, which its own mesh was made for."""
+        """Motion of the world into the frame of the body in a box.
+
+        On sloping ground it takes the slope out too (see `toolkit.geometry.level_motion`): there a body stands as on
+        level ground.
+        """
         x, y, z, *_, yaw = box.tolist()
         upright = invert(pose(x, y, z, yaw=yaw))
-        return upright if self._slope == LEVEL else upright @ levelling(self._slope, (x, y))
+        return upright if self._slope == LEVEL else upright @ level_motion(self._slope, (x, y))
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """How many times its direction each line (start, direction; body frame) goes until it meets the body, infinite
-        where it does not."""
+        """Length of each line (start, direction; body frame) to the body.
+
+        In directions, infinite for a line that misses it.
+        """
         return self._lengths(self._scene_of(body), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """How many times its direction each line (start, direction; world frame) goes until it meets what stands still,
-        infinite where it does not."""
+        """Length of each line (start, direction; world frame) to the static scene.
+
+        In directions, infinite for a line that misses it.
+        """
         return self._lengths(self._still, lines)
 
     def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Bool[np.ndarray, " n"]:
-        """Which ways (start, and from there to the end; world frame) meet what stands still: half the work of
-        `cast_still`, which finds how far off too."""
+        """Mask of ways (start, and from there to the end) blocked by the static scene.
+
+        World frame; half the work of `cast_still`.
+        """
         return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
-        """All that moves in a snapshot, in one scene. Raises ValueError where a box is not the box of its body."""
+        """Scene of everything that moves in a snapshot.
+
+        Raises ValueError where a box is not the box of its body.
+        """
         self._check(snapshot.objects.boxes, snapshot.bodies)
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
@@ -284,7 +312,10 @@ class Renderer:
     def _cast(
         self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
     ) -> Float32[np.ndarray, "_ _"]:
-        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
+        """Measurement along each homogeneous ray (rows, columns, 4).
+
+        Infinite where it meets nothing beyond `NEAR`.
+        """
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
@@ -300,7 +331,7 @@ class Renderer:
     def _scene_of(self, body: int) -> o3d.t.geometry.RaycastingScene:
         chosen = self.bodies[body]
         if chosen not in self._scenes:
-            self._scenes[chosen] = scene_of(chosen.vertices, chosen.triangles, self._threads)
+            self._scenes[chosen] = build_scene(chosen.vertices, chosen.triangles, self._threads)
             if len(self._scenes) > _MOST_SCENES:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(chosen)
@@ -324,6 +355,6 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
-    """Rays with a one appended, so that one product gives a ray's start and direction in any frame."""
+    """Rays with a one appended: one product gives start and direction."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

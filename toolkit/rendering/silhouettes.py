@@ -21,8 +21,11 @@ BOXES_TOGETHER = 512  # boxes whose windows are found together
 
 
 class Silhouette(NamedTuple):
-    """Pixels that meet an object nearer than what stands still, numbered row after row, sensor after sensor; the sensor
-    of each; what it measures (m); and where, world frame."""
+    """Pixels that meet an object in front of the static scene.
+
+    pixels: numbered row after row, sensor after sensor; sensors: of each pixel; depth: measurement (m); points: world
+    frame.
+    """
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -31,18 +34,20 @@ class Silhouette(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Where one box may be seen: rows of sensor, top, bottom, left, right (pixels); and the least that each sensor can
-    measure of it (m)."""
+    """Rectangles of pixels around one box, in all sensors.
+
+    rows: sensor, top, bottom, left, right (pixels); least: lower bound of each sensor's measurement of it (m).
+    """
 
     rows: Int64[np.ndarray, "m 5"]
     least: Float32[np.ndarray, " S"]
 
 
 class SensorRays:
-    """The rays of some sensors, and how far they go at the site when nothing moves there.
+    """Rays of sensors, and their lengths at the empty site.
 
-    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) what they measure of the empty site (m, 0 for
-    nothing); first: (S + 1,) where the pixels of each sensor begin.
+    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty site (m, 0 for none);
+    first: (S + 1,) where the pixels of each sensor begin.
     """
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
@@ -61,7 +66,7 @@ class SensorRays:
         ]
 
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> list[Windows]:
-        """Where each of some bodies of the renderer may be seen in its box."""
+        """Windows of bodies of the renderer in their boxes."""
         each: list[Windows] = []
         for first in range(0, len(boxes), BOXES_TOGETHER):
             some = slice(first, first + BOXES_TOGETHER)
@@ -69,8 +74,10 @@ class SensorRays:
         return each
 
     def silhouette(self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None) -> Silhouette:
-        """Where the sensors see `body` of the renderer's bodies in its box, if nothing else moves. windows: of that
-        box, None to find them."""
+        """Silhouette of a body of the renderer in its box, alone on the site.
+
+        windows: of that box, None to find them.
+        """
         (there,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
         pixels, sensors = self._in_windows(there)
         if not len(pixels):
@@ -90,7 +97,7 @@ class SensorRays:
         return Silhouette(pixels, sensors, depth, points)
 
     def _windows(self, world_corners: Float64[np.ndarray, "n 8 3"]) -> list[Windows]:
-        """Of boxes, all of them at once."""
+        """Windows of all boxes at once."""
         rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]
         count = len(world_corners)
         in_sensor = (world_corners[:, None] - positions) @ rotations

@@ -15,7 +15,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import LEVEL
-from toolkit.mesh import Mesh, extrude, merge, placed, triangulate
+from toolkit.mesh import Mesh, extrude, merge, place, triangulate
 from toolkit.sites.site import Site, Solid
 
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
@@ -28,21 +28,23 @@ _HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral
 LEAF, LEAVES = 0.42, 11.0  # m, size of a spray of leaves; how many there are per m² of a crown's outline
 
 
-def scenery(site: Site) -> Mesh:
-    """The mesh of everything at the site that does not move.
+def build_scenery(site: Site) -> Mesh:
+    """Build the mesh of everything static at a site.
 
     >>> import numpy as np
-    >>> scenery(Site("field", np.array([-10.0, -10, 10, 10]))).vertices.shape[1]
+    >>> build_scenery(Site("field", np.array([-10.0, -10, 10, 10]))).vertices.shape[1]
     3
     """
     rng = np.random.default_rng(sum(site.name.encode()))
-    solids = [on_slope_of(site, _SHAPES.get(solid.kind, _plain)(solid, rng), solid) for solid in site.solids]
+    solids = [follow_slope(site, _SHAPES.get(solid.kind, _plain)(solid, rng), solid) for solid in site.solids]
     return merge([ground(site), *solids, *_banks(site)])
 
 
-def on_slope_of(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
-    """The mesh of a solid made for level ground, sheared so that it follows the slope of the site; heights under the
-    middle of its footprint stay."""
+def follow_slope(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
+    """Shear a solid made for level ground with the slope of the site.
+
+    Heights under the middle of its footprint stay.
+    """
     if site.relief.slope == LEVEL:
         return mesh
     vertices, middle = mesh.vertices.copy(), solid.footprint.mean(axis=0)
@@ -51,7 +53,7 @@ def on_slope_of(site: Site, mesh: Mesh, solid: Solid) -> Mesh:
 
 
 def ground(site: Site) -> Mesh:
-    """The ground up to `FAR` beyond the area, open where a pond is."""
+    """Ground up to `FAR` beyond the area, open at ponds."""
     ponds = shapely.union_all([shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"])
     shapely.prepare(ponds)
     cells = _cells(site.area)
@@ -62,7 +64,10 @@ def ground(site: Site) -> Mesh:
 
 
 def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
-    """Squares in and about the area, oblongs growing with the distance from it, as shapely boxes."""
+    """Squares in and about the area, growing with the distance from it.
+
+    As shapely boxes.
+    """
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
 
@@ -84,7 +89,7 @@ def _quads(cells: np.ndarray) -> Mesh:
 
 
 def _banks(site: Site) -> list[Mesh]:
-    """From the edge of each pond down to its surface."""
+    """Banks from the edge of each pond down to its surface."""
     banks = []
     for solid in site.solids:
         if solid.kind == "pond":
@@ -105,11 +110,11 @@ def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
     corners = _outline(solid.footprint, np.inf)
     walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     roof = triangulate(shapely.Polygon(corners))
-    return merge([*walls, placed(roof, z=solid.top)])
+    return merge([*walls, place(roof, z=solid.top)])
 
 
 def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
-    """The wall from start to end, seen from the right of that way, with windows wherever one fits."""
+    """Wall from start to end, seen from the right, with windows that fit."""
     length = float(np.hypot(*(end - start)))
     bays, storeys = int(length // _BAY), max(int((top - base - 0.3) // _STOREY), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
@@ -135,7 +140,10 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
 
 
 def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """A prism with a bumpy skin, a little narrower at the top, beyond its footprint by the roughness at most."""
+    """Prism with a bumpy skin, a little narrower at the top.
+
+    It passes its footprint by the roughness at most.
+    """
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
@@ -150,7 +158,7 @@ def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
 
 
 def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """A dense core, and sprays of leaves over it."""
+    """Dense core, and sprays of leaves over it."""
     middle = solid.footprint.mean(axis=0)
     core = Solid(middle + 0.75 * (solid.footprint - middle), solid.base, solid.base + 0.8 * (solid.top - solid.base))
     leaves = Solid(middle + 0.85 * (solid.footprint - middle), solid.base, solid.top - LEAF / 3)
@@ -158,7 +166,7 @@ def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
 
 
 def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
-    """Sprays of leaves, most near the outline of the crown, so that some rays pass."""
+    """Sprays of leaves, most near the outline, so that some rays pass."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
     count = max(12, round(LEAVES * (polygon.length * height + polygon.area)))
@@ -182,13 +190,13 @@ _SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:
-    """The corners of a footprint counter-clockwise, and points between those that are more than `spacing` apart."""
+    """Corners of a footprint counter-clockwise, at most `spacing` apart."""
     ring = shapely.geometry.polygon.orient(shapely.Polygon(footprint)).exterior
     return shapely.get_coordinates(shapely.segmentize(ring, spacing) if np.isfinite(spacing) else ring)[:-1]
 
 
 def _strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
-    """The skin between closed rings of equally many points, without ends."""
+    """Skin between closed rings of equally many points, without ends."""
     ahead = np.roll(rings, -1, axis=1)
     return _quadrilaterals(np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2).reshape(-1, 4, 3))
 

@@ -35,8 +35,11 @@ OUTSIDE, WITHIN, BEYOND = 1, 2, 3  # what a strip shows: not in the crop; in it 
 
 
 class Strips(NamedTuple):
-    """Upright strips of what is seen of objects. viewpoint, item: numbers of both; left < right: azimuth (rad, world,
-    counter-clockwise, left from -2 pi on), bottom < top: elevation (rad); shows: `OUTSIDE`, `WITHIN` or `BEYOND`."""
+    """Upright strips of the visible parts of objects.
+
+    viewpoint, item: numbers of both; left < right: azimuth (rad, world, counter-clockwise, left from -2 pi on); bottom
+    < top: elevation (rad); shows: `OUTSIDE`, `WITHIN` or `BEYOND`.
+    """
 
     viewpoint: Int32[np.ndarray, " n"]
     item: Int32[np.ndarray, " n"]
@@ -48,16 +51,21 @@ class Strips(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """What counts: points in the crop; those farther from the viewpoint than the radius (m), seen from above, are
-    far."""
+    """Points that count: those in the crop; beyond the radius (m) they are far.
+
+    The radius is measured from the viewpoint, seen from above.
+    """
 
     crop: Crop
     radius: float
 
 
 class Sectors(NamedTuple):
-    """Where an object may be seen, of pairs of viewpoint and object: azimuth of the first column and width of each
-    (rad), how many columns, and about how many rad lie between the rays of one."""
+    """Sectors around objects, of pairs of viewpoint and object.
+
+    start: azimuth of the first column (rad); width: of a column (rad); columns: their number; step: between the rays of
+    a column (rad, about).
+    """
 
     viewpoint: Int64[np.ndarray, " p"]
     item: Int64[np.ndarray, " p"]
@@ -67,13 +75,15 @@ class Sectors(NamedTuple):
     step: Float64[np.ndarray, " p"]
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> Sectors:
-        """Those of some pairs."""
+        """Sectors of some pairs."""
         return Sectors(*(each.take(pairs) for each in self))
 
 
 class _Columns(NamedTuple):
-    """Of each column of windows: its window, azimuth of its middle, lowest elevation where something may be seen, step
-    between its rays (rad), how many these are."""
+    """Columns of rays.
+
+    window: of each; azimuth: of its middle; low: lowest elevation; step: between its rays (rad); rows: number of rays.
+    """
 
     window: Int64[np.ndarray, " c"]
     azimuth: Float64[np.ndarray, " c"]
@@ -82,40 +92,48 @@ class _Columns(NamedTuple):
     rows: Int64[np.ndarray, " c"]
 
 
-def strips_of(
+def find_strips(
     renderer: Renderer,
     moment: Moment,
     viewpoints: Float64[np.ndarray, "V 3"],
     counted: Counted,
     fine: Bool[np.ndarray, " n"],
 ) -> Strips:
-    """What is seen of a moment's objects from viewpoints. renderer: of the site, for what stands still; fine: which
-    objects are looked at on the `STRIP_WIDTH`, the others `COARSE`."""
-    return strips_in(renderer, moment, viewpoints, counted, sectors_of(moment.ground, viewpoints, fine))
+    """Find the strips of a moment's objects from viewpoints.
+
+    renderer: of the site, for its static scene; fine: mask of objects seen at `STRIP_WIDTH`, the others at `COARSE`.
+    """
+    return cast_strips(renderer, moment, viewpoints, counted, find_sectors(moment.ground, viewpoints, fine))
 
 
-def strips_in(
+def cast_strips(
     renderer: Renderer,
     moment: Moment,
     viewpoints: Float64[np.ndarray, "V 3"],
     counted: Counted,
     windows: Sectors,
 ) -> Strips:
-    """What is seen in sectors of the objects they belong to, sector after sector; the rest as of `strips_of`."""
+    """Cast the strips of some sectors, one after the other.
+
+    Arguments as of `find_strips`.
+    """
     columns = _columns(moment.ground, viewpoints, windows)
     rays = _Rays(renderer, moment, viewpoints, counted, windows)
-    return joined([_strips(rays, windows, some) for some in _portions(columns)])
+    return concatenate_strips([_strips(rays, windows, some) for some in _portions(columns)])
 
 
-def joined(parts: list[Strips]) -> Strips:
-    """Strips one after the other."""
+def concatenate_strips(parts: list[Strips]) -> Strips:
+    """Put strips one after the other."""
     if not parts:
         return Strips(*(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32)))
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def sectors_of(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
-    """Where each object may be seen, viewpoint after viewpoint; fine: as of `strips_of`."""
+def find_sectors(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
+    """Sector of each object, viewpoint after viewpoint.
+
+    fine: as of `find_strips`.
+    """
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
         return Sectors(whole, whole, real, real, whole, real)
@@ -141,10 +159,10 @@ def sectors_of(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine:
 
 
 def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _Columns:
-    """Columns of the upright prisms that stand on the rectangles round the footprints."""
+    """Columns of the upright prisms on the footprints' rectangles."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
-    near, far = _crossed(ground, viewpoints, windows, window, azimuth)
+    near, far = _cross_rectangles(ground, viewpoints, windows, window, azimuth)
     eye = viewpoints[windows.viewpoint, 2]
     below, above = ((each[windows.item] - eye)[window] for each in (ground.low, ground.high))
     low = np.arctan2(below, np.where(below < 0, near, far))
@@ -155,10 +173,13 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     return _Columns(window, azimuth, low - step * found / 2, step, rows)
 
 
-def _crossed(
+def _cross_rectangles(
     ground: Footprints, viewpoints: np.ndarray, windows: Sectors, window: np.ndarray, azimuth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far off a ray of each column, seen from above, enters its rectangle and leaves it."""
+    """Distance at which each column's ray enters and leaves its rectangle.
+
+    Seen from above.
+    """
     x, y, half_length, half_width, cos, sin = ground.rectangles[windows.item].T
     away = viewpoints[windows.viewpoint, :2] - np.stack([x, y], axis=1)
     along, aside = away[:, 0] * cos + away[:, 1] * sin, away[:, 1] * cos - away[:, 0] * sin
@@ -176,7 +197,7 @@ def _crossed(
 
 
 def _portions(columns: _Columns) -> Iterator[_Columns]:
-    """The columns in portions of some `RAYS_AT_ONCE` rays."""
+    """Split columns into portions of about `RAYS_AT_ONCE` rays."""
     rays = np.cumsum(columns.rows)
     cuts = np.searchsorted(rays, np.arange(RAYS_AT_ONCE, rays[-1] if len(rays) else 0, RAYS_AT_ONCE))
     for first, last in zip([0, *cuts], [*cuts, len(rays)], strict=True):
@@ -185,7 +206,7 @@ def _portions(columns: _Columns) -> Iterator[_Columns]:
 
 
 class _Rays:
-    """Casts rays of windows and says what each shows of the window's object: 0 where it is not seen."""
+    """Cast rays of windows, each for the object of its window."""
 
     def __init__(
         self, renderer: Renderer, moment: Moment, viewpoints: np.ndarray, counted: Counted, windows: Sectors
@@ -195,7 +216,7 @@ class _Rays:
         self._start = viewpoints[windows.viewpoint].astype(np.float32)
 
     def shows(self, window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-        """Of each ray, given by its window and angles (float32)."""
+        """Kind of view of each ray on its object, 0 for none."""
         lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = self._start.take(window, axis=0)
         flat = np.cos(elevation)
@@ -252,7 +273,7 @@ def _strips(rays: _Rays, windows: Sectors, columns: _Columns) -> Strips:
 
 
 def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """0, 1, 2 ... of each length, one after the other.
+    """Count 0, 1, 2 ... up to each length, one after the other.
 
     >>> counting(np.array([2, 0, 3]))
     array([0, 1, 0, 1, 2])
@@ -267,7 +288,7 @@ PlacedBody = tuple[Body, bytes, bool]  # a body, its box, and whether it is look
 
 
 class _Last(NamedTuple):
-    """Of the frame before: its objects, which may hide which (`may_hide`), and its strips."""
+    """Frame before: its objects, `may_hide` and strips."""
 
     objects: list[PlacedBody]
     hiders: Bool[np.ndarray, "V n n"]
@@ -275,24 +296,26 @@ class _Last(NamedTuple):
 
 
 class SuccessiveStrips:
-    """What `strips_of` finds of one frame after the other, seen from the same viewpoints; counted: as of `strips_of`.
-    Which frames were looked at before makes a difference to the time alone."""
+    """Strips of successive frames from the same viewpoints.
+
+    counted: see `find_strips`. Earlier frames make a difference to the time alone.
+    """
 
     def __init__(self, renderer: Renderer, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted) -> None:
         self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
         self._last: _Last | None = None
 
     def of(self, moment: Moment, fine: Bool[np.ndarray, " n"]) -> Strips:
-        """Strips of a frame; fine: as of `strips_of`."""
+        """Strips of a frame; fine: as of `find_strips`."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
-        sectors = sectors_of(moment.ground, self._viewpoints, fine)
+        sectors = find_sectors(moment.ground, self._viewpoints, fine)
         hiders = may_hide(moment.ground, self._viewpoints, sectors)
-        kept, again = self._unchanged(objects, hiders, ~touching(moment.ground))
+        kept, again = self._unchanged(objects, hiders, ~find_touching(moment.ground))
         some = sectors.take(np.flatnonzero(~kept))
-        strips = strips_in(self._renderer, moment, self._viewpoints, self._counted, some)
+        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, some)
         if len(again.item):
-            strips = joined([again, strips])
+            strips = concatenate_strips([again, strips])
             pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
             order = np.argsort(pair, kind="stable")
             strips = Strips(*(each.take(order) for each in strips))
@@ -301,16 +324,18 @@ class SuccessiveStrips:
         return strips
 
     def _unchanged(self, objects: list[PlacedBody], hiders: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Strips]:
-        """Which pairs of viewpoint and object show what they showed, and the strips of these; free: which objects touch
-        no other one."""
+        """Mask of pairs of viewpoint and object without change, and their strips.
+
+        free: mask of objects that touch no other.
+        """
         kept, last = np.zeros(hiders.shape[:2], np.bool_), self._last
         if last is None:
-            return kept, joined([])
+            return kept, concatenate_strips([])
         rows = {each: row for row, each in enumerate(last.objects)}
         before = np.array([rows.get(each, -1) for each in objects], np.int64)
         stands, come = np.flatnonzero(before >= 0), before < 0
         if not len(stands):
-            return kept, joined([])
+            return kept, concatenate_strips([])
         before = before[stands]
         now = np.full(len(rows), -1, np.int32)
         now[before] = stands
@@ -324,8 +349,10 @@ class SuccessiveStrips:
 
 
 def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
-    """Whether, seen from a viewpoint, an object (second axis) may be hidden by another one (third axis); sectors: of
-    all pairs of viewpoint and object."""
+    """Mask (viewpoint, object, other): the other may hide the object.
+
+    sectors: of all pairs of viewpoint and object.
+    """
     shape = len(viewpoints), len(ground.low)
     found = np.zeros((*shape, shape[1]), np.bool_)
     half = (sectors.width * sectors.columns / 2).reshape(shape)
@@ -343,9 +370,11 @@ def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors
     return found
 
 
-def touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
-    """Which objects stand so near to another one that the rectangles round their footprints meet: no line between them
-    runs along a side of either (the separating axis theorem)."""
+def find_touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
+    """Mask of objects whose footprint's rectangle meets another one.
+
+    No line between the two runs along a side of either (the separating axis theorem).
+    """
     half, cos, sin = ground.rectangles[:, 2:4], ground.rectangles[:, 4], ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]
@@ -359,7 +388,7 @@ def touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
 def _extents(
     ground: Footprints, viewpoints: Float64[np.ndarray, "v 3"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """How far off each object begins and ends, seen from above, and its elevations, taken generously."""
+    """Near and far end and elevations of each object, taken generously."""
     x, y, half_length, half_width, *_ = ground.rectangles.T
     distance = np.hypot(x - viewpoints[:, :1], y - viewpoints[:, 1:2])
     radius = np.hypot(half_length, half_width)

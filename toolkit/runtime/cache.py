@@ -4,7 +4,7 @@ The file is an SQLite database with a write-ahead log, so that several processes
 process killed in mid-write leaves it as it was before. Each value is kept with a checksum over key and value; one that
 does not fit is computed anew. A file that is damaged is put aside under another name, with a warning, and begun anew.
 
-A key is made by `key_of`; there is no way to change a value, since what it depends on is in the key. What depends on
+A key is made by `make_key`; there is no way to change a value, since what it depends on is in the key. What depends on
 code has `toolkit.runtime.code_digest` in its key.
 """
 
@@ -37,24 +37,24 @@ ARRAY_KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no
 CACHE_SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID"
 
 
-def key_of(*parts: Any) -> bytes:
-    """The SHA-256 of texts, numbers, lists and dictionaries of these, as JSON.
+def make_key(*parts: Any) -> bytes:
+    """SHA-256 of texts, numbers, lists and dictionaries, as JSON.
 
-    >>> key_of("early", [0, 1]) == key_of("early", (0, 1)), key_of("early", [0, 1]) == key_of("early", [0, 2])
+    >>> make_key("early", [0, 1]) == make_key("early", (0, 1)), make_key("early", [0, 1]) == make_key("early", [0, 2])
     (True, False)
     """
     return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
 class Cache:
-    """Tuples of arrays by key; path: of the file, made where it is missing, None for memory only.
+    """Tuples of arrays by key, in a file or in memory.
 
-    Sent to another process, it opens the file again there; in memory, each process has its own. Where the file cannot
-    be written, it warns and goes on without.
+    path: of the file, made if missing, None for memory only. Sent to another process, it opens the file again there; in
+    memory, each process has its own. If the file cannot be written, it warns and goes on without.
 
     >>> cache = Cache()
-    >>> cache.put({key_of("a"): (np.arange(3),)})
-    >>> cache.get([key_of("a"), key_of("b")])
+    >>> cache.put({make_key("a"): (np.arange(3),)})
+    >>> cache.get([make_key("a"), make_key("b")])
     [(array([0, 1, 2]),), None]
     """
 
@@ -64,16 +64,16 @@ class Cache:
         self._inode: int | None = None
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
-        """What is kept under each key, None for nothing."""
+        """Values of some keys, None for unknown ones."""
         found: dict[bytes, bytes] = {}
         for first in range(0, len(keys), AT_ONCE):
             nothing: dict[bytes, bytes] = {}
             found |= self._safely(partial(_select, keys=list(keys[first : first + AT_ONCE])), nothing)
-        return [decoded(key, found[key]) if key in found else None for key in keys]
+        return [decode_arrays(key, found[key]) if key in found else None for key in keys]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
-        """Keep all of them or, where the process ends before, none."""
-        rows = [(key, encoded(key, value)) for key, value in values.items()]
+        """Keep all values or, if the process ends before, none."""
+        rows = [(key, encode_arrays(key, value)) for key, value in values.items()]
         fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
         if len(fitting) < len(rows):
             warnings.warn(f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=2)
@@ -98,7 +98,10 @@ class Cache:
             Path(f"{self.path}{suffix}").unlink(missing_ok=True)
 
     def _safely(self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome) -> _Outcome:
-        """The result of a call; if the file is damaged, of the call with a new one; `otherwise` where neither works."""
+        """Result of a call; of the call on a new file if this one is damaged.
+
+        `otherwise` if neither works.
+        """
         for attempt in ("as it is", "begun anew"):
             try:
                 return call(self._database())
@@ -145,8 +148,8 @@ class Cache:
                 continue
 
 
-def encoded(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Arrays as bytes: checksum, a line of JSON with their types and shapes, then what they hold.
+def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
+    """Encode arrays: checksum, a line of JSON with types and shapes, content.
 
     Raises ValueError for arrays of objects or records.
     """
@@ -161,8 +164,8 @@ def encoded(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
     return _checksum(key, body) + body
 
 
-def decoded(key: bytes, value: bytes) -> Arrays | None:
-    """The arrays that `encoded` turned into bytes, None where they are not those."""
+def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
+    """Decode arrays of `encode_arrays`; None for damaged bytes."""
     body = value[CHECKSUM:]
     if value[:CHECKSUM] != _checksum(key, body):
         return None
@@ -193,7 +196,10 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite itself does not wait: no other process may change the journal's mode now."""
+    """Execute a statement for which SQLite itself does not wait.
+
+    No other process may change the journal's mode at that time.
+    """
     until = time.monotonic() + WAIT
     while True:
         try:

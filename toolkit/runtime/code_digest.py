@@ -23,15 +23,15 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over all source that `modules` run, and the versions of the libraries they import; computed once.
+    """SHA-256 over all source that `modules` run, and library versions.
 
-    A module of the user's counts as well: its file, and what it imports of ours.
+    Computed once. A user's own module counts as well: its file, and what it imports of the house.
     """
     return digest_of_source(modules)
 
 
 def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
-    """`code_digest` of the source that lies below `top`, read now."""
+    """Compute `code_digest` of the source below `top`, read now."""
     files, libraries = import_closure(modules, top)
     digest = sha256()
     for module in sorted(files):
@@ -42,7 +42,7 @@ def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
 
 
 def import_closure(modules: tuple[str, ...], top: Path = TOP) -> tuple[dict[str, Path], set[str]]:
-    """The source file of each module that `modules` import, directly or not, and the libraries that these import."""
+    """Source files and libraries that `modules` import, directly or not."""
     files: dict[str, Path] = {}
     libraries: set[str] = set()
     pending: list[_Import] = [(module, "") for module in modules]
@@ -74,7 +74,7 @@ def _is_ours(module: str) -> bool:
 
 
 def _file(module: str, top: Path) -> Path | None:
-    """The source file of a module: of ours below `top`, of another where it was loaded from."""
+    """Source file of a module, below `top` or where it was loaded from."""
     if not _is_ours(module):
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None
@@ -84,17 +84,17 @@ def _file(module: str, top: Path) -> Path | None:
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """What a module imports when it and its functions run."""
+    """Imports of a module when it and its functions run."""
     return tuple(
         each
         for node in _run(ast.parse(source))
         if isinstance(node, ast.Import | ast.ImportFrom)
-        for each in _imported(node, module if is_package else module.rpartition(".")[0])
+        for each in _list_imports(node, module if is_package else module.rpartition(".")[0])
     )
 
 
 def _run(tree: ast.AST) -> Iterator[ast.AST]:
-    """All statements but those that only type checkers read."""
+    """Yield all statements except those that only type checkers read."""
     pending = [tree]
     while pending:
         node = pending.pop()
@@ -109,7 +109,7 @@ def _names_type_checking(test: ast.expr) -> bool:
     return isinstance(test, ast.Name | ast.Attribute) and ast.unparse(test).rpartition(".")[2] == "TYPE_CHECKING"
 
 
-def _imported(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
+def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
     if isinstance(node, ast.Import):
         return [(alias.name, "") for alias in node.names]
     module = node.module or ""
@@ -122,11 +122,11 @@ def _imported(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Modules that a package's face, or the stub beside it, imports `name` from; all of them for a star."""
+    """Modules from which a face, or its stub, imports `name`, or all for a star."""
     offered: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
-            for alias, place in zip(node.names, _imported(node, package), strict=True):
+            for alias, place in zip(node.names, _list_imports(node, package), strict=True):
                 offered[alias.asname or alias.name] = place
     if name == "*":
         return tuple(offered.values())

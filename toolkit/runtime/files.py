@@ -34,7 +34,7 @@ DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a whole file, in place of one that was there. Raises OSError where that is impossible."""
+    """Write a whole file, replacing an old one. Raises OSError on failure."""
     with writing(path) as unfinished:
         unfinished.write_bytes(content)
 
@@ -46,10 +46,11 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
-    """The name under which the block shall write a file (same ending, same folder); at its end it gets its own name.
+    """Give the block a name to write a file under; rename it at the end.
 
-    For libraries that write files themselves. Where the block raises, `path` stays what it was. Raises OSError, with
-    file and reason in one line, where the disk is full or the folder cannot be written.
+    For libraries that write files themselves: the name has the same ending and folder. If the block raises, `path`
+    stays as it was. Raises OSError, with file and reason in one line, where the disk is full or the folder cannot be
+    written.
 
     unfinished: that name, if it matters, on the same file system as `path`; none is made before the block.
     """
@@ -63,10 +64,10 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
         unfinished.chmod(_mode(target))
         unfinished.replace(target)
     except (OSError, RuntimeError) as error:  # h5py raises both
-        reason = reason_of(error)
+        reason = find_errno(error)
         if reason is None:
             raise
-        raise _explained(path, reason) from error
+        raise _explain(path, reason) from error
     finally:
         if unfinished is not None:
             with suppress(OSError):
@@ -75,9 +76,9 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def writing_together(folder: str | Path) -> Iterator[Path]:
-    """A folder to write files in, which at the end of the block all get into `folder`, made if missing.
+    """Give the block a folder; move its files into `folder` at the end.
 
-    Where the block raises, none does, and `folder` stays what it was. Raises OSError as `writing`.
+    The folder is made if missing. If the block raises, nothing moves. Raises OSError as `writing`.
     """
     target = Path(os.path.realpath(folder))
     missing = [each for each in (target, *target.parents) if not each.exists()]
@@ -91,10 +92,10 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
             each.chmod(_mode(place))
             each.replace(place)
     except OSError as error:
-        reason = reason_of(error)
+        reason = find_errno(error)
         if reason is None:
             raise
-        raise _explained(folder, reason) from error
+        raise _explain(folder, reason) from error
     finally:
         if unfinished is not None:
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -104,7 +105,10 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Raise OSError where a file of so many bytes has no room, for libraries that do not tell; `path` is left empty."""
+    """Raise OSError if a file of `size` bytes has no room.
+
+    For libraries that do not tell; `path` is left empty.
+    """
     with path.open("wb") as file:
         if hasattr(os, "posix_fallocate") and size:
             os.posix_fallocate(file.fileno(), 0, size)
@@ -112,10 +116,10 @@ def reserve(path: Path, size: int) -> None:
 
 
 def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """Whether a command may write to `out`: not where one of its inputs is, nor, unless told, where anything is.
+    """Check that a command may write to `out`.
 
-    Raises ValueError where `out` is one of the inputs, under whatever name or link; FileExistsError where it is there
-    (a folder: where it is not empty) and `overwrite` is not set.
+    Raises ValueError where `out` is one of the inputs, under whatever name or link; FileExistsError where it exists (a
+    folder: is not empty) without `overwrite`.
     """
     out = Path(out)
     for each in inputs:
@@ -127,7 +131,7 @@ def check_output(out: str | Path, *, inputs: Iterable[str | Path] = (), overwrit
 
 
 def _beside(target: Path) -> Path:
-    """A new empty file in the folder of another, of its kind, hidden, and of a name of its own."""
+    """New empty hidden file beside another, with the same suffix."""
     number, name = tempfile.mkstemp(f".unfinished{target.suffix}", f".{target.name[:100]}.", target.parent)
     os.close(number)
     return Path(name)
@@ -140,7 +144,7 @@ def _same(a: Path, b: Path) -> bool:
 
 
 def _mode(target: Path) -> int:
-    """Permissions of what is replaced, else what the process's mask leaves of rw-rw-rw-."""
+    """Permissions of a replaced file, else rw-rw-rw- less the mask."""
     if target.exists():
         return target.stat().st_mode & 0o7777
     mask = os.umask(0)
@@ -148,15 +152,18 @@ def _mode(target: Path) -> int:
     return 0o666 & ~mask
 
 
-def reason_of(error: BaseException) -> int | None:
-    """The error number of a file system that refused, also where HDF5 hides it in a message; None for other errors."""
+def find_errno(error: BaseException) -> int | None:
+    """Error number of a file system error, also in a message of HDF5.
+
+    None for other errors.
+    """
     number = getattr(error, "errno", None)
     if number is None and (found := re.search(r"errno = (\d+)", str(error))):
         number = int(found[1])
     return number
 
 
-def _explained(path: str | Path, number: int) -> OSError:
+def _explain(path: str | Path, number: int) -> OSError:
     kind = type(OSError(number, ""))
     explained = kind(f"cannot write {path}: {os.strerror(number)}; make room, or give another path")
     explained.errno = number
@@ -164,7 +171,9 @@ def _explained(path: str | Path, number: int) -> OSError:
 
 
 def parse_json(text: str) -> Any:
-    """The values of a JSON text. Raises ValueError, in one line, where it is none or nested too deep.
+    """Parse a JSON text.
+
+    Raises ValueError, in one line, for damaged or too deeply nested text.
 
     >>> parse_json("[" * 100000)
     Traceback (most recent call last):
@@ -181,7 +190,10 @@ def parse_json(text: str) -> Any:
 
 
 def read_json(path: str | Path) -> Any:
-    """The values of a JSON file in UTF-8. Raises OSError; ValueError, in one line, where it is damaged."""
+    """Read a JSON file in UTF-8.
+
+    Raises OSError; ValueError, in one line, for a damaged file.
+    """
     try:
         return parse_json(Path(path).read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -190,16 +202,18 @@ def read_json(path: str | Path) -> Any:
         raise ValueError(f"{path}: {error}") from None
 
 
-def finite(value: Any) -> Any:
-    """The value with null for the numbers that JSON has not: an infinite bound, the AP of nothing to find.
+def replace_infinite(value: Any) -> Any:
+    """Replace numbers that JSON lacks by null.
 
-    >>> finite({"bound": float("inf"), "ap": (0.5, float("nan"))})
+    Such as an infinite bound, or the AP without objects.
+
+    >>> replace_infinite({"bound": float("inf"), "ap": (0.5, float("nan"))})
     {'bound': None, 'ap': [0.5, None]}
     """
     if isinstance(value, dict):
-        return {key: finite(each) for key, each in value.items()}
+        return {key: replace_infinite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
+        return [replace_infinite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -207,14 +221,20 @@ _CHECKSUM = 32  # bytes of SHA-256 over all that comes before, at the end of the
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a .npz file; one that was there is replaced. A process killed in mid-write leaves what was there before."""
+    """Write a .npz file with a checksum, replacing an old one.
+
+    A process killed while writing leaves the old one.
+    """
     content = BytesIO()
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # its other keyword is not among them
     write_bytes(path, content.getvalue() + sha256(content.getvalue()).digest())
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError where it is damaged or another."""
+    """Read the arrays of a file of `write_arrays`.
+
+    Raises FileNotFoundError; ValueError for a damaged or another file.
+    """
     content = Path(path).read_bytes()
     content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
     if sha256(content).digest() != checksum:
@@ -234,7 +254,10 @@ _NUMPY_RAISES = (
 
 
 def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The arrays of a .npz file by name; the one of a .npy file under the name "". Raises ValueError, in one line."""
+    """Load the arrays of a .npz file by name.
+
+    The one of a .npy file has the name "". Raises ValueError, in one line.
+    """
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):

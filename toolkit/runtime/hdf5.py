@@ -33,7 +33,10 @@ _H5PY_RAISES = (
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """What the block's accesses to an HDF5 file raise, as an OSError of one line. Only such accesses belong in it."""
+    """Turn errors of the block's HDF5 accesses into one OSError.
+
+    Only such accesses belong in the block.
+    """
     try:
         yield
     except _H5PY_RAISES as error:
@@ -42,7 +45,10 @@ def reading(where: str) -> Iterator[None]:
 
 
 def open_hdf5(path: str | Path) -> h5py.File:
-    """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
+    """Open a file for reading.
+
+    Raises OSError, in one line, where it is no HDF5 file, empty or cut off.
+    """
     path = Path(path)
     try:
         return h5py.File(path, "r")
@@ -58,7 +64,7 @@ def open_hdf5(path: str | Path) -> h5py.File:
 
 
 def _claimed_size(path: Path) -> int | None:
-    """End-of-file address in the superblock at the start of the file; None where there is no superblock."""
+    """End-of-file address in the superblock; None without one."""
     with path.open("rb") as file:
         head = file.read(48)
     if head[:8] != b"\x89HDF\r\n\x1a\n":
@@ -67,26 +73,29 @@ def _claimed_size(path: Path) -> int | None:
     return int.from_bytes(head[start : start + 8], "little")
 
 
-def holds(group: h5py.Group, name: str) -> bool:
-    """Whether there is something of that name."""
+def contains(group: h5py.Group, name: str) -> bool:
+    """True if a group has a member of that name."""
     with reading(name):
         return name in group
 
 
-def names_in(group: h5py.Group, name: str) -> list[str]:
-    """The names in a group, in order; none where it is missing."""
+def child_names(group: h5py.Group, name: str) -> list[str]:
+    """Names in a group, in order; empty if it is missing."""
     with reading(name):
         return list(group[name]) if name in group and isinstance(group[name], h5py.Group) else []
 
 
-def kind_of(group: h5py.Group, name: str) -> type:
-    """h5py.Dataset, h5py.Group or h5py.Datatype."""
+def find_kind(group: h5py.Group, name: str) -> type:
+    """Kind of a member: h5py.Dataset, h5py.Group or h5py.Datatype."""
     with reading(name):
         return type(group[name])
 
 
 def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
-    """The dataset of that name, of so many axes and of a type that NumPy calls one of `kinds`, not yet read."""
+    """Dataset of that name, not yet read.
+
+    axes: their number; kinds: of NumPy's types that it may have.
+    """
     with reading(name):
         node: Any = group.get(name)
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
@@ -111,13 +120,13 @@ def array(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str =
 
 
 def rows(node: h5py.Dataset, name: str, where: Any) -> np.ndarray:
-    """A part of a dataset, `node[where]`."""
+    """Part of a dataset, `node[where]`."""
     with reading(name):
         return np.asarray(node[where])
 
 
 def text(group: h5py.Group, name: str) -> str:
-    """The text that a dataset holds."""
+    """Text of a dataset."""
     with reading(name):
         content = group[name][()]
         if isinstance(content, bytes):
@@ -127,8 +136,8 @@ def text(group: h5py.Group, name: str) -> str:
     return content
 
 
-def attributes_in(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
-    """The attributes of a group or dataset: texts, and NumPy's numbers and arrays."""
+def read_node_attributes(node: h5py.Group | h5py.Dataset, where: str) -> dict[str, Any]:
+    """Attributes of a group or dataset: texts, numbers and arrays."""
     with reading(f"attributes of {where}"):
         return {name: value for name, value in node.attrs.items() if not isinstance(value, h5py.Empty)}
 
@@ -142,8 +151,10 @@ def _line(error: BaseException) -> str:
 
 @contextmanager
 def hdf5_file(path: str | Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """A new HDF5 file to be written by the block, and a function that raises OSError once the disk has refused; it is
-    called at the end, and may be called before to end long work early. Not atomic: see `toolkit.runtime.files.writing`.
+    """Give the block a new HDF5 file, and a function that checks the disk.
+
+    The function raises OSError once the disk has refused; it is called at the end, and may be called before to end long
+    work early. Not atomic: see `toolkit.runtime.files.writing`.
     """
     with Path(path).open("w+b", buffering=0) as raw:
         disk = _Disk(raw)
@@ -157,7 +168,7 @@ def hdf5_file(path: str | Path) -> Iterator[tuple[h5py.File, Callable[[], None]]
 
 
 class _Disk(io.RawIOBase):
-    """A file that keeps an error of writing until it is asked for it."""
+    """File that keeps an error of writing until it is checked."""
 
     def __init__(self, raw: io.FileIO) -> None:
         self._raw = raw

@@ -25,7 +25,10 @@ from typing import Any
 
 
 class WorkLost(RuntimeError):
-    """A worker died; neither the input nor this code need be at fault. What was finished is kept: start again."""
+    """A worker died, perhaps through no fault of input or code.
+
+    Finished work is kept: start again.
+    """
 
 
 LARGEST_KEPT = 32 << 20  # bytes; the C library takes larger blocks from the system whatever it is asked
@@ -36,13 +39,13 @@ _OWN_SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNA
 
 @lru_cache(maxsize=1)
 def keep_freed_memory() -> bool:
-    """Let arrays of up to `LARGEST_KEPT` bytes lie where others lay before, for the rest of this process; whether that
-    could be arranged.
+    """Let new arrays reuse the memory of old ones; return success.
 
-    The GNU C library hands back what is freed at the end of its heap, and the system clears every page of it before it
-    can be used again; a network whose maps come and go spends a third of its time on that. What a process has used at
-    most then stays with it. Nothing is changed under another C library, or where the environment says how to allocate
-    (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_, GLIBC_TUNABLES).
+    For the rest of this process and arrays of up to `LARGEST_KEPT` bytes. The GNU C library hands back freed memory at
+    the end of its heap, and the system clears every page of it before it can be used again; a network whose maps come
+    and go spends a third of its time on that. The process then keeps its peak memory. Nothing changes under another C
+    library, or where the environment says how to allocate (MALLOC_TRIM_THRESHOLD_, MALLOC_MMAP_THRESHOLD_,
+    GLIBC_TUNABLES).
     """
     if any(name in os.environ for name in _OWN_SETTINGS):
         return False
@@ -63,9 +66,9 @@ RETRIES = 3  # how often work that was lost is done again
 AHEAD_PER_CORE = 8  # inputs handed out per core: tasks travel farther, and nodes may join
 
 
-def on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
-    """Ray's scheduler gives tasks to nodes, and gives them again when a worker or a node is lost."""
-    ray = _connected(address)
+def run_on_ray(job: Callable[[Any], Any], inputs: Iterable[Any], address: str) -> Iterator[Any]:
+    """Run a job on a Ray cluster, which repeats lost tasks."""
+    ray = _get_ray(address)
     pending: deque[Any] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
@@ -105,8 +108,11 @@ def _work_on_ray(shared: list[Any], x: Any) -> Any:
 _address: str | None = None  # of the cluster that we are connected to
 
 
-def _connected(address: str) -> Any:
-    """Ray, connected until this process ends or asks for another cluster; a connection of the caller's own stays."""
+def _get_ray(address: str) -> Any:
+    """Ray, connected until this process ends or needs another cluster.
+
+    The caller's own connection stays.
+    """
     global _address
     ray = _ray()
     if ray.is_initialized() and _address not in (None, address):
@@ -154,33 +160,35 @@ def spread(
     progress: Callable[[int], None] | None = None,
     ticks: Callable[[int], None] | None = None,
 ) -> Iterator[Any]:
-    """`job(x)` for each of `inputs`, in their order, as `map` would give it; what `job` raises is raised.
+    """Yield `job(x)` for each of `inputs`, in their order.
 
-    job: a function of a module, or an object that can be called and pickled; large things that stay the same belong
-    into it, since each process gets it once. Its results must not depend on what it did before.
-    workers: processes on this machine, a script that asks for several must do so under `if __name__ == "__main__":`;
-    ray: instead of them the cores of a Ray cluster, by its address; "auto" for the one this machine is part of, "local"
-    for one started here for the time being; coview must be installed on all its machines. progress: told how many
-    results are done; ticks: told now and then how often jobs in processes called `tick`, in work
-    that is done again too.
+    Errors of `job` are raised. job: a function of a module, or an object that can be called and pickled; large
+    constants belong into it, since each process gets it once. Its results must not depend on earlier inputs. workers:
+    processes on this machine; a script that asks for several must do so under `if __name__ == "__main__":`; ray:
+    address of a Ray cluster to use instead, "auto" for the one of this machine, "local" to start one here; coview must
+    be installed on all its machines. progress: called with the number of finished results; ticks: called now and then
+    with the number of calls of `tick` in processes, repeated work included.
 
-    Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times;
-    ImportError without Ray; ConnectionError where no cluster answers.
+    Raises ValueError where workers is less than 1; WorkLost where work was lost more than RETRIES times; ImportError
+    without Ray; ConnectionError where no cluster answers.
     """
     if workers < 1 or workers != int(workers):
         rule = "at least 1" if workers < 1 else "a whole number"
         raise ValueError(f"workers must be {rule}, got {workers}")
     if ray is not None:
-        results = on_ray(job, inputs, ray)
+        results = run_on_ray(job, inputs, ray)
     elif workers == 1:
         results = map(job, inputs)
     else:
         results = _in_processes(job, inputs, workers, ticks or _ignore)
-    return _counted(results, progress)
+    return _count_results(results, progress)
 
 
 def tick() -> None:
-    """Say, in a job, that a part of it is done, so that long jobs show that they go on. Does nothing on Ray."""
+    """Count a part of a job as done, to show progress of long jobs.
+
+    Does nothing on Ray.
+    """
     if _ticks is not None:
         with _ticks.get_lock():
             _ticks.value += 1
@@ -190,7 +198,7 @@ def _ignore(_: int) -> None:
     pass
 
 
-def _counted(results: Iterator[Any], progress: Callable[[int], None] | None) -> Iterator[Any]:
+def _count_results(results: Iterator[Any], progress: Callable[[int], None] | None) -> Iterator[Any]:
     for done, result in enumerate(results, 1):
         if progress:
             progress(done)
@@ -199,7 +207,7 @@ def _counted(results: Iterator[Any], progress: Callable[[int], None] | None) -> 
 
 @dataclass
 class _Task:
-    """An input, and its result to come: None while no pool has it."""
+    """Input and its future result; None while no pool has it."""
 
     input: Any
     future: Future[Any] | None = None
@@ -242,8 +250,11 @@ def _in_processes(
 def _results(
     pool: _Pool, pending: deque[_Task], remaining: Iterator[Any], ticks: Callable[[int], None]
 ) -> Iterator[Any]:
-    """Results in order. What is in `pending` and has no future is handed out first; after a BrokenProcessPool it still
-    holds every input whose result was not given."""
+    """Yield results in order.
+
+    Pending inputs without a future are handed out first; after a BrokenProcessPool `pending` still holds every input
+    without a result.
+    """
     while True:
         pending.extend(_Task(x) for x in islice(remaining, AHEAD * pool.workers - len(pending)))
         for task in pending:
@@ -262,8 +273,10 @@ def _results(
 
 @contextmanager
 def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
-    """Processes that end with this one, and at once where the block raises or is left early. The last ones are kept for
-    `IDLE_S` seconds: a search asks for the same job time and again, and a process takes seconds to begin."""
+    """Give the block processes, which end at once if it raises.
+
+    The last ones are kept for `IDLE_S` seconds: a search repeats the same job, and a process takes seconds to begin.
+    """
     with _lock:
         pool = _kept.pop((pickled, workers), None)
     if pool is None:
@@ -282,7 +295,7 @@ def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
 
 
 class _Pool:
-    """Worker processes that have a job."""
+    """Worker processes with a job."""
 
     def __init__(self, pickled: bytes, workers: int) -> None:
         context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
@@ -294,7 +307,7 @@ class _Pool:
 
     @property
     def ticks(self) -> int:
-        """How often the job called `tick` since this was set to 0."""
+        """Number of calls of `tick` since it was set to 0."""
         return int(self._ticks.get_obj().value)  # without the lock, which a process may have been killed with
 
     @ticks.setter
@@ -302,19 +315,19 @@ class _Pool:
         self._ticks.get_obj().value = count
 
     def submit(self, x: Any) -> Future[Any]:
-        """Have the job done on an input."""
+        """Run the job on an input."""
         if self._idle:
             self._idle.cancel()
         return self._executor.submit(_work, x)
 
     def end_when_idle(self) -> None:
-        """End the processes unless there is work for them again soon."""
+        """End the processes unless new work comes soon."""
         self._idle = threading.Timer(IDLE_S, _end_kept)
         self._idle.daemon = True
         self._idle.start()
 
     def end(self, at_once: bool = False) -> None:
-        """End the processes, in the midst of their work if need be."""
+        """End the processes, in the middle of their work if `at_once`."""
         if self._idle:
             self._idle.cancel()
         if at_once:
@@ -343,12 +356,12 @@ _ticks: Any = None  # a number that all workers of a pool count up; None in othe
 def _start_worker(pickled: bytes, parent: Connection, ticks: Any) -> None:
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
     keep_freed_memory()
     _job, _ticks = pickle.loads(pickled), ticks
 
 
-def _end_with(parent: Connection) -> None:
+def _end_after(parent: Connection) -> None:
     with suppress(EOFError, OSError):
         parent.recv()  # nothing is ever sent: it returns when the other end is closed, or its process killed
     os._exit(1)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from toolkit.runtime.files import DISK_ERRORS, reason_of, write_bytes, write_text, writing
+from toolkit.runtime.files import DISK_ERRORS, find_errno, write_bytes, write_text, writing
 from toolkit.runtime.parallel import spread, tick
 
 try:
@@ -32,26 +32,32 @@ _SHARD = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
 
 @runtime_checkable
 class Work(Protocol):
-    """What is made in blocks; it is pickled to every worker."""
+    """Work in blocks, pickled to every worker."""
 
     def start(self, threads: int) -> Callable[[int], Iterator[Any]]:
-        """Get ready, once a process, which may use so many threads; returns what makes the items of a block."""
+        """Prepare once per process; return a maker of a block's items.
+
+        threads: that the process may use.
+        """
         ...
 
     def encode(self, items: Sequence[Any]) -> bytes:
-        """The content of the shard of a block's items."""
+        """Content of the shard of a block's items."""
         ...
 
 
 @dataclass(frozen=True)
 class ShardFolder:
-    """The finished shards of a file that is being made, and the plan (JSON) that they are made from."""
+    """Finished shards of an unfinished file, and their plan (JSON)."""
 
     path: Path
     plan: dict[str, Any]
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or go on in it. Raises FileExistsError where its shards were made from another plan."""
+        """Make the folder, or continue in it.
+
+        Raises FileExistsError for shards of another plan.
+        """
         note = self.path / "plan.json"
         found = _read_json(note)
         differences = "" if found is None else describe_differences(found, self.plan)
@@ -65,7 +71,7 @@ class ShardFolder:
             write_text(note, json.dumps(self.plan, indent=1))
 
     def verified(self) -> dict[int, Path]:
-        """The undamaged shards by block; all else is removed."""
+        """Undamaged shards by block; everything else is removed."""
         shards = {}
         for path in sorted(self.path.iterdir()):
             name = _SHARD.fullmatch(path.name)
@@ -76,11 +82,11 @@ class ShardFolder:
         return shards
 
     def add(self, block: int, content: bytes) -> None:
-        """Store the shard of a block, all of it or nothing."""
+        """Store the shard of a block whole or not at all."""
         write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
     def publish(self, out: Path, join: Callable[[list[Path], Path], None]) -> None:
-        """Join all shards into `out`, which appears whole, and remove them."""
+        """Join all shards into `out`, which appears whole; remove them."""
         size = sum(path.stat().st_size for path in self.shards().values())
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
@@ -89,11 +95,11 @@ class ShardFolder:
         self.remove()
 
     def shards(self) -> dict[int, Path]:
-        """The shards by block, undamaged as far as their names tell."""
+        """Shards by block, as far as their names tell."""
         return {int(name[1]): path for path in self.path.iterdir() if (name := _SHARD.fullmatch(path.name))}
 
     def remove(self) -> None:
-        """Remove the folder, if it is there and holds nothing but ours."""
+        """Remove the folder if it holds nothing else."""
         if self.path.is_dir():
             self._clear()
             for name in ("plan.json", "lock"):
@@ -108,7 +114,7 @@ class ShardFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep a second run out; the lock goes with the process, however it ends."""
+        """Keep a second run out; the lock ends with the process."""
         self.path.mkdir(parents=True, exist_ok=True)
         with (self.path / "lock").open("w") as lock:
             if fcntl is not None:
@@ -120,11 +126,14 @@ class ShardFolder:
 
     @contextmanager
     def disk_errors_explained(self, out: Path, frames: Callable[[Iterable[int]], int]) -> Iterator[None]:
-        """Turn a full or failing disk into one line that says what is safe; frames: how many some blocks hold."""
+        """Turn a full or failing disk into one line that says what is safe.
+
+        frames: function that counts the frames of blocks.
+        """
         try:
             yield
         except (OSError, RuntimeError) as error:  # h5py raises both
-            number = reason_of(error)
+            number = find_errno(error)
             if number not in DISK_ERRORS:
                 raise
             safe = frames(self.shards())
@@ -140,7 +149,10 @@ class ShardFolder:
 def make_shards(
     work: Work, folder: ShardFolder, blocks: Sequence[int], *, workers: int, progress: Callable[[int], None]
 ) -> None:
-    """Make the shards of `blocks` in `workers` processes, in this one if it is one; progress: told the items done."""
+    """Make the shards of `blocks` in `workers` processes.
+
+    progress: called with the number of finished items.
+    """
     workers, done = min(workers, max(1, len(blocks))), 0
 
     def count() -> None:
@@ -154,7 +166,7 @@ def make_shards(
 
 
 def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
-    """What is in `found` that is not in `asked`, in words; empty where they are equal.
+    """Describe how `found` differs from `asked`; empty if equal.
 
     >>> describe_differences({"seed": 1, "frames": 9}, {"seed": 2, "frames": 9})
     'seed 1 instead of 2'
@@ -165,7 +177,7 @@ def describe_differences(found: dict[str, Any], asked: dict[str, Any]) -> str:
 
 @dataclass
 class _ShardJob:
-    """The job of making the shard of a block; what does not change is got ready with the first one in a process."""
+    """Job of making a block's shard; it prepares once per process."""
 
     work: Work
     folder: ShardFolder

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def aligned(table: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Lines of aligned columns, the first so many to the left.
+def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
+    """Align the columns of a table; the first `texts` to the left.
 
-    >>> print(aligned([["scheme", "kbit"], ["late", "2.5"]], texts=1))
+    >>> print(align_columns([["scheme", "kbit"], ["late", "2.5"]], texts=1))
     scheme  kbit
     late     2.5
     """

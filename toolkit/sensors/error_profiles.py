@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import key_of
+from toolkit.runtime.cache import make_key
 from toolkit.sensors.error_terms import (
     Calibration,
     DeadRows,
@@ -43,7 +43,10 @@ from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
 @dataclass(frozen=True)
 class ErrorProfile:
-    """name: what results say; terms: in the order they act. Raises ValueError where a term is none."""
+    """Error terms under a name, in the order they act.
+
+    Raises ValueError for an empty name and for a term that is no `ErrorTerm`.
+    """
 
     name: str
     terms: tuple[ErrorTerm, ...]
@@ -57,28 +60,28 @@ class ErrorProfile:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all terms and their numbers, whatever the profile is called."""
-        return key_of([[type(term).__module__, type(term).__qualname__, _numbers(term)] for term in self.terms]).hex()
+        """SHA-256 of all terms and their numbers, whatever the name."""
+        return make_key([[type(term).__module__, type(term).__qualname__, _numbers(term)] for term in self.terms]).hex()
 
     @property
     def modules(self) -> list[str]:
-        """Where the terms are defined."""
+        """Modules that define the terms."""
         return sorted({type(term).__module__ for term in self.terms})
 
     @property
     def needs_velocities(self) -> bool:
-        """Whether some term has to know how fast the objects are."""
+        """True if a term depends on the speed of objects."""
         return any(term.needs_velocities for term in self.terms)
 
     @property
     def origin(self) -> dict[str, str]:
-        """What results say of it."""
+        """Name and digest, for results."""
         return {"profile": self.name, "digest": self.digest}
 
     def read(self, truth: TrueImage, *, seed: int, sensor: int, frame: int) -> Reading:
-        """What a sensor says of what it looks at.
+        """Apply all terms to a true image.
 
-        seed: of the recording's errors; sensor: a number that stands for the sensor; frame: its number.
+        seed: of the recording's errors; sensor: number that identifies the sensor; frame: its number.
         """
         reading, before = Reading.of(truth), Counter[str]()
         for term in self.terms:
@@ -90,7 +93,7 @@ class ErrorProfile:
 
 
 def _numbers(term: Any) -> dict[str, Any]:
-    """The fields of a term as plain numbers and texts."""
+    """Fields of a term as plain numbers and texts."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in asdict(term).items()}
 
 
@@ -141,24 +144,24 @@ POOR = ErrorProfile(
 PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, POOR)}
 
 
-def profile_named(name: str) -> ErrorProfile:
-    """The profile of that name. Raises ValueError that lists what there is."""
+def find_profile(name: str) -> ErrorProfile:
+    """Find a profile by name. Raises ValueError that lists all."""
     if name not in PROFILES:
         raise ValueError(f"there is no error profile {name!r}: choose among {', '.join(PROFILES)}, or make your own")
     return PROFILES[name]
 
 
-def profile_of(errors: ErrorProfile | str) -> ErrorProfile:
-    """A profile, or the one of that name."""
-    return profile_named(errors) if isinstance(errors, str) else errors
+def get_profile(errors: ErrorProfile | str) -> ErrorProfile:
+    """Return a profile, or find it by name."""
+    return find_profile(errors) if isinstance(errors, str) else errors
 
 
 def only_own_noise(errors: ErrorProfile) -> bool:
-    """Whether a profile adds nothing to the noise of the sensor models, as `paper`, whatever it is called."""
+    """True if a profile adds nothing to the noise of the sensor models."""
     return errors.terms == PAPER_ERRORS.terms
 
 
 def check_drawn(errors: ErrorProfile, seed: int | None) -> None:
-    """ValueError where errors are to be drawn without a seed."""
+    """Raise ValueError if errors would be drawn without a seed."""
     if seed is None and not only_own_noise(errors):
         raise ValueError(f"errors {errors.name!r} are drawn from a seed, got noise_seed None: give one")

@@ -81,7 +81,10 @@ _SAME = 1.0  # m by which what is measured may differ from what is there and sti
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """offset: standard deviation (s) of each sensor's clock, constant over a recording."""
+    """Offset of each sensor's clock, constant over a recording.
+
+    offset: its standard deviation (s).
+    """
 
     needs_velocities: ClassVar[bool] = True
 
@@ -91,9 +94,9 @@ class ClockOffset:
         check_least(self, offset=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading with the points on moving objects where these are when the sensor measures.
+        """Move the points on objects to where they are when the sensor measures.
 
-        Raises ValueError where velocities are not known.
+        Raises ValueError without velocities.
         """
         if not self.offset:
             return reading
@@ -108,11 +111,11 @@ class ClockOffset:
 
 
 def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, float]]) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame, from the same tracks in the frames before and after: the
-    mean over those that have it, 0 for a track that is in none.
+    """Velocity (m/s, world frame) of each object of a frame.
 
-    time: of the frame (s); around: objects and time of its neighbours. Raises ValueError where a neighbour is farther
-    off than `MOST_APART` or there is none.
+    From the same tracks in the frames before and after, their mean, 0 for a track in neither. time: of the frame (s);
+    around: objects and time of its neighbours. Raises ValueError without neighbours and for one farther off than
+    `MOST_APART`.
     """
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
@@ -131,8 +134,11 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
 
 @dataclass(frozen=True)
 class DropOut:
-    """share: of all returns that fail whatever they show; half_range: the range (m) from which half of the surfaces at
-    right angles return, 0 for no loss by range and incidence; steepness: of the law above."""
+    """Returns that fail, at random and by range and incidence.
+
+    share: of all returns; half_range: range (m) from which half of the surfaces at right angles return, 0 for no loss
+    by range and incidence; steepness: of the law above.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -145,7 +151,7 @@ class DropOut:
         check_least(self, half_range=0, steepness=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading without what failed."""
+        """Drop failed returns."""
         if not (self.share or self.half_range):
             return reading
         kept = np.full(reading.measurement.shape, 1.0 - self.share)
@@ -157,8 +163,11 @@ class DropOut:
 
 @dataclass(frozen=True)
 class DeadRows:
-    """share: of the rows of the image that never return anything, drawn for each row of each sensor and constant over a
-    recording: lasers or lines of a detector that failed."""
+    """Rows of the image that never return anything.
+
+    share: of the rows, drawn for each row of each sensor and constant over a recording: lasers or lines of a detector
+    that failed.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -168,7 +177,7 @@ class DeadRows:
         check_share(self, "share")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading without these rows."""
+        """Drop the dead rows."""
         if not self.share:
             return reading
         rows = len(reading.measurement)
@@ -183,7 +192,9 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m) and cosines of incidence; reflectivity: against that of others.
+    """p(return) of surfaces at some ranges (m) and cosines of incidence.
+
+    reflectivity: relative to other surfaces.
 
     >>> chance_of_return(np.array([0.0, 100.0]), np.array([1.0, 1.0]), 100.0, 2.0).tolist()
     [1.0, 0.5]
@@ -198,12 +209,14 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 @dataclass(frozen=True)
 class MixedPixels:
-    """share: of the pixels beside an edge that are mixed; gap: least difference to a neighbour that is an edge (m);
-    reach: largest difference that mixes (m): of pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which
-    they tell two returns apart.
+    """Pixels beside an edge that measure something between two surfaces.
 
-    Of each pixel one of its four neighbours is drawn; if there is an edge between, the measurement lies between both,
-    anywhere with the same probability. A neighbour without return mixes nothing.
+    share: of the pixels beside an edge; gap: least difference to a neighbour at an edge (m); reach: largest difference
+    that mixes (m): for pulsed lidars c/2 times the pulse's length, some 1.5 m, beyond which they tell two returns
+    apart.
+
+    One of the four neighbours of each pixel is drawn; across an edge the measurement lies between both, with even
+    probability. A neighbour without return mixes nothing.
     """
 
     needs_velocities: ClassVar[bool] = False
@@ -217,20 +230,22 @@ class MixedPixels:
         check_least(self, gap=0, reach=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading with mixed pixels."""
+        """Mix pixels at edges."""
         if not self.share:
             return reading
         image, rng = reading.measurement, draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
         mixed, weight = rng.random(image.shape) < self.share, rng.random(image.shape, np.float32)
-        other = np.choose(side, [_moved(np.where(reading.valid, image, np.float32(0)), *step) for step in _NEIGHBOURS])
+        other = np.choose(
+            side, [_shift_image(np.where(reading.valid, image, np.float32(0)), *step) for step in _NEIGHBOURS]
+        )
         apart = np.abs(other - image)
         between = reading.valid & (other > 0) & (apart > self.gap) & (apart < self.reach) & mixed
         return reading.measuring(np.where(between, image + weight * (other - image), image))
 
 
-def _moved(image: np.ndarray, down: int, right: int) -> np.ndarray:
-    """Of each pixel the neighbour so far down and to the right, 0 beyond the edge of the image."""
+def _shift_image(image: np.ndarray, down: int, right: int) -> np.ndarray:
+    """Shift an image; pixels beyond its edge are 0."""
     padded = np.pad(image, 1)
     rows, columns = image.shape
     return padded[1 + down : 1 + down + rows, 1 + right : 1 + right + columns]
@@ -238,9 +253,12 @@ def _moved(image: np.ndarray, down: int, right: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Constant over a recording. rotation: root mean square of the angle (rad) by which a sensor is turned, about any
-    axis through it; translation: of the distance (m) by which it is displaced, in any direction. Both are normal, about
-    and along each axis with a standard deviation smaller by the square root of 3."""
+    """Error of calibration, constant over a recording.
+
+    rotation: root mean square of the angle (rad) about any axis through the sensor; translation: root mean square of
+    the displacement (m) in any direction. Both are normal, about and along each axis with a standard deviation smaller
+    by the square root of 3.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -251,22 +269,24 @@ class Calibration:
         check_least(self, rotation=0, translation=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading at the pose that was calibrated."""
+        """Place the reading at the calibrated pose."""
         if not (self.rotation or self.translation):
             return reading
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
         error = np.eye(4)
-        error[:3, :3] = rotation_about(turn * self.rotation)
+        error[:3, :3] = make_rotation(turn * self.rotation)
         error[:3, 3] = move * self.translation
         return replace(reading, pose=reading.pose @ error)
 
 
 @dataclass(frozen=True)
 class PoleSway:
-    """Slow sway. amplitude: by which the tip of a pole turns (rad); period (s), from pole to pole up to a third longer
-    or shorter. Direction, period and phase are drawn for each pole, all its sensors sway together.
+    """Slow sway of poles.
 
-    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: so nothing is
+    amplitude: angle by which the tip of a pole turns (rad); period (s): up to a third longer or shorter from pole to
+    pole. Direction, period and phase are drawn for each pole; all its sensors sway together.
+
+    To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
     rendered anew. A pole's foot is taken to be at z = 0.
     """
 
@@ -279,7 +299,7 @@ class PoleSway:
         check_least(self, amplitude=0, period=1e-3)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading at the pose of the pole at rest, at the time of the frame."""
+        """Place the reading at the pose of the pole at rest."""
         if not self.amplitude:
             return reading
         position = reading.truth.sensor.position
@@ -288,15 +308,15 @@ class PoleSway:
         theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
         ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
         swayed = reading.pose.copy()
-        swayed[:3, :3] = rotation_about(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
+        swayed[:3, :3] = make_rotation(theta * np.array([-ahead[1], ahead[0], 0.0])) @ reading.pose[:3, :3]
         swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
         return replace(reading, pose=swayed)
 
 
-def rotation_about(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """The rotation about a vector by its length (rad): Rodrigues' formula.
+def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
+    """Rotation about a vector by its length (rad): Rodrigues' formula.
 
-    >>> rotation_about(np.array([0, 0, np.pi / 2])).round(6).tolist()
+    >>> make_rotation(np.array([0, 0, np.pi / 2])).round(6).tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
     length = float(np.linalg.norm(vector))
@@ -309,20 +329,25 @@ def rotation_about(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3
 
 @dataclass(frozen=True)
 class OwnNoise:
-    """The noise that the sensor's model says it has, as `toolkit.datasets.dataset.noisy` draws it: of the paper's
-    cameras 1.5 cm at every depth."""
+    """Noise of the sensor's model: 1.5 cm for the paper's cameras.
+
+    Drawn as by `toolkit.datasets.dataset.noisy`.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading with the model's noise."""
+        """Add the model's noise."""
         return reading.measuring(reading.truth.sensor.model.noisy(reading.measurement, draws.own_noise()))
 
 
 @dataclass(frozen=True)
 class RangeNoise:
-    """Normal noise, drawn for every pixel and frame, of sigma = constant + proportional · z + quadratic · z² (m), z
-    being what is measured. measures: of sensors that measure "depth" or "range" only, None for all."""
+    """Normal noise, drawn for every pixel and frame.
+
+    sigma = constant + proportional · z + quadratic · z² (m) of the measurement z. measures: limits it to sensors that
+    measure "depth" or "range", None for all.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -337,7 +362,7 @@ class RangeNoise:
             raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading with noise added; what noise carries to 0 or behind the sensor is no return."""
+        """Add noise; measurements at or behind the sensor are no return."""
         if self.measures not in (None, reading.truth.sensor.model.measures):
             return reading
         if not (self.constant or self.proportional or self.quadratic):
@@ -349,7 +374,9 @@ class RangeNoise:
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Of a stereo camera: baseline (m), focal length and standard deviation of the disparity (pixels).
+    """Noise of a stereo camera.
+
+    baseline: m; focal: focal length (pixels); disparity: its standard deviation (pixels).
 
     >>> round(stereo_noise(baseline=1.0, focal=2000.0).quadratic, 9)
     5e-05
@@ -360,22 +387,31 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Of a time-of-flight camera: sigma at 10 m (m), and the share of it that ambient light and electronics have."""
+    """Noise of a time-of-flight camera.
+
+    at_10_m: sigma at 10 m (m); ambient: share of it due to ambient light and electronics.
+    """
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
     return RangeNoise(proportional=at_10_m * (1 - ambient) / 10, quadratic=at_10_m * ambient / 100)
 
 
 def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
-    """Of a lidar, beside the model's own: a constant (m), and a part per metre of range."""
+    """Noise of a lidar beside the model's own.
+
+    constant: m; proportional: per metre of range.
+    """
     return RangeNoise(constant=constant, proportional=proportional, measures="range")
 
 
 @dataclass(frozen=True)
 class Glass:
-    """share: of the window band that is glass, the rest being pillars; lower, upper: the band, as shares of a vehicle's
+    """Window glass of cars.
+
+    share: of the window band that is glass, the rest being pillars; lower, upper: the band, as shares of a vehicle's
     height; behind: share of the rays through glass that return from the inside, anywhere on their way through the box
-    with the same probability; the others return nothing."""
+    with even probability; the others return nothing.
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -390,7 +426,7 @@ class Glass:
             raise ValueError(f"the window band must have lower < upper, got {self.lower} and {self.upper}")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading through the windows."""
+        """Look through the windows."""
         if not self.share:
             return reading
         rng, shape = draws.of_frame(), reading.measurement.shape
@@ -403,7 +439,7 @@ class Glass:
         return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(glass & ~inside)
 
     def band(self, truth: TrueImage) -> Bool[np.ndarray, "rows columns"]:
-        """Which pixels show the window band of a vehicle."""
+        """Mask of pixels on the window band of a vehicle."""
         owners = truth.owners.ravel()
         pixels = np.flatnonzero(owners >= 0)
         pixels = pixels[truth.objects.labels[owners[pixels]] == VEHICLE]
@@ -416,9 +452,11 @@ class Glass:
 
 @dataclass(frozen=True)
 class Paint:
-    """share: of vehicles, heavy ones among them, that are dark, by track id, for all sensors and frames alike;
-    dark: their reflectivity against that of others; wet: that of every vehicle against when dry, 1 for dry;
-    half_range, steepness: see `toolkit.sensors.error_terms`, for a vehicle that is not dark.
+    """Dark or wet paint of vehicles.
+
+    share: of dark vehicles, heavy ones included, by track id, the same for all sensors and frames; dark: their
+    reflectivity relative to others; wet: reflectivity of every vehicle relative to a dry one; half_range, steepness: of
+    `DropOut`, for a vehicle that is not dark.
 
     Recordings without track ids draw anew in each frame.
     """
@@ -436,8 +474,11 @@ class Paint:
         check_least(self, half_range=1e-3, steepness=0)
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading without what paint swallowed: of a dark or wet vehicle, what returns else is lost with 1 less the
-        ratio of both chances, so that a dry bright one loses nothing here."""
+        """Drop returns lost to paint.
+
+        A return of a dark or wet vehicle is lost with 1 less the ratio of both chances, so that a dry bright one loses
+        nothing here.
+        """
         truth, shape = reading.truth, reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
             return reading
@@ -451,7 +492,7 @@ class Paint:
 
 
 def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """How far (m) the rays of some pixels, each on an object, go on until they leave its box."""
+    """Distance (m) from pixels on objects to where their rays leave the box."""
     owners, points = truth.owners.ravel()[pixels], truth.points[pixels]
     x, y, z, length, width, height, yaw = truth.objects.boxes[owners].T
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
@@ -472,8 +513,11 @@ PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 
 @dataclass(frozen=True)
 class Weather:
-    """extinction: per metre; share: of rays into the open that return from the air, below 1; reach: by which the rate
-    of such returns falls to 1/e (m)."""
+    """Rain, fog or snow.
+
+    extinction: per metre; share: of rays into the open that return from the air, below 1; reach: distance by which the
+    rate of such returns falls to 1/e (m).
+    """
 
     needs_velocities: ClassVar[bool] = False
 
@@ -488,7 +532,7 @@ class Weather:
             raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading in this weather."""
+        """Lose returns on their way, and add returns from the air."""
         if not (self.extinction or self.share):
             return reading
         rng, truth = draws.of_frame(), reading.truth
@@ -506,7 +550,9 @@ class Weather:
 
 
 def rain(rate: float) -> Weather:
-    """Of some mm/h: 2.5 light, 10 heavy, 50 a cloudburst. Of rays into the open 0.3 % per mm/h return from a drop.
+    """Rain of some mm/h: 2.5 light, 10 heavy, 50 a cloudburst.
+
+    0.3 % of rays into the open per mm/h return from a drop.
 
     >>> f"{rain(10.0).extinction * 1000:.3f} {rain(10.0).share:.4f}"
     '1.159 0.0296'
@@ -515,15 +561,20 @@ def rain(rate: float) -> Weather:
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Of some mm/h of water: 1 light, 4 heavy. Of rays into the open 4 % per mm/h return from a flake."""
+    """Snow of some mm/h of water: 1 light, 4 heavy.
+
+    4 % of rays into the open per mm/h return from a flake.
+    """
     dry_law, wet_law = (5.42e-5 * 905 + 5.496, 1.38), (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
     return Weather(PER_METRE_OF_DB_PER_KM * factor * _rate(rate) ** power, 1 - np.exp(-0.04 * rate), 6.0)
 
 
 def fog(visibility: float) -> Weather:
-    """In which one sees so far (m). Of rays into the open 1 - exp(-5 m / visibility) return from the fog, most within a
-    tenth of the visibility."""
+    """Fog of a visibility (m).
+
+    1 - exp(-5 m / visibility) of rays into the open return from the fog, most within a tenth of the visibility.
+    """
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)

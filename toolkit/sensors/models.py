@@ -24,8 +24,8 @@ from toolkit.sensors.sensor import (
     angle,
     check_noise,
     check_numbers,
-    clipped,
-    frozen,
+    clip_windows,
+    freeze,
     with_noise,
 )
 
@@ -34,12 +34,12 @@ _PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a b
 
 @dataclass(frozen=True)
 class DepthCamera:
-    """A pinhole depth camera; frame: x right, y down, z forward. The defaults are the paper's.
+    """Pinhole depth camera; frame: x right, y down, z forward.
 
-    width, height: full image (pixels); stride: every stride-th pixel of each row and column is measured;
-    fov: horizontal field of view (rad); sigma: standard deviation of the additive depth noise (m);
-    max_range: depth beyond which nothing returns (m); centre: principal point (u, v) in pixels of the full image,
-    None for the middle.
+    The defaults are the paper's. width, height: full image (pixels); stride: every stride-th pixel of each row and
+    column is measured; fov: horizontal field of view (rad); sigma: standard deviation of the additive depth noise (m);
+    max_range: depth beyond which nothing returns (m); centre: principal point (u, v) in pixels of the full image, None
+    for the middle.
     """
 
     kind: ClassVar[str] = "camera"
@@ -76,18 +76,21 @@ class DepthCamera:
 
     @property
     def vertical_fov(self) -> float:
-        """Height of the field of view (rad), about the middle of the image."""
+        """Height of the field of view (rad)."""
         return float(2 * np.arctan(self.height / 2 / self.intrinsic[1, 1]))
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K in pixels of the full image: f = (width / 2) / tan(fov / 2), both ways; principal point `centre`."""
+        """K in pixels of the full image, principal point `centre`.
+
+        f = (width / 2) / tan(fov / 2), both ways.
+        """
         focal = self.width / 2 / np.tan(self.fov / 2)
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Ray per measured pixel, camera frame, z = 1: ((u - cu) / f, (v - cv) / f, 1)."""
+        """Ray per measured pixel: ((u - cu) / f, (v - cv) / f, 1)."""
         return _camera_rays(self)
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> np.float32:
@@ -97,11 +100,11 @@ class DepthCamera:
     def noisy(
         self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
     ) -> Float32[np.ndarray, "rows columns"]:
-        """Depth with N(0, sigma) added; what returned nothing still returns nothing."""
+        """Add N(0, sigma) to depths; no return stays none."""
         return with_noise(measurement, self, rng)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of the camera's frame fall into its image, nearer than its range."""
+        """Mask of points inside the image and nearer than the range."""
         x, y, z = np.moveaxis(points, -1, 0)
         (focal, _, u), (_, _, v), _ = self.intrinsic
         in_columns = (-u * z <= focal * x) & (focal * x <= (self.width - u) * z)
@@ -109,7 +112,7 @@ class DepthCamera:
         return in_columns & in_rows & (z > 0) & (z < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles round the corners of the part of each box that lies in front of the camera."""
+        """Rectangles around the part of each box in front of the camera."""
         start, end = sensor_corners[:, _PAIRS[:, 0]], sensor_corners[:, _PAIRS[:, 1]]
         rise = end[..., 2:] - start[..., 2:]
         share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
@@ -123,7 +126,7 @@ class DepthCamera:
         near = sensor_corners[..., 2].min(axis=1) < self.max_range
         rows = np.arange(len(sensor_corners))
         bounds = np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])
-        return clipped(bounds[near & ahead.any(axis=(1, 2))], self.shape)
+        return clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
 
 
 def _is_pixel(centre: Any) -> bool:
@@ -136,11 +139,11 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
     x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
-    return frozen(np.stack([x, y, np.ones_like(x)], axis=-1))
+    return freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
 
 
 class AngleGrid(NamedTuple):
-    """rows from elevation `up` down to `down`, columns over `width` (rad), up to a range (m)."""
+    """Grid of rays from `up` down to `down`, over `width` (rad)."""
 
     rows: int
     columns: int
@@ -156,11 +159,11 @@ def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
     elevation = np.linspace(grid.up, grid.down, grid.rows)[:, None]
     azimuth = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
-    return frozen(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+    return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
 
 
 def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-    """Which points lie between the first and last row and column, and in range."""
+    """Mask of points between first and last row and column, in range."""
     x, y, z = np.moveaxis(points, -1, 0)
     across = np.hypot(x, y)
     elevation = np.arctan2(z, across)
@@ -169,7 +172,10 @@ def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.nda
 
 
 def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-    """Rectangles round the sphere through the corners of each box, at up to three turns of the azimuth."""
+    """Rectangles around the sphere through the corners of each box.
+
+    At up to three turns of the azimuth.
+    """
     middle = sensor_corners.mean(axis=1)
     radius = np.linalg.norm(sensor_corners - middle[:, None], axis=2).max(axis=1, initial=0)
     distance, across = np.linalg.norm(middle, axis=1), np.linalg.norm(middle[:, :2], axis=1)
@@ -190,11 +196,11 @@ def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) 
             np.ceil(column + half_columns) + 1,
         )
         turns.append(np.column_stack([np.arange(len(middle)), *bounds])[distance - radius < grid.max_range])
-    return clipped(np.concatenate(turns), (grid.rows, grid.columns))
+    return clip_windows(np.concatenate(turns), (grid.rows, grid.columns))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half the angle under which a sphere appears; a full turn from inside it."""
+    """Half the apparent angle of a sphere; a full turn from inside."""
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
@@ -440,7 +446,7 @@ def _rays(
     elevation = np.array(elevations)[:, None]
     azimuth = heading + (np.arange(columns) - (columns - 1) / 2) * width / columns
     flat = np.cos(elevation)
-    return frozen(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+    return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
 
 
 MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"
@@ -450,10 +456,10 @@ Model = TypeVar("Model", bound=type)
 
 
 def register_sensor_model(model: Model) -> Model:
-    """Make a model known, so that files with it can be read and `--model` names it; returns the class.
+    """Register a model for files and `--model`; returns the class.
 
     Raises ValueError where the class is no `toolkit.sensors.sensor.SensorModel` of fields with defaults, or its name is
-    taken by another one.
+    taken.
     """
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
@@ -473,32 +479,33 @@ def register_sensor_model(model: Model) -> Model:
     return model
 
 
-def model_named(name: str) -> SensorModel:
-    """The model of that name, such as "solid-state-lidar" or SolidStateLidar, with its default parameters.
+def find_model(name: str) -> SensorModel:
+    """Find a model by name, with its default parameters.
 
-    Raises ValueError that lists what there is.
+    name: such as "solid-state-lidar" or SolidStateLidar. Raises ValueError that lists all.
     """
-    return model_class(name)()
+    return find_model_class(name)()
 
 
-def model_class(name: str) -> type[Any]:
-    """The class of that name, as files write it or in words. Raises ValueError that lists what there is."""
+def find_model_class(name: str) -> type[Any]:
+    """Find the class of a model by name. Raises ValueError that lists all."""
     if name_in_words(str(name)) not in MODELS:
         raise ValueError(f"no sensor model {str(name)[:60]!r}: there are {', '.join(class_names())}")
     return MODELS[name_in_words(str(name))]
 
 
 def class_names() -> list[str]:
-    """The names of all known models as files write them."""
+    """Names of all models, as files write them."""
     return [model.__name__ for model in MODELS.values()]
 
 
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
-    """A model from what a file says of it: its name and some of its fields, angles in rad, lists for tuples.
+    """Make a model of a name and some of its fields, as files hold them.
 
-    Raises ValueError where the name is unknown, a field too, or the model refuses a value.
+    Angles in rad, lists for tuples. Raises ValueError for an unknown name or field, and for a value that the model
+    refuses.
     """
-    model = model_class(name)
+    model = find_model_class(name)
     known = [entry.name for entry in fields(model)]
     unknown = [key for key in values if key not in known]
     if unknown:

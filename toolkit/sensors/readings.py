@@ -18,15 +18,17 @@ import numpy as np
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.boxes import points_in_boxes
 from toolkit.objects import Objects
-from toolkit.sensors.sensor import Sensor, returned
+from toolkit.sensors.sensor import Sensor, is_return
 
 _SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
 
 
 @dataclass(frozen=True)
 class Draws:
-    """seed: of the recording's errors; sensor: a number that stands for the sensor; frame: its number; term: a number
-    that stands for the error term."""
+    """Random numbers of one error term of one sensor in one frame.
+
+    seed: of the recording's errors; sensor, term: numbers that identify both; frame: its number.
+    """
 
     seed: int
     sensor: int
@@ -34,24 +36,30 @@ class Draws:
     term: int
 
     def own_noise(self) -> np.random.Generator:
-        """The generator of the sensor's own noise: that of `toolkit.datasets.dataset.noisy`, to the bit."""
+        """Generator of the sensor's own noise.
+
+        The same as in `toolkit.datasets.dataset.noisy`, to the bit.
+        """
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> np.random.Generator:
-        """A generator for this sensor in this frame."""
+        """Generator for this sensor in this frame."""
         return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
 
     def of_sensor(self) -> np.random.Generator:
-        """A generator for this sensor, the same in every frame of a recording."""
+        """Generator for this sensor, the same in every frame."""
         return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
 
     def of_pole(self, position: Float64[np.ndarray, "3"]) -> np.random.Generator:
-        """A generator for all sensors over one point of the ground (to the centimetre), the same in every frame."""
+        """Generator for all sensors over one point of the ground.
+
+        To the centimetre, the same in every frame.
+        """
         x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """A number of [0, 1) for each track id, the same for all sensors in every frame."""
+        """Number of [0, 1) for each track id, the same everywhere."""
         words = [self.seed, _OBJECT, self.term]
         drawn = [np.random.default_rng([*words, int(each) & 0xFFFFFFFFFFFFFFFF]).random() for each in ids.tolist()]
         return np.array(drawn, np.float64)
@@ -63,8 +71,10 @@ FOOT_MARGIN = 0.05  # m above the foot of a box where the ground ends
 
 @dataclass(frozen=True, eq=False)
 class TrueImage:
-    """What a sensor measures without error where it really is. velocities: of the objects, m/s, None if not known;
-    time: of the frame (s)."""
+    """Measurement without error at the true pose.
+
+    velocities: of the objects, m/s, None if unknown; time: of the frame (s).
+    """
 
     sensor: Sensor
     measurement: Float32[np.ndarray, "rows columns"]
@@ -74,28 +84,34 @@ class TrueImage:
 
     @cached_property
     def valid(self) -> Bool[np.ndarray, "rows columns"]:
-        """Which pixels return anything."""
-        return returned(self.measurement, self.sensor.model.max_range)
+        """Mask of pixels that return anything."""
+        return is_return(self.measurement, self.sensor.model.max_range)
 
     @cached_property
     def ray_lengths(self) -> Float32[np.ndarray, "rows columns"]:
-        """Range (m) per metre that is measured: 1 where the model measures ranges."""
+        """Range (m) per measured metre: 1 for models that measure ranges."""
         return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
 
     @cached_property
     def ranges(self) -> Float32[np.ndarray, "rows columns"]:
-        """Distance from the sensor to what each pixel shows (m), 0 for nothing."""
+        """Distance from the sensor to the surface of each pixel (m), 0 for none."""
         return np.where(self.valid, self.measurement * self.ray_lengths, np.float32(0))
 
     @cached_property
     def points(self) -> Float64[np.ndarray, "pixels 3"]:
-        """Where each pixel measures, world frame, row after row of the image; the sensor itself for nothing."""
+        """Point of each pixel, world frame, row after row.
+
+        The sensor itself for no return.
+        """
         flat = np.where(self.valid, self.measurement, np.float32(0)).ravel().astype(np.float64)
         return (self.sensor.world_rays * flat).T.astype(np.float64) + self.sensor.position
 
     @cached_property
     def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object that each pixel shows, -1 for none: the one in whose box its point lies, above the foot."""
+        """Row of the object that each pixel shows, -1 for none.
+
+        It is the object whose box holds the point, above its foot.
+        """
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
@@ -109,8 +125,10 @@ class TrueImage:
 
     @cached_property
     def cosines(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cosine of the angle between each ray and the surface's normal, from the differences to the nearer of the
-        neighbours across and along; 1 where these are not known."""
+        """Cosine of the angle between each ray and the surface's normal.
+
+        From the differences to the nearer of the neighbours across and along; 1 where these are unknown.
+        """
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
@@ -122,8 +140,11 @@ class TrueImage:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a sensor says. measurement: as of its model, 0 for nothing; pose: where it is believed to be,
-    world_SE3_sensor; shift: metres, world frame, by which the point of each pixel lies off its ray, None for none."""
+    """Measurement of a sensor as it reports it.
+
+    measurement: as of its model, 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's
+    point off its ray (m, world frame), None for none.
+    """
 
     truth: TrueImage
     measurement: Float32[np.ndarray, "rows columns"]
@@ -132,27 +153,30 @@ class Reading:
 
     @staticmethod
     def of(truth: TrueImage) -> Reading:
-        """Without error; NaN and infinity, which return nothing, are 0."""
+        """Reading without error; NaN and infinity become 0, no return."""
         image = np.asarray(truth.measurement, np.float32)
         finite = np.isfinite(image)
         return Reading(truth, image if finite.all() else np.where(finite, image, np.float32(0)), truth.sensor.pose)
 
     @property
     def valid(self) -> Bool[np.ndarray, "rows columns"]:
-        """Which pixels return anything now."""
-        return returned(self.measurement, self.truth.sensor.model.max_range)
+        """Mask of pixels that return anything now."""
+        return is_return(self.measurement, self.truth.sensor.model.max_range)
 
     def without(self, lost: Bool[np.ndarray, "rows columns"]) -> Reading:
-        """The reading where some pixels return nothing."""
+        """Remove the returns of some pixels."""
         return self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
 
     def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> Reading:
-        """The reading with another image."""
+        """Replace the image."""
         return replace(self, measurement=measurement)
 
 
 def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """From each point to its nearer neighbour along an axis of the image, nothing where neither returns."""
+    """Step from each point to its nearer neighbour along an axis.
+
+    Zero where neither neighbour returns.
+    """
     step = np.diff(points, axis=axis)
     both = np.logical_and(*_pairs(valid, axis))
     length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
@@ -165,26 +189,26 @@ def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _pairs(image: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """An image without its last, and without its first, row (axis 0) or column (axis 1)."""
+    """Image without its last and without its first row (axis 0) or column."""
     return (image[:-1], image[1:]) if axis == 0 else (image[:, :-1], image[:, 1:])
 
 
 @runtime_checkable
 class ErrorTerm(Protocol):
-    """One kind of error."""
+    """One kind of error: a frozen dataclass of numbers."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
     def needs_velocities(self) -> bool:
-        """Whether it has to be known how fast the objects are."""
+        """True if it depends on the speed of objects."""
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """The reading with this error; the same reading where the term has no strength."""
+        """Apply the error; a term without strength returns the reading itself."""
 
 
 def check_least(term: Any, **least: int | float) -> None:
-    """ValueError where a number of a term is none, not finite or below the least it may be."""
+    """Raise ValueError unless numbers of a term are finite and large enough."""
     for name, lowest in least.items():
         value = getattr(term, name)
         if not isinstance(value, int | float | np.number) or not lowest <= value < np.inf:
@@ -192,7 +216,7 @@ def check_least(term: Any, **least: int | float) -> None:
 
 
 def check_share(term: Any, *names: str) -> None:
-    """ValueError where a number of a term is no share."""
+    """Raise ValueError unless numbers of a term are shares."""
     for name in names:
         value = getattr(term, name)
         if not isinstance(value, int | float | np.number) or not 0 <= value <= 1:

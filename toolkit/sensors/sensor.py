@@ -33,80 +33,90 @@ Deviation = np.ndarray | np.float32
 
 @runtime_checkable
 class SensorModel(Protocol):
-    """What a sensor is, wherever it hangs: its rays, its field of view, and the noise of what it measures."""
+    """Rays, field of view and noise of a sensor, wherever it hangs."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __hash__(self) -> int:
-        """Models compare by value, so that the rays of equal ones are made once."""
+        """Hash by value: the rays of equal models are made once."""
 
     @property
     def kind(self) -> str:
-        """A short word for it in the names of candidates, such as "camera"."""
+        """Short word for names of candidates, such as "camera"."""
 
     @property
     def measures(self) -> Measure:
-        """What it measures: "depth" along its optical axis, or "range" along each ray."""
+        """ "depth" along the optical axis, or "range" along each ray."""
 
     @property
     def body_SE3_sensor(self) -> np.ndarray:
-        """The pose of its frame in its body's, (4, 4); a body has x forward (the optical axis), y left, z up."""
+        """Pose of its frame in its body's, (4, 4).
+
+        A body has x forward (the optical axis), y left, z up.
+        """
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of what it measures."""
+        """Rows and columns of a measurement."""
 
     @property
     def horizontal_fov(self) -> float:
-        """Width of its field of view (rad), centred on its optical axis."""
+        """Width of the field of view (rad) about the optical axis."""
 
     @property
     def vertical_fov(self) -> float:
-        """Height of its field of view (rad)."""
+        """Height of the field of view (rad)."""
 
     @property
     def max_range(self) -> float:
-        """The measurement (m) from which on nothing returns."""
+        """Measurement (m) from which on nothing returns."""
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Ray per pixel, sensor frame."""
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
-        """Standard deviation (m) of the noise of each measurement, float32; one number where all have the same."""
+        """Standard deviation (m) of each measurement's noise.
+
+        float32; one number if all are the same.
+        """
 
     def noisy(
         self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
     ) -> Float32[np.ndarray, "rows columns"]:
-        """The measurement with noise; what returned nothing still returns nothing. See `with_noise`."""
+        """Add noise; no return stays none. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of its frame lie in its field of view and range."""
+        """Mask of points of its frame in its field of view and range."""
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """(row, top, bottom, left, right) of a rectangle of pixels for every box, given by its corners in the sensor
-        frame, that some ray may meet: no ray outside the rectangles of a box meets it. A box may come more than once,
-        as across the seam of a spinning lidar, or not at all. See `clipped` and `whole_image`."""
+        """Rectangles of pixels (row, top, bottom, left, right) around boxes.
+
+        A box is given by its corners in the sensor frame; no ray outside its rectangles meets it. A box may come more
+        than once, as across the seam of a spinning lidar, or not at all. See `clip_windows` and `whole_image`.
+        """
 
 
-def returned(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
-    """Mask of measurements that make a point: finite, positive and nearer than `max_range`.
+def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
+    """Mask of measurements that make a point.
 
-    >>> returned(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
+    They are finite, positive and nearer than `max_range`.
+
+    >>> is_return(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
     array([False, False, False,  True, False, False])
     """
     return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
 
 
 def with_noise(measurement: np.ndarray, model: SensorModel, rng: np.random.Generator) -> np.ndarray:
-    """A model's measurement with normal noise of its deviation; what returned nothing still returns nothing."""
+    """Add normal noise of the model's deviation; no return stays none."""
     clean = np.asarray(measurement, np.float32)
-    valid = returned(clean, model.max_range)
+    valid = is_return(clean, model.max_range)
     noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(np.where(valid, clean, np.float32(0)))
     return np.where(valid, clean + noise, np.float32(0))
 
 
 def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, " n"]:
-    """A measurement (m) that no point of each box, given by its corners in the sensor frame, falls short of."""
+    """Lower bound of the measurement (m) of any point of each box."""
     if model.measures == "depth":
         return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
     middle = sensor_corners.mean(axis=1, keepdims=True)
@@ -114,15 +124,15 @@ def nearest(model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]) ->
     return np.linalg.norm(middle[:, 0], axis=1) - radius - 1e-3
 
 
-def clipped(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
-    """Rectangles of pixels (row, top, bottom, left, right) cut to an image; those beside it are left out."""
+def clip_windows(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> Int64[np.ndarray, "k 5"]:
+    """Cut rectangles of pixels to an image; drop those outside."""
     low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
     some = (low < high).all(axis=1)
     return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
 
 
 def whole_image(count: int, shape: tuple[int, int]) -> Int64[np.ndarray, "m 5"]:
-    """The whole image for each of so many boxes: always right for `windows`, and slow.
+    """Whole image for each of `count` boxes: correct for `windows`, but slow.
 
     >>> whole_image(1, (3, 4))
     array([[0, 0, 3, 0, 4]])
@@ -131,25 +141,31 @@ def whole_image(count: int, shape: tuple[int, int]) -> Int64[np.ndarray, "m 5"]:
     return np.column_stack([np.arange(count), *np.tile([[0], [rows], [0], [columns]], (1, count))])
 
 
-def frozen(rays: np.ndarray) -> np.ndarray:
-    """Rays as float32 that nobody may write to."""
+def freeze(rays: np.ndarray) -> np.ndarray:
+    """Return rays as read-only float32."""
     rays = rays.astype(np.float32)
     rays.setflags(write=False)
     return rays
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """A field of a model that is an angle, or several: radians here, degrees in a site's GeoJSON."""
+    """Declare a field that is an angle, or several.
+
+    Radians here, degrees in a site's GeoJSON.
+    """
     return field(default=default, metadata={"unit": "rad"})
 
 
 def is_angle(entry: Field[Any]) -> bool:
-    """Whether a model's field was declared by `angle`."""
+    """True if a model's field was declared by `angle`."""
     return entry.metadata.get("unit") == "rad"
 
 
 def check_numbers(model: Any) -> None:
-    """ValueError where a field of a model is no number: whole if its default is, else real and not NaN."""
+    """Raise ValueError for a field that is not a number.
+
+    Whole if its default is, else real and not NaN.
+    """
     for entry in fields(model):
         value, default = getattr(model, entry.name), entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
@@ -162,16 +178,17 @@ def check_numbers(model: Any) -> None:
 
 
 def check_noise(sigma: float, max_range: float) -> None:
-    """ValueError where noise or range make no sense."""
+    """Raise ValueError for impossible noise or range."""
     if not 0 <= sigma < np.inf or not max_range > 0:
         raise ValueError(f"need finite sigma >= 0 and max_range > 0, got sigma {sigma} and max_range {max_range}")
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A sensor model at a place: `pose` is world_SE3_sensor. Raises ValueError where the pose is no rigid motion.
+    """Sensor model at a pose, world_SE3_sensor.
 
     The world is a site's own frame, metres from an origin near by: points are float32, good to 1 mm within 10 km of it.
+    Raises ValueError if the pose is no rigid motion.
     """
 
     name: str
@@ -195,17 +212,20 @@ class Sensor:
 
     @property
     def position(self) -> Float64[np.ndarray, "3"]:
-        """Where it is, world frame (m)."""
+        """Position in the world frame (m)."""
         return self.pose[:3, 3]
 
     @property
     def world_SE3_body(self) -> Float64[np.ndarray, "4 4"]:
-        """The pose of its body: x along the optical axis, y left, z up, whatever the axes of its own frame."""
+        """Pose of its body: x along the optical axis, y left, z up."""
         return self.pose @ invert(self.model.body_SE3_sensor)
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of model and pose, whatever the sensor is called: equal where two measure the same."""
+        """SHA-256 of model and pose, whatever the name.
+
+        Equal for sensors that measure the same.
+        """
         described = json.dumps(
             [type(self.model).__name__, asdict(self.model), self.pose.tolist()],
             sort_keys=True,
@@ -215,6 +235,9 @@ class Sensor:
 
     @cached_property
     def world_rays(self) -> Float32[np.ndarray, "3 pixels"]:
-        """x, y and z of each pixel's ray in the world's axes, row after row of the image (paper equation 1)."""
+        """x, y and z of each pixel's ray, world axes (paper equation 1).
+
+        Row after row of the image.
+        """
         rays = self.model.rays().reshape(-1, 3).astype(np.float64)
-        return frozen(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))
+        return freeze(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))

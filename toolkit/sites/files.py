@@ -18,17 +18,17 @@ import numpy as np
 
 from toolkit.geometry import LEVEL, pose
 from toolkit.runtime.files import read_json, write_text
-from toolkit.sensors.models import class_names, make_model, model_class
+from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, is_angle
 from toolkit.sites import BUILT_IN
 from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
 
 
 def load_site(name_or_path: str | Path) -> Site:
-    """A built-in site by name ("tjunction", "roundabout"), or a saved one by path.
+    """Load a built-in site by name, or a saved one by path.
 
-    Raises ValueError, in one line with file, field, rule and value, where the file is damaged; FileNotFoundError where
-    there is neither such a file nor such a built-in site.
+    Raises ValueError, in one line with file, field, rule and value, for a damaged file; FileNotFoundError if neither a
+    file nor a built-in site has that name.
     """
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
@@ -43,8 +43,8 @@ def load_site(name_or_path: str | Path) -> Site:
 
 
 def save_site(site: Site, path: str | Path) -> None:
-    """Write a site as GeoJSON (local metres), to be read by `load_site` and by GIS tools."""
-    write_text(path, dumps(site))
+    """Write a site as GeoJSON (local metres) for `load_site`."""
+    write_text(path, format_site(site))
 
 
 VERSION = 1
@@ -52,7 +52,7 @@ Json = dict[str, Any]
 
 
 def document(site: Site) -> Json:
-    """`site` as a GeoJSON FeatureCollection of plain dicts, lists, numbers and texts."""
+    """Build the GeoJSON FeatureCollection of a site, in plain Python."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     features = [
         _polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area"),
@@ -80,8 +80,11 @@ def document(site: Site) -> Json:
     }
 
 
-def dumps(site: Site, *, without: Collection[str] = ()) -> str:
-    """The text of `document(site)` without some of its members, one feature and one line of the network to a line."""
+def format_site(site: Site, *, without: Collection[str] = ()) -> str:
+    """Text of `document(site)`, one feature or network line a line.
+
+    without: members to leave out.
+    """
     members = []
     for key, value in document(site).items():
         if key in without:
@@ -95,7 +98,10 @@ def dumps(site: Site, *, without: Collection[str] = ()) -> str:
 
 
 def parse(collection: Any) -> Site:
-    """The site of a FeatureCollection. Raises ValueError that names the field by its path in the document."""
+    """Parse a site's FeatureCollection.
+
+    Raises ValueError that names the field by its path in the document.
+    """
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError("type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by Site.save")
     version = _member(collection, "coview_site", int, "")
@@ -130,7 +136,7 @@ def parse(collection: Any) -> Site:
 
 
 def _relief(relief: Relief) -> Json:
-    """As it is written: level ground without a slope, as before there were slopes."""
+    """Members of a relief; level ground has no slope member."""
     slope = {} if relief.slope == LEVEL else {"slope": list(relief.slope)}
     return {"amplitude": relief.amplitude, "seed": relief.seed} | slope
 
@@ -193,7 +199,7 @@ def _read_solid(coordinates: list[Any], properties: Json, where: str) -> Solid:
     footprint = _ring(coordinates, where)
     where = f"{where}.properties"
     base, top = (_number(properties, key, where) for key in ("base", "top"))
-    return _named(where, lambda: Solid(footprint, base, top, _member(properties, "kind", str, where)))
+    return _name_errors(where, lambda: Solid(footprint, base, top, _member(properties, "kind", str, where)))
 
 
 def _read_parking(coordinates: list[Any], properties: Json, where: str) -> tuple[float, float, float]:
@@ -206,7 +212,7 @@ def _read_mount(coordinates: list[Any], properties: Json, where: str) -> Mount:
     where = f"{where}.properties"
     name = _member(properties, "name", str, where)
     numbers: dict[str, Any] = {k: _number(properties, k, where) for k in properties if k not in ("layer", "name")}
-    return _named(where, lambda: Mount(name, position, **numbers))
+    return _name_errors(where, lambda: Mount(name, position, **numbers))
 
 
 def _read_sensor(coordinates: list[Any], properties: Json, where: str) -> Sensor:
@@ -222,18 +228,18 @@ def _read_model(properties: Json, where: str) -> SensorModel:
     kind = _member(properties, "type", str, where)
     if kind not in class_names():
         raise ValueError(f"{where}.type must be one of {', '.join(class_names())}, got {kind[:60]!r}")
-    known = {_written(f): f for f in fields(model_class(kind))}
+    known = {_written(f): f for f in fields(find_model_class(kind))}
     values: dict[str, Any] = {}
     for key in properties:
         if key not in ("type", *known):
             raise ValueError(f"{where}.{key} is unknown to {kind}: it has {', '.join(known)}")
         if key != "type":
             values[known[key].name] = _read_field(known[key], properties, key, where)
-    return _named(where, lambda: make_model(kind, values))
+    return _name_errors(where, lambda: make_model(kind, values))
 
 
 def _read_field(entry: Field[Any], properties: Json, key: str, where: str) -> Any:
-    """A field of a sensor model, as its default is: a text, true or false, a whole number, a number, or numbers."""
+    """Read a field of a sensor model, of the type of its default."""
     if isinstance(entry.default, str):
         return _member(properties, key, str, where)
     if isinstance(entry.default, bool) and isinstance(properties[key], bool):
@@ -258,7 +264,7 @@ _READERS: Mapping[str, tuple[str, Callable[[list[Any], Json, str], Any], tuple[s
 }
 
 
-def _named(where: str, build: Callable[[], Any]) -> Any:
+def _name_errors(where: str, build: Callable[[], Any]) -> Any:
     try:
         return build()
     except ValueError as error:
@@ -325,7 +331,7 @@ def _point(coordinates: list[float], **properties: Any) -> Json:
 
 
 def _rest(mount: Mount, *left_out: str) -> Json:
-    """The fields of a mount; max_sensors where it may carry several."""
+    """Fields of a mount; max_sensors only if above 1."""
     left_out = left_out if mount.max_sensors > 1 else (*left_out, "max_sensors")
     return {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
 
@@ -347,7 +353,10 @@ def _written(entry: Field[Any]) -> str:
 
 
 def _attitude(sensor: Sensor) -> Json:
-    """Heading, tilt below the horizon and roll (degrees) of the sensor's body, x forward, y left, z up."""
+    """Heading, tilt and roll (degrees) of a sensor's body.
+
+    The body has x forward, y left, z up; tilt counts below the horizon.
+    """
     world_SE3_body = sensor.world_SE3_body
     forward, left, up = world_SE3_body[:3, 0], world_SE3_body[:3, 1], world_SE3_body[:3, 2]
     across = float(np.hypot(forward[0], forward[1]))
@@ -359,5 +368,5 @@ def _attitude(sensor: Sensor) -> Json:
 
 
 def _degrees(angle: float) -> float:
-    """Rounded far below any meaning, so that degrees → radians → degrees comes back to the same number."""
+    """Degrees, rounded so that radians and back give the same number."""
     return round(float(np.rad2deg(angle)), 9) + 0.0

@@ -15,7 +15,7 @@ from shapely.ops import substring
 
 from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
-from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, put_at, skip
+from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, move_solids, skip
 from toolkit.sites.site import Mount, Solid
 from toolkit.sites.surroundings import Plot, Road, Strip, along, forecourts, kerb_bays
 
@@ -27,9 +27,10 @@ _SLIMMEST = 1.0  # m, radius of the smallest crown that is planted
 
 
 def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> None:
-    """Rows of trees along `kerb` (x, y, direction every 0.5 m), whose crowns stand over the road.
+    """Plant rows of trees along `kerb` with crowns over the road.
 
-    Most sites have some; on one with avenues 30 to 90 % of the kerb in the window is planted.
+    kerb: x, y, direction every 0.5 m. Most sites have some; on one with avenues 30 to 90 % of the kerb in the window is
+    planted.
     """
     if rng.random() > 0.6 or not len(kerb):
         return
@@ -54,8 +55,11 @@ def plant(
     *,
     footway: bool = True,
 ) -> bool:
-    """A tree at `foot` with a crown of `radius` from the lower to the upper of `levels` (m), narrower where a wall or a
-    mount is near, and off the road where it hangs too low; False where there is no room for it."""
+    """Plant a tree at `foot`; False if there is no room.
+
+    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: lower and upper end
+    of the crown (m).
+    """
     x, y = (round(float(c), 3) for c in foot)
     radius = min(radius, _room(plot, shapely.Point(x, y), over_road=levels[0] >= UNDERSIDE[0]))
     trunk = f.disc(x, y, round(float(rng.uniform(0.1, 0.16 + 0.04 * radius)), 2))
@@ -68,7 +72,7 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
-    """A crown of 3 to 8 overlapping clumps within `radius` (m) of (x, y) and between `levels` (m)."""
+    """Crown of 3 to 8 overlapping clumps within `radius` (m) and `levels` (m)."""
     low, high = levels
     number = int(rng.integers(3, 9))
     around = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number + rng.normal(0.0, 0.3, number)
@@ -84,8 +88,10 @@ def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: 
 
 
 def _room(plot: Plot, foot: shapely.Point, *, over_road: bool) -> float:
-    """How wide a crown may be at `foot` (m, radius): up to houses' walls, short of mounts, and off lanes unless it may
-    hang `over_road`."""
+    """Largest radius of a crown at `foot` (m).
+
+    Up to walls of houses, short of mounts, and off lanes unless it may hang `over_road`.
+    """
     gaps = np.hypot(*(plot.mounts - shapely.get_coordinates(foot)).T) - _MOUNT_AIR
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
     road = np.inf if over_road else shapely.distance(foot, plot.lanes)
@@ -96,7 +102,7 @@ _SMALLEST = 30.0  # m², of an island on which anything stands
 
 
 def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
-    """Solids on every island of the road that is large enough."""
+    """Put solids on every island of the road that is large enough."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -108,7 +114,7 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
-    """What stands on an island of about `radius` (m): something in the middle, rings of hedges, bushes and signs."""
+    """Plant an island: a centre piece, rings of hedges, bushes and signs."""
     x, y = middle
     if rng.random() < 0.5:
         size, height = rng.uniform(0.15, 0.4) * radius, round(float(rng.uniform(0.5, 2.5)), 2)
@@ -119,7 +125,7 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
     makes = (*PLANTED, *PLANTED, *BUILT)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
         at = _around(middle, radius * rng.uniform(0.2, 0.95), angle)
-        plot.place(put_at(makes[rng.integers(len(makes))](rng), *at, float(rng.uniform(0, np.pi))), footway=True)
+        plot.place(move_solids(makes[rng.integers(len(makes))](rng), *at, float(rng.uniform(0, np.pi))), footway=True)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
         low = rng.uniform(1.5, 4.0)
         levels = low, low + rng.uniform(2.0, 5.0)
@@ -131,7 +137,7 @@ def _plant(plot: Plot, middle: tuple[float, float], radius: float, rng: np.rando
 
 
 def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
-    """Pieces of hedge or bushes round the middle, `out` m from it, with gaps."""
+    """Place hedges or bushes in a ring with gaps, `out` m from the middle."""
     length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
     step = (length + rng.uniform(0.1, 4.0)) / out
     turn, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.4, 1.0)
@@ -158,7 +164,10 @@ _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes
 
 
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator) -> None:
-    """Works on a stretch of each of `strips`, near the junction; its traffic passes on the left."""
+    """Put works on a stretch of each strip, near the junction.
+
+    Traffic passes on the left.
+    """
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)
@@ -169,7 +178,7 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator
 
 
 def verge_works(plot: Plot, rng: np.random.Generator) -> None:
-    """Up to three small works beside the footways."""
+    """Put up to three small works beside the footways."""
     edge = along(plot.road.surface.buffer(2.0).boundary.intersection(plot.window), 2.0)
     for x, y, direction in rng.permutation(edge)[: rng.integers(0, 4)]:
         ahead = 9.0 * np.array([np.cos(direction), np.sin(direction)])
@@ -189,8 +198,8 @@ def _work(
     start, end = stretch
 
     def put(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> bool:
-        x, y, yaw = _at(path, s, left)
-        return plot.place(put_at(solids, x, y, yaw + turn), shoulder=shoulder)
+        x, y, yaw = _locate(path, s, left)
+        return plot.place(move_solids(solids, x, y, yaw + turn), shoulder=shoulder)
 
     for s in (start, end):
         put(barrier(width - 2 * _EDGE - 0.3, rng), s, 0.0, np.pi / 2)
@@ -208,7 +217,7 @@ def _work(
 
 
 def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
-    """Two boards one over the other on feet, `length` (m) along x."""
+    """Two boards on feet, one above the other, `length` (m) along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
     feet = [Solid(f.block((0.1, 0.4), (k * 0.4 * length, 0.0)), 0.0, round(top - 0.62, 2), "barrier") for k in (-1, 1)]
@@ -216,14 +225,14 @@ def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
 
 
 def cone(rng: np.random.Generator) -> list[Solid]:
-    """A traffic cone."""
+    """Traffic cone."""
     height = float(rng.choice([0.5, 0.75, 1.0]))
     steps = [(0.19, 0.0, 0.05), (0.13, 0.05, 0.4), (0.07, 0.4, 0.8), (0.04, 0.8, 1.0)]
     return [Solid(f.disc(0.0, 0.0, r, 8), round(a * height, 3), round(b * height, 3), "cone") for r, a, b in steps]
 
 
 def beacon(rng: np.random.Generator) -> list[Solid]:
-    """A guide board on its foot, across the way."""
+    """Guide board on its foot, across the way."""
     return [
         Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"),
         Solid(f.block((0.06, 0.25)), 0.12, round(float(rng.uniform(1.0, 1.3)), 2), "cone"),
@@ -231,7 +240,7 @@ def beacon(rng: np.random.Generator) -> list[Solid]:
 
 
 def concrete(rng: np.random.Generator) -> list[Solid]:
-    """A piece of concrete barrier."""
+    """Piece of a concrete barrier."""
     return [
         Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"),
         Solid(f.block((2.0, 0.25)), 0.3, round(float(rng.uniform(0.75, 0.95)), 2), "barrier"),
@@ -239,7 +248,7 @@ def concrete(rng: np.random.Generator) -> list[Solid]:
 
 
 def fence(rng: np.random.Generator) -> list[Solid]:
-    """A panel of a site fence one can look through."""
+    """Panel of a see-through site fence."""
     height = round(float(rng.uniform(1.2, 2.0)), 2)
     bars = [Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)]
     feet = [Solid(f.block((0.2, 0.5), (x, 0.0)), 0.0, 0.14, "fence") for x in (-1.15, 1.15)]
@@ -249,8 +258,8 @@ def fence(rng: np.random.Generator) -> list[Solid]:
 _CLOSINGS: tuple[tuple[Make, float], ...] = ((cone, 1.5), (beacon, 2.0), (concrete, 2.1), (fence, 2.5))
 
 
-def _at(path: shapely.LineString, s: float, left: float) -> tuple[float, float, float]:
-    """The point `left` m beside the path at arc length s, and the direction there."""
+def _locate(path: shapely.LineString, s: float, left: float) -> tuple[float, float, float]:
+    """Point `left` m beside the path at arc length s, and its direction."""
     (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))
     yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))
     return float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), yaw
@@ -269,10 +278,10 @@ def furnish(
     strips: Mapping[str, Strip] | None = None,
     angles: Mapping[str, int] | None = None,
 ) -> tuple[list[Solid], Float64[np.ndarray, "n 3"]]:
-    """Solids on level ground in and around `area`, and parking bays x, y, yaw in the road and beside it.
+    """Draw solids on level ground, and parking bays x, y, yaw.
 
-    strips: shoulders of the road by edge; angles: of the bays on those that have bays (degrees), road works are on the
-    others.
+    In and around `area`. strips: shoulders of the road by edge; angles: of the bays on strips that have bays (degrees);
+    the others have road works.
     """
     strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
@@ -295,7 +304,7 @@ def furnish(
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:
-    """Up to 30 things as big as cars at the back of the footway or at its kerb, most of them along the road."""
+    """Place up to 30 things as big as cars behind or on the footway."""
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
     green = rng.uniform(0.2, 0.8)
@@ -304,11 +313,11 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
             makes = PLANTED if rng.random() < green else BUILT
             turn = rng.choice([0.0, np.pi, np.pi / 2, rng.uniform(0.0, np.pi)], p=[0.4, 0.3, 0.15, 0.15])
             thing = makes[rng.integers(len(makes))](rng)
-            plot.place(put_at(thing, float(x), float(y), float(direction + turn)), footway=at_kerb)
+            plot.place(move_solids(thing, float(x), float(y), float(direction + turn)), footway=at_kerb)
 
 
 def _houses(plot: Plot, rng: np.random.Generator) -> None:
-    """Rows of houses along both sides of every leg, from the corner outwards."""
+    """Place rows of houses along every leg, from the corner outwards."""
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         for side, half_width in zip((1, -1), widths, strict=True):
@@ -326,7 +335,7 @@ def _houses(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _beside(path: np.ndarray, at: float, length: float, offset: float, depth: float) -> Float64[np.ndarray, "4 2"]:
-    """The rectangle along `path` from arc length `at` on, between `offset` and `offset` + `depth` to its left."""
+    """Rectangle along `path` from arc length `at`, `offset` to its left."""
     line = shapely.LineString(path)
     start, end = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + length))
     along = (end - start) / (np.hypot(*(end - start)) + 1e-9)
@@ -336,7 +345,7 @@ def _beside(path: np.ndarray, at: float, length: float, offset: float, depth: fl
 
 
 def _furniture(plot: Plot, rng: np.random.Generator) -> None:
-    """Trees, lamp posts, signs, bins, benches and bollards along the kerb and behind the footway."""
+    """Place trees, lamp posts, signs, bins, benches and bollards."""
     kerb = along(plot.road.carriageway.buffer(0.5).boundary.intersection(plot.window), 0.5)
     behind = along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
     deep = along(plot.road.surface.buffer(2.4).boundary.intersection(plot.window), 0.5)
@@ -365,7 +374,7 @@ def _furniture(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _gardens(plot: Plot, rng: np.random.Generator) -> None:
-    """Hedges, walls and fences behind the footways, and trees on open ground."""
+    """Place hedges, walls and fences behind footways, and trees."""
     edge = plot.road.surface.buffer(rng.uniform(0.8, 2.0)).boundary.simplify(0.1).intersection(plot.window)
     kinds = rng.permutation(3)[: rng.integers(1, 4)]
     height = rng.uniform(0.9, 2.2)

@@ -1,7 +1,7 @@
 """Street furniture as solids on level ground, and `settle` to set it down on uneven ground.
 
 Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
-street holds plenty of them. They are made about the origin, lengthwise along x, and `put_at` their place.
+street holds plenty of them. They are made about the origin, lengthwise along x, and `put` their place.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ Outlines = Iterable[Float[np.ndarray, "_ 2"]]
 
 
 def rectangle(xmin: float, ymin: float, xmax: float, ymax: float) -> Float64[np.ndarray, "4 2"]:
-    """A rectangle along x and y, counter-clockwise."""
+    """Rectangle along x and y, counter-clockwise."""
     return np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], np.float64)
 
 
 def disc(x: float, y: float, radius: float, corners: int = 8) -> Float64[np.ndarray, "k 2"]:
-    """A regular polygon round (x, y), on millimetres."""
+    """Regular polygon around (x, y), on millimetres."""
     angles = np.arange(corners) * 2 * np.pi / corners
     return np.round(np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1), 3)
 
 
 def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
-    """A strip of `width` from start to end, on millimetres."""
+    """Strip of `width` from start to end, on millimetres."""
     along = np.subtract(end, start)
     across = np.array([-along[1], along[0]]) / np.hypot(*along) * width / 2
     return np.round(np.array([start - across, end - across, end + across, start + across]), 3)
@@ -41,26 +41,32 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
 def block(
     size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
 ) -> Float64[np.ndarray, "4 2"]:
-    """A rectangle of length and width (m) about `middle`, its length along `yaw`."""
+    """Rectangle of a length and width (m) about `middle`.
+
+    yaw: direction of its length.
+    """
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
     return bar(start, end, size[1])
 
 
 def post(x: float, y: float, height: float, radius: float = 0.08) -> Solid:
-    """A lamp, sensor or sign post."""
+    """Lamp, sensor or sign post."""
     return Solid(disc(x, y, radius), 0.0, height, "post")
 
 
 def sign(x: float, y: float, facing: float) -> list[Solid]:
-    """A traffic sign on its post, its face towards `facing` (rad)."""
+    """Traffic sign on its post, its face towards `facing` (rad)."""
     half = 0.35 * np.array([-np.sin(facing), np.cos(facing)])
     plate = bar((x - half[0], y - half[1]), (x + half[0], y + half[1]), 0.06)
     return [post(x, y, 2.2, 0.04), Solid(plate, 2.2, 2.9, "sign")]
 
 
 def tree(x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3) -> list[Solid]:
-    """A trunk, and a crown of radius `crown` from `clear` m up to `height`, narrower below and above."""
+    """Trunk, and a crown from `clear` m up to `height`.
+
+    crown: its radius (m); it is narrower below and above.
+    """
     middle, upper = clear + 0.25 * (height - clear), clear + 0.7 * (height - clear)
     return [
         Solid(disc(x, y, 0.16), 0.0, clear, "trunk"),
@@ -71,28 +77,28 @@ def tree(x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: flo
 
 
 def litter_bin(x: float, y: float) -> Solid:
-    """A litter bin."""
+    """Litter bin."""
     return Solid(disc(x, y, 0.28), 0.0, 1.0, "bin")
 
 
 def bench(x: float, y: float, along_x: bool = True) -> Solid:
-    """A bench 1.8 m long."""
+    """Bench 1.8 m long."""
     half = (0.9, 0.25) if along_x else (0.25, 0.9)
     return Solid(rectangle(x - half[0], y - half[1], x + half[0], y + half[1]), 0.0, 0.5, "bench")
 
 
 def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
-    """A hedge along `line`."""
+    """Hedge along `line`."""
     return [Solid(bar(*piece, width), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
 
 
 def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> list[Solid]:
-    """A wall along `line`."""
+    """Wall along `line`."""
     return [Solid(bar(*piece, width), 0.0, height, "wall") for piece in _pieces(line, 8.0)]
 
 
 def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
-    """A fence one can see through: posts every 2.5 m and two rails."""
+    """See-through fence: posts every 2.5 m and two rails."""
     pieces = _pieces(line, 2.5)
     uprights = [Solid(disc(*start, 0.05), 0.0, height, "fence") for start, _ in pieces]
     levels = ((0.5 * height - 0.05, 0.5 * height + 0.05), (height - 0.1, height))
@@ -100,7 +106,7 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
 
 
 def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
-    """A bus shelter open towards -y: back wall, sides and roof."""
+    """Bus shelter open towards -y: back wall, sides and roof."""
     return [
         Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter"),
         Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter"),
@@ -109,7 +115,10 @@ def shelter(xmin: float, ymin: float, xmax: float, ymax: float) -> list[Solid]:
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
-    """Kerbstones on the footway's side of every edge between road and footway, in pieces of at most 4 m."""
+    """Kerbstones on the footway's side of every edge to the road.
+
+    In pieces of at most 4 m.
+    """
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
     solids: list[Solid] = []
@@ -126,8 +135,10 @@ def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: floa
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Solids made for level ground, lifted by the ground under the middle of each; what stands on the ground (base 0)
-    reaches 0.3 m into it, so that no gap shows."""
+    """Lift solids made for level ground by the ground under their middle.
+
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows.
+    """
     solids, settled = list(solids), []
     lifts = _ground(relief, np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2))
     for solid, lift in zip(solids, lifts.tolist(), strict=True):
@@ -137,7 +148,7 @@ def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
-    """The mounts with their feet on the ground of the site."""
+    """Set the feet of mounts on the ground of the site."""
     feet = np.array([mount.position for mount in mounts]).reshape(-1, 3)
     feet[:, 2] = site.ground(feet[:, :2]).round(3)
     return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
@@ -156,8 +167,11 @@ def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
 Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthwise along x
 
 
-def put_at(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """The solids turned by `yaw` (rad) about the origin, then put at (x, y); footprints on millimetres."""
+def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
+    """Turn solids about the origin by `yaw` (rad) and move them to (x, y).
+
+    Footprints lie on millimetres.
+    """
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return [Solid(np.round(s.footprint @ turn + [x, y], 3), s.base, s.top, s.kind) for s in solids]
 
@@ -167,7 +181,7 @@ def _size(rng: np.random.Generator, *ranges: tuple[float, float]) -> tuple[float
 
 
 def hedge_block(rng: np.random.Generator) -> list[Solid]:
-    """A clipped hedge, up to the size of a van."""
+    """Clipped hedge, up to the size of a van."""
     length, width, height = _size(rng, (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
     return [Solid(block((length, width)), 0.0, height, "hedge")]
 
@@ -184,27 +198,27 @@ def bushes(rng: np.random.Generator) -> list[Solid]:
 
 
 def planter(rng: np.random.Generator) -> list[Solid]:
-    """A tub of stone with something green in it."""
+    """Stone tub with a plant in it."""
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
     grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
     return [Solid(block((length, width)), 0.0, height, "planter"), grown]
 
 
 def cabinet(rng: np.random.Generator) -> list[Solid]:
-    """A power or telephone box."""
+    """Power or telephone box."""
     length, width, height = _size(rng, (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))
     return [Solid(block((length, width)), 0.0, height, "cabinet")]
 
 
 def container(rng: np.random.Generator) -> list[Solid]:
-    """A freight, site or recycling container."""
+    """Freight, site or recycling container."""
     length = float(rng.choice([1.8, 2.4, 3.0, 4.5, 6.06]))
     width, height = _size(rng, (1.5, 2.5), (1.4, 2.7))
     return [Solid(block((length, width)), 0.0, height, "container")]
 
 
 def skip(rng: np.random.Generator) -> list[Solid]:
-    """An open skip, narrower at its foot, more or less full."""
+    """Open skip, narrower at its foot, more or less full."""
     length, width, height, full = _size(rng, (2.8, 4.8), (1.6, 2.1), (1.0, 1.7), (0.4, 1.15))
     middle = round(0.45 * height, 2)
     walls = [((0.0, side * (width - 0.12) / 2), (length, 0.12)) for side in (-1, 1)]
@@ -217,7 +231,7 @@ def skip(rng: np.random.Generator) -> list[Solid]:
 
 
 def bus_shelter(rng: np.random.Generator) -> list[Solid]:
-    """A bus shelter, open along one side."""
+    """Bus shelter, open along one side."""
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
     return shelter(-length / 2, -width / 2, length / 2, width / 2)
 
@@ -231,7 +245,7 @@ def bins(rng: np.random.Generator) -> list[Solid]:
 
 
 def heap(rng: np.random.Generator) -> list[Solid]:
-    """Earth or gravel, steep and rough."""
+    """Heap of earth or gravel, steep and rough."""
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
     rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
     return [
@@ -241,7 +255,7 @@ def heap(rng: np.random.Generator) -> list[Solid]:
 
 
 def column(rng: np.random.Generator) -> list[Solid]:
-    """An advertising column or a board on feet."""
+    """Advertising column, or a board on feet."""
     radius, height, length = _size(rng, (0.5, 0.8), (2.4, 3.6), (1.2, 3.6))
     if rng.random() < 0.5:
         return [Solid(disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
@@ -250,7 +264,7 @@ def column(rng: np.random.Generator) -> list[Solid]:
 
 
 def digger(rng: np.random.Generator) -> list[Solid]:
-    """A digger: tracks, a house with a cab, and an arm in front."""
+    """Digger: tracks, a house with a cab, and an arm in front."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
     sides = [Solid(block((length, 0.22 * width), (0.0, k * 0.39 * width)), 0.0, track, "machine") for k in (-1, 1)]

@@ -33,11 +33,10 @@ WGS84 = "EPSG:4326"
 
 
 def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"] | None:
-    """Places of the site frame (m) as degrees of longitude and latitude (WGS84); None where the site does not say where
-    on earth it is.
+    """Convert site metres to degrees of longitude and latitude (WGS84).
 
-    Raises ValueError where `geo_reference` is no projection or does not reach there; ImportError where it is not one of
-    coview's own and pyproj is missing.
+    None if the site does not say where on earth it is. Raises ValueError where `geo_reference` is no projection or does
+    not reach there; ImportError if pyproj is needed and missing.
     """
     if site.geo_reference is None:
         return None
@@ -46,11 +45,11 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
     centre = _own_centre(site.geo_reference)
     if centre is not None:
         return inverse_project(on_map, centre)
-    return _checked(_transformer(site, site.geo_reference, inverse=True), on_map, site)
+    return _transform(_transformer(site, site.geo_reference, inverse=True), on_map, site)
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-    """Degrees of longitude and latitude (WGS84) as places of the site frame (m).
+    """Convert degrees of longitude and latitude (WGS84) to site metres.
 
     Raises ValueError where the site does not say where on earth it is, or as `longitude_latitude`; ImportError too.
     """
@@ -63,13 +62,14 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
     if centre is not None:
         on_map = project(lon_lat, centre)
     else:
-        on_map = _checked(_transformer(site, site.geo_reference, inverse=False), lon_lat, site)
+        on_map = _transform(_transformer(site, site.geo_reference, inverse=False), lon_lat, site)
     return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[:, :2]
 
 
 def bearing_deg(site: Site, heading: float) -> float:
-    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading of the site frame (rad,
-    counter-clockwise from +x).
+    """Compass bearing (degrees in 0..360) of a heading of the site.
+
+    heading: rad, counter-clockwise from +x; the bearing is clockwise from the map's north.
 
     >>> bearing_deg(Site("example", np.array([0.0, 0, 10, 10])), np.pi)
     270.0
@@ -79,15 +79,17 @@ def bearing_deg(site: Site, heading: float) -> float:
 
 
 def projection(longitude: float, latitude: float) -> str:
-    """PROJ string of the transverse Mercator map whose zero is there, true to scale near it."""
+    """PROJ string of the transverse Mercator map about a point."""
     return (
         f"+proj=tmerc +lat_0={latitude:.9g} +lon_0={longitude:.10g} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
     )
 
 
 def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Degrees → metres of `projection(*centre)`, to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15,
-    cut after the terms of third order)."""
+    """Convert degrees to metres of `projection(*centre)`.
+
+    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order).
+    """
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -100,7 +102,7 @@ def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> F
 
 
 def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Metres of `projection(*centre)` → degrees, by Newton's method on `project`."""
+    """Convert metres of `projection(*centre)` to degrees, by Newton's method."""
     guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
     for _ in range(5):
         radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
@@ -120,14 +122,14 @@ def _meridian(latitude: Any) -> Any:
 
 
 def _own_centre(geo_reference: str) -> tuple[float, float] | None:
-    """Longitude and latitude of the zero of a map that `projection` names; None for other maps."""
+    """Longitude and latitude of the zero of one of our maps, else None."""
     zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", geo_reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
     return centre if centre is not None and projection(*centre) == geo_reference else None
 
 
 def _transformer(site: Site, geo_reference: str, *, inverse: bool) -> Any:
-    """Between degrees and metres of the site's map; `inverse`: to degrees."""
+    """Transformer between degrees and the site's map; `inverse`: to degrees."""
     try:
         return _proj(geo_reference, inverse)
     except ImportError:
@@ -155,7 +157,7 @@ def _proj(geo_reference: str, inverse: bool) -> Any:
         raise ValueError(str(error)) from None
 
 
-def _checked(transformer: Any, points: np.ndarray, site: Site) -> Float64[np.ndarray, "n 2"]:
+def _transform(transformer: Any, points: np.ndarray, site: Site) -> Float64[np.ndarray, "n 2"]:
     turned = np.stack(transformer.transform(*points.T), axis=1)
     lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
     if len(lost):
@@ -171,9 +173,9 @@ _Json = dict[str, Any]
 
 
 def site_geojson(site: Site) -> str:
-    """The text of a site's GeoJSON in longitude and latitude.
+    """GeoJSON text of a site in longitude and latitude.
 
-    Raises ValueError where the site does not say where on earth it is; ImportError where its map needs pyproj.
+    Raises ValueError where the site does not say where on earth it is; ImportError if its map needs pyproj.
     """
     if site.geo_reference is None:
         raise ValueError(
@@ -184,8 +186,10 @@ def site_geojson(site: Site) -> str:
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
-    """A GeoJSON feature of points or polygons of the site frame: in longitude and latitude, in the site's metres where
-    it does not say where on earth it is."""
+    """GeoJSON feature of points or polygons of the site frame.
+
+    In longitude and latitude, or in metres if the site does not say where on earth it is.
+    """
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:
@@ -201,7 +205,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: Any) -> _Json:
 
 
 def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
-    """A pole; files of poles have its properties under the same names."""
+    """GeoJSON feature of a mount, named as in files of poles."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
@@ -210,7 +214,7 @@ def mount_feature(site: Site, mount: Mount, **more: Any) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: Any) -> str:
-    """The text of a FeatureCollection with the bbox of its features, one of them to a line."""
+    """Text of a FeatureCollection with a bbox, one feature a line."""
     kept = list(features)
     lines = ",\n".join(json.dumps(each, allow_nan=False, ensure_ascii=False) for each in kept)
     corners = np.array([shapely.bounds(shapely.geometry.shape(each["geometry"])) for each in kept]).reshape(-1, 4)
@@ -256,5 +260,5 @@ def _sensor(site: Site, sensor: Sensor) -> _Json:
 
 
 def _tenth(bearing: float) -> float:
-    """A bearing to 0.1 degree, which is never 360."""
+    """Bearing to 0.1 degree, never 360."""
     return round(bearing, 1) % 360.0

@@ -32,15 +32,15 @@ from toolkit.sites.network import (
     MOTOR,
     Polygons,
     convert,
-    enclosed,
-    points_of,
-    polygons_in,
+    cut_polygons,
+    enclose,
+    list_polygons,
+    list_users,
+    parse_shape,
     road_polygons,
-    users_of,
-    within_window,
 )
 from toolkit.sites.site import Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import POLE, Road, place_mounts, stood_along
+from toolkit.sites.surroundings import POLE, Road, place_along, place_mounts
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
@@ -56,38 +56,44 @@ BODY = (5.5, 2.6)  # m, length and width of a vehicle that turns, with room besi
 ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sites
 
 
-def driven(network: str) -> shapely.Geometry:
-    """The tracks of a net.xml text that motor vehicles follow, over junctions with the room that their ends need."""
+def find_tracks(network: str) -> shapely.Geometry:
+    """Tracks of motor vehicles in a net.xml text.
+
+    Over junctions with the room that both ends of a vehicle need.
+    """
     tracks = []
     for edge in ElementTree.fromstring(network).iter("edge"):
         function = edge.get("function", "normal")
         for lane in edge.iter("lane") if function in ("normal", "internal") else ():
-            if "passenger" in users_of(lane):
+            if "passenger" in list_users(lane):
                 tracks.append(_track(lane))
-                tracks += _turning(points_of(lane)) if function == "internal" else []
+                tracks += _turning(parse_shape(lane)) if function == "internal" else []
     return shapely.union_all(tracks)
 
 
-def turning(network: str, margin: float = CORNER_CUT) -> shapely.Geometry:
-    """The ground within `margin` m of the bent tracks that motor vehicles follow over junctions."""
+def find_turns(network: str, margin: float = CORNER_CUT) -> shapely.Geometry:
+    """Ground within `margin` m of bent tracks over junctions."""
     bent = []
     for edge in ElementTree.fromstring(network).iter("edge"):
         for lane in edge.iter("lane") if edge.get("function") == "internal" else ():
-            points = points_of(lane)
+            points = parse_shape(lane)
             straight = shapely.LineString(points[[0, -1]])
-            if "passenger" in users_of(lane) and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3:
+            if (
+                "passenger" in list_users(lane)
+                and shapely.hausdorff_distance(shapely.LineString(points), straight) > 0.3
+            ):
                 bent += [_track(lane), *_turning(points)]
     return shapely.union_all(bent).buffer(margin)
 
 
 def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
-    """Where a net.xml text has carriageway and footway at the corners of its junctions."""
+    """Carriageway and footway at the corners of a network's junctions."""
     root = ElementTree.fromstring(network)
     walking = [
         lane for edge in root.iter("edge") if edge.get("function") == "walkingarea" for lane in edge.iter("lane")
     ]
-    footway = shapely.union_all([enclosed(lane) for lane in walking])
-    junctions = [enclosed(j) for j in root.iter("junction") if j.get("type") not in ("internal", "dead_end")]
+    footway = shapely.union_all([enclose(lane) for lane in walking])
+    junctions = [enclose(j) for j in root.iter("junction") if j.get("type") not in ("internal", "dead_end")]
     return shapely.union_all(junctions).difference(footway), footway
 
 
@@ -99,29 +105,34 @@ def whole_road(
     *,
     fillings: tuple[shapely.Geometry, shapely.Geometry] = (shapely.Polygon(), shapely.Polygon()),
 ) -> tuple[Polygons, Polygons]:
-    """Lanes and footways within `window` without cracks, stubs and slivers: what is driven on is carriageway, and a
-    footway begins where the carriageway ends. `fillings`: carriageway and footway where the map is silent of both."""
+    """Lanes and footways within `window` without cracks, stubs and slivers.
+
+    Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
+    where the map is silent of both.
+    """
     window_of_work = window.buffer(2 * STUB)
     paved = shapely.union_all([*lanes, tracks]).intersection(window_of_work)
     walk = shapely.union_all(list(footways)).intersection(window_of_work)
     paved = paved.union(fillings[0].intersection(window_of_work).difference(walk))
-    closed = _opened(_closed(paved, CRACK), THINNEST_ROAD)
-    walk = _closed(walk.union(fillings[1].intersection(window_of_work)), CRACK)
-    stubs = _closed(closed, STUB).difference(closed).intersection(walk)
-    walk = _opened(walk.difference(closed.union(stubs)), SLIVER)
+    closed = _open_shape(_close_shape(paved, CRACK), THINNEST_ROAD)
+    walk = _close_shape(walk.union(fillings[1].intersection(window_of_work)), CRACK)
+    stubs = _close_shape(closed, STUB).difference(closed).intersection(walk)
+    walk = _open_shape(walk.difference(closed.union(stubs)), SLIVER)
     islets = [part for part in shapely.get_parts(walk) if part.area < ISLET and _within_road(part, closed)]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
-    between = _opened(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
-    pieces = within_window([lane.intersection(carriageway) for lane in lanes] + [between], window)
+    between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
+    pieces = cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
     carriageway = shapely.union_all([shapely.Polygon(p) for p in pieces])
-    walk = _opened(walk.difference(carriageway), SLIVER).difference(carriageway)
-    return pieces, within_window([walk], window)
+    walk = _open_shape(walk.difference(carriageway), SLIVER).difference(carriageway)
+    return pieces, cut_polygons([walk], window)
 
 
 def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
-    """Kerbstones on the footway's side of every edge between lanes and footways, in pieces of at most 4 m; none on
-    ground where they are `lowered`, as at corners that vehicles cut."""
+    """Kerbstones between lanes and footways, on the footway's side.
+
+    In pieces of at most 4 m; none on ground where they are `lowered`, as at corners that vehicles cut.
+    """
     carriageway = shapely.union_all([shapely.Polygon(p) for p in lanes]).buffer(0.01)
     walk = shapely.union_all([shapely.Polygon(p) for p in footways])
     if walk.is_empty:
@@ -142,17 +153,17 @@ def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -
 
 
 def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
-    """Paths of the network's streets within `reach` m of the site's middle, and half their widths left and right (m).
+    """Paths of the network's streets, and half their widths left and right (m).
 
-    A path runs along the lane nearest to the middle of the street, each direction's has its own; it goes straight on
-    for 130 m where its edge ends, since houses are drawn along 90 m.
+    Within `reach` m of the site's middle. A path runs along the lane nearest to the middle of the street, one for each
+    direction; it goes straight on for 130 m where its edge ends, since houses are drawn along 90 m.
     """
     paths, widths = [], []
     for edge in ElementTree.fromstring(network).iter("edge"):
         lanes = list(edge.iter("lane"))
-        if edge.get("function", "normal") != "normal" or not any("passenger" in users_of(lane) for lane in lanes):
+        if edge.get("function", "normal") != "normal" or not any("passenger" in list_users(lane) for lane in lanes):
             continue
-        line = shapely.LineString(points_of(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
+        line = shapely.LineString(parse_shape(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
         for part in shapely.get_parts(line):
             if part.geom_type == "LineString" and part.length > 10.0:
                 inner = float(lanes[-1].get("width", "3.2")) / 2
@@ -164,11 +175,11 @@ def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "
     return paths, widths
 
 
-def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
-    """`site` (with lanes, footways and bays) furnished round the map's own `solids` on uneven ground drawn from `seed`;
-    and what was drawn, in words. Mounts stand on posts of their own, those on the map's lamp posts excepted.
+def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
+    """Furnish a site around the map's own `solids`; also say what was drawn.
 
-    Raises ValueError where the seed is negative.
+    The site has lanes, footways and bays; the uneven ground is drawn from `seed`. Mounts stand on posts of their own,
+    except for those on the map's lamp posts. Raises ValueError for a negative seed.
     """
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
@@ -180,7 +191,7 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
     lamps = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.name.startswith("lamp")]
     ours = [*lamps, *(shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island"))]
     ours += [shapely.Polygon(bay_outline(*bay)) for bay in site.parking]
-    kept = _apart_from([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
+    kept = _keep_apart([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
     free = [b for b in bays if not taken.intersects(shapely.Polygon(bay_outline(*b)))]
     site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
@@ -191,7 +202,7 @@ def furnished(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed
 
 
 def bay_outline(x: float, y: float, yaw: float) -> Float64[np.ndarray, "4 2"]:
-    """The corners of a parking bay."""
+    """Corners of a parking bay."""
     return f.block(MAP_BAY, (x, y), yaw)
 
 
@@ -201,7 +212,7 @@ def free_bays(
     solids: Sequence[Solid],
     tracks: shapely.Geometry,
 ) -> Float64[np.ndarray, "n 3"]:
-    """The bays x, y, yaw within `window` in which nothing stands and through which nobody drives."""
+    """Bays x, y, yaw within `window` that are free of solids and traffic."""
     standing = shapely.union_all([shapely.Polygon(s.footprint) for s in solids if s.kind not in ("island", "kerb")])
     tracks = tracks.buffer(-0.3)
     outlines = [(bay, shapely.Polygon(bay_outline(*bay))) for bay in bays]
@@ -211,14 +222,14 @@ def free_bays(
 
 
 def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw one behind the other along the middle of a parking lane."""
+    """Bays x, y, yaw in line along the middle of a parking lane."""
     line = shapely.LineString(middle)
-    rows = stood_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
+    rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
     return [(float(x), float(y), float(a)) for x, y, a in rows]
 
 
-def _apart_from(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
-    """The solids that neither touch `ours` nor hang together with one that does."""
+def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
+    """Solids that neither touch `ours` nor belong to one that does."""
     shapes = [shapely.Polygon(s.footprint) for s in solids]
     groups = shapely.get_parts(
         shapely.union_all([p for p, s in zip(shapes, solids, strict=True) if s.kind != "island"])
@@ -229,14 +240,14 @@ def _apart_from(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
 
 def _track(lane: ElementTree.Element) -> shapely.Geometry:
     half = min(float(lane.get("width", "3.2")), WIDEST) / 2
-    points = points_of(lane)
+    points = parse_shape(lane)
     if len(points) < 2:
         return shapely.Polygon()
     return shapely.LineString(points).simplify(0.05).buffer(half, cap_style="flat", quad_segs=4)
 
 
 def _turning(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
-    """The ground under `BODY`, both of its ends on `path` or straight on from it, every half metre."""
+    """Ground under `BODY`, both ends on `path`, every half metre."""
     length, width = BODY
     line = shapely.LineString(path)
     if line.length < 0.5:
@@ -244,27 +255,27 @@ def _turning(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
     first, last = (d / max(np.hypot(*d), 1e-9) for d in (path[1] - path[0], path[-1] - path[-2]))
     line = shapely.LineString([path[0] - length * first, *path, path[-1] + length * last])
     at = np.arange(0.0, line.length - length, 0.5)
-    ends = zip(_interpolated(line, at), _interpolated(line, at + length), strict=True)
+    ends = zip(_interpolate(line, at), _interpolate(line, at + length), strict=True)
     return [shapely.LineString(both).buffer(width / 2, cap_style="flat") for both in ends]
 
 
-def _interpolated(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray, "n 2"]:
+def _interpolate(line: shapely.LineString, at: np.ndarray) -> Float64[np.ndarray, "n 2"]:
     return shapely.get_coordinates(shapely.line_interpolate_point(line, at)).reshape(-1, 2)
 
 
 def _within_road(part: shapely.Geometry, carriageway: shapely.Geometry) -> bool:
-    """Whether most of the border of `part` is shared with the carriageway."""
+    """True if most of the border of `part` is shared with the carriageway."""
     shared = part.boundary.intersection(carriageway.buffer(0.1)).length
     return bool(shared > 0.85 * part.boundary.length)
 
 
-def _opened(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
-    """`shape` without what is narrower than twice `gap` (m)."""
+def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
+    """Remove what is narrower than twice `gap` (m)."""
     thick = shape.buffer(-gap, join_style="mitre", mitre_limit=2).buffer(gap + 0.01, join_style="mitre", mitre_limit=2)
     return shape.intersection(thick)
 
 
-def _closed(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
+def _close_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
     return shape.buffer(gap, join_style="mitre", mitre_limit=2).buffer(-gap, join_style="mitre", mitre_limit=2)
 
 
@@ -316,31 +327,34 @@ def import_opendrive(
     heading: float = 0.0,
     seed: int | None = None,
 ) -> Site:
-    """The site `size` (m along x and y) at `centre` (map coordinates, m) of an OpenDRIVE file, x along `heading` (rad).
+    """Import a site from an OpenDRIVE file.
 
-    Roads lie on one plane, which slopes as they do; those over or under it by more than SAME_LEVEL m are left out.
-    Objects and signals become solids and bays, mounts are made along the kerbs. `seed`: what the map is silent of is
-    drawn from it; None leaves it bare. A georeference that names no projection, what is left out and what is drawn is
-    said in warnings.
+    centre: in map coordinates (m); size: along x and y (m); heading: of x (rad); seed: draws what the map is silent of,
+    None leaves it bare.
+
+    Roads lie on one plane, which slopes as they do; those more than SAME_LEVEL m above or below are left out. Objects
+    and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
+    projection, what is left out and what is drawn.
+
     Raises ValueError in one line where the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".xodr")
     x, y = _check_place(centre, size, heading)
-    geo_reference = opendrive.usable(opendrive.opendrive_header(path, (x, y)), path)
+    geo_reference = opendrive.check_projection(opendrive.opendrive_header(path, (x, y)), path)
     area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
     window = shapely.Polygon(_corners(area, REACH) @ pose(yaw=heading)[:2, :2].T + [x, y])
     with tempfile.TemporaryDirectory() as folder:
         types = Path(folder, "types.xml")
         types.write_text(_LANE_TYPES, encoding="utf-8")
         options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
-        network = _converted(options, path, (x, y))
+        network = _convert(options, path, (x, y))
         level, elsewhere, is_near = _elsewhere(network, window)
         if not is_near:
             raise ValueError(_no_road(path, (x, y)))
         whole = Path(folder, "net.xml")  # netconvert cuts networks, but not OpenDRIVE maps
         whole.write_text(network, encoding="utf-8")
         cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
-        network = _converted([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], path, (x, y))
+        network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], path, (x, y))
     map_SE3_site = pose(x, y, level, yaw=heading)
     site = Site(
         name=name or path.stem,
@@ -350,7 +364,7 @@ def import_opendrive(
         geo_reference=geo_reference,
     )
     roads = opendrive.roads_near(path, window, level, SAME_LEVEL)
-    there = opendrive.in_frame(opendrive.understood(path, roads), map_SE3_site)
+    there = opendrive.move_to_site(opendrive.read_standing(path, roads), map_SE3_site)
     found = opendrive.surfaces(path, roads)
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
@@ -358,7 +372,7 @@ def import_opendrive(
     if not paved:
         raise ValueError(_no_road(path, (x, y)))
     reach = shapely.box(*area).buffer(SURROUNDINGS, join_style="mitre")
-    tracks, fillings = driven(site.network), junction_corners(site.network)
+    tracks, fillings = find_tracks(site.network), junction_corners(site.network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
     parked = [lane for lane in found if lane.kind == "parking" and lane.width >= 1.8]
     there.bays += [
@@ -370,13 +384,13 @@ def import_opendrive(
     relief, said = _slope(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
     site, notes = replace(site, relief=relief), [*notes, *said]
     site = replace(site, lanes=lanes, footways=footways, parking=free_bays(there.bays, reach, solids, tracks))
-    return _finished(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
+    return _finish(site, path, (x, y), solids, lamps=np.array(there.lamps).reshape(-1, 2), seed=seed, notes=notes)
 
 
 def _slope(
     roads: Sequence[opendrive.MapRoad], window: shapely.Geometry, map_SE3_site: np.ndarray
 ) -> tuple[Relief, list[str]]:
-    """The plane of the roads in a window of the map as a relief, and what to say of it."""
+    """Plane of the roads in a window of the map as a relief, and notes."""
     slope, off = opendrive.plane(roads, window, map_SE3_site)
     rise, steepest = float(np.hypot(*slope)), opendrive.steepest(roads, window)
     if steepest <= LEAST_SLOPE:
@@ -397,13 +411,15 @@ def import_osm(
     lefthand: bool = False,
     seed: int | None = None,
 ) -> Site:
-    """The site `size` (m along x and y) at `centre` (longitude, latitude) of an OpenStreetMap file (.osm, .osm.gz), x
-    along `heading` (rad counter-clockwise from east).
+    """Import a site from an OpenStreetMap file (.osm, .osm.gz).
+
+    centre: longitude, latitude; size: along x and y (m); heading: of x (rad counter-clockwise from east); lefthand:
+    traffic keeps left; seed: draws what the map is silent of, which a warning lists; None leaves it bare.
 
     Roads, footways, parking along kerbs, buildings with heights, walls, fences, hedges, trees and lamp posts come from
-    the map; mounts are on its lamp posts, or else along the kerbs. `lefthand`: traffic keeps left. `seed`: what the map
-    is silent of is drawn from it, and said in a warning; None leaves it bare. What the map holds and the site cannot
-    (tunnels, bridges over a road, buildings over a road) is left out with a warning.
+    the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
+    road, buildings over a road) is left out with a warning.
+
     Raises ValueError in one line where the file is no OSM map or has no road there, ImportError without SUMO.
     """
     path = _file(path, ".osm")
@@ -414,18 +430,18 @@ def import_osm(
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     if not pieces:
         raise ValueError(_no_road(path, (longitude, latitude)))
-    parking = osm_parking.parking_beside(extract, osm.ROADS, within, lefthand=lefthand)
+    parking = osm_parking.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving = pose(yaw=heading), ["--lefthand"] if lefthand else []
     with tempfile.TemporaryDirectory() as folder:
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
-        streets.write_text(osm.written(pieces, extract), encoding="utf-8")
+        streets.write_text(osm.write_osm(pieces, extract), encoding="utf-8")
         types.write_text(osm.road_types(), encoding="utf-8")
         on_earth = projection(longitude, latitude)
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_converted(options, path, (longitude, latitude)), map_SE3_site)
-        if parking and (strips := osm_parking.strips(network, parking)):
-            options = [*osm_parking.widened(Path(folder), strips), "--no-warnings", *driving]
+        network = _in_site_frame(_convert(options, path, (longitude, latitude)), map_SE3_site)
+        if parking and (strips := osm_parking.find_parking_strips(network, parking)):
+            options = [*osm_parking.widen_network(Path(folder), strips), "--no-warnings", *driving]
             try:
                 network = _in_site_frame(convert(options), map_SE3_site)
             except ValueError as error:
@@ -443,24 +459,24 @@ def import_osm(
     street = _union([*lanes, *footways])
     solids, cut = osm.buildings(extract, window, street.buffer(0.1))
     houses = _union([solid.footprint for solid in solids])
-    squares = within_window(
+    squares = cut_polygons(
         [square.difference(street).difference(houses) for square in osm.paths(extract, window)], window
     )
     beside = street.union(houses)
     solids += osm.barriers(extract, window, beside) + osm.trees(extract, window, beside)
     posts, lamps = osm.furniture(extract, window, _union(lanes).union(houses))
     walked = [shapely.Polygon(p).difference(street_lanes) for p in (*footways, *squares)]
-    paved, tracks = [shapely.Polygon(p) for p in lanes], driven(site.network)
+    paved, tracks = [shapely.Polygon(p) for p in lanes], find_tracks(site.network)
     lanes, footways = whole_road(paved, walked, tracks, window)
     taken = _union([solid.footprint for solid in (*solids, *posts)]).union(_union(lanes)).buffer(0.2)
     bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
-    at_kerbs = free_bays(osm_parking.bays_on_strips(site.network, parking), window, [*solids, *posts], tracks)
+    at_kerbs = free_bays(osm_parking.find_strip_bays(site.network, parking), window, [*solids, *posts], tracks)
     site = replace(site, lanes=lanes, footways=footways, parking=np.concatenate([bays, at_kerbs]))
     said = [*notes, *cut]
-    return _finished(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
+    return _finish(site, path, (longitude, latitude), [*solids, *posts], lamps=lamps, seed=seed, notes=said)
 
 
-def _finished(
+def _finish(
     site: Site,
     path: Path,
     centre: tuple[float, float],
@@ -470,7 +486,7 @@ def _finished(
     seed: int | None,
     notes: Sequence[str],
 ) -> Site:
-    """`site`, which has lanes, footways and bays, with kerbs and mounts, and furnished where a seed is given."""
+    """Add kerbs and mounts to a site, and furnish it if given a seed."""
     carriageway = _union(site.lanes)
     if not carriageway.intersects(shapely.box(*site.area)):
         raise ValueError(_no_road(path, centre))
@@ -484,12 +500,12 @@ def _finished(
         mounts += [
             replace(mount, price=1.0) for mount in drawn if not near.intersects(shapely.Point(mount.position[:2]))
         ]
-    stones = kerbstones(site.lanes, site.footways, turning(site.network))
+    stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if seed is None:
         poles = [f.post(float(m.position[0]), float(m.position[1]), POLE) for m in mounts if m.name.startswith("pole")]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
-        made, note = furnished(site, mounts, [*solids, *stones], seed)
+        made, note = furnish_site(site, mounts, [*solids, *stones], seed)
         notes = [*notes, note]
     for note in notes:
         warnings.warn(f"{path.name}: {note}", stacklevel=3)
@@ -497,7 +513,7 @@ def _finished(
 
 
 def _lamp_mounts(lamps: np.ndarray, road: Road, site: Site, walls: shapely.Geometry) -> list[Mount]:
-    """A mount on every lamp post in and near the area, on a bracket towards the road."""
+    """Mounts on the lamp posts in and near the area, on brackets over the road."""
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
     for lamp in lamps:
@@ -530,7 +546,7 @@ def _no_road(path: Path, centre: tuple[float, float]) -> str:
     return f"{path}: no road within the area about {centre[0]:g} {centre[1]:g}: move --centre onto a road"
 
 
-def _converted(options: Sequence[str], path: Path, centre: tuple[float, float]) -> str:
+def _convert(options: Sequence[str], path: Path, centre: tuple[float, float]) -> str:
     try:
         network = convert(options)
     except ValueError as error:
@@ -541,7 +557,10 @@ def _converted(options: Sequence[str], path: Path, centre: tuple[float, float]) 
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
-    """Height of the road nearest to the middle of `window`; edges elsewhere or on another storey; is any edge left."""
+    """Height of the nearest road; edges to remove; True if any is left.
+
+    Removed are edges outside `window` and on another storey than the road nearest to its middle.
+    """
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
     for edge in ElementTree.fromstring(network).iter("edge"):
@@ -559,7 +578,7 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
 
 
 def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
-    """A net.xml text whose map coordinates are turned into the site's, and flat."""
+    """Turn a net.xml text from the map's into the site's coordinates, flat."""
     x, y = map_SE3_site[:2, 3]
     turn = map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)
@@ -568,7 +587,7 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
             points = [p.split(",")[:2] for p in element.attrib["shape"].split()]
             moved = (np.array(points, np.float64).reshape(-1, 2) - [x, y]) @ turn
             outline = element.tag == "junction" or "_w" in element.get("id", "").partition(":")[2]
-            moved = _repaired(moved) if outline and len(moved) > 2 else moved
+            moved = _repair(moved) if outline and len(moved) > 2 else moved
             element.set("shape", " ".join(f"{a:.3f},{b:.3f}" for a, b in moved))
         if element.tag == "junction":
             a, b = (np.array([float(element.get("x", 0)), float(element.get("y", 0))]) - [x, y]) @ turn
@@ -579,12 +598,12 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _repaired(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """`outline`; where it crosses itself the largest part of it, where it has no area a thin strip."""
+def _repair(outline: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
+    """Largest part of an outline that crosses itself; a strip if it has no area."""
     shape = shapely.Polygon(outline.round(3))
     if shape.is_valid:
         return outline
-    polygons = [p for p in polygons_in(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
+    polygons = [p for p in list_polygons(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
     strip = shapely.LineString(outline).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
     return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
 

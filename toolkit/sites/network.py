@@ -44,14 +44,17 @@ Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 def street(
     lanes: int = 1, *, width: float = 3.5, footway: float = 2.0, shoulder: float = 0.0, speed: float = 13.9
 ) -> list[XmlAttributes]:
-    """One direction's lanes, from the kerb inwards: footway, shoulder nobody drives on, `lanes` lanes (widths in m)."""
+    """Lanes of one direction, from the kerb inwards.
+
+    A footway, a shoulder without traffic and `lanes` lanes; widths in m.
+    """
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
 
 
 def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> str:
-    """Points as SUMO writes a shape.
+    """Format points as a SUMO shape.
 
     >>> line([(0.0, 0.0), (1.5, -2.0)])
     '0.000,0.000 1.500,-2.000'
@@ -67,13 +70,13 @@ def build_network(
     roundabouts: Iterable[XmlAttributes] = (),
     options: Sequence[str] = (),
 ) -> str:
-    """The net.xml text of a network; the same rows give the same text.
+    """Build the net.xml text of a network; the same rows give the same text.
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
-    `street` makes them; crossings: node, edges, width, priority, None lets netconvert guess them; roundabouts: nodes,
+    `street` makes them; crossings: node, edges, width, priority, None to let netconvert guess them; roundabouts: nodes,
     edges; options: of netconvert.
 
-    Raises ValueError with netconvert's own words where it refuses the rows, ImportError where SUMO is not installed.
+    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO.
     """
     guess = ["--crossings.guess"] if crossings is None else []
     with tempfile.TemporaryDirectory() as folder:
@@ -88,7 +91,7 @@ def build_network(
 
 
 def convert(options: Sequence[str]) -> str:
-    """The net.xml text netconvert makes of `options`, without its comments (dates and paths).
+    """Run netconvert; return the net.xml text without its comments.
 
     >>> convert(["--node-files=/nowhere"])
     Traceback (most recent call last):
@@ -105,7 +108,10 @@ def convert(options: Sequence[str]) -> str:
 
 
 def netconvert() -> Path:
-    """Where SUMO's netconvert is: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH."""
+    """Path of SUMO's netconvert.
+
+    It is looked for in the installed eclipse-sumo, below $SUMO_HOME and on the PATH.
+    """
     package = importlib.util.find_spec("sumo")
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
@@ -119,8 +125,11 @@ def netconvert() -> Path:
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """What wheels use (lanes, shoulders, junctions, crossings) and what only feet use (sidewalks, walking areas) of a
-    net.xml text: simple polygons within `margin` (m) around `area` (xmin ymin xmax ymax)."""
+    """Polygons of a net.xml text for wheels and for feet only.
+
+    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas. Simple polygons within `margin` (m)
+    around `area` (xmin ymin xmax ymax).
+    """
     root = ElementTree.fromstring(network)
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
@@ -131,33 +140,36 @@ def road_polygons(
         if function == "internal":
             continue
         for lane in edge.iter("lane"):
-            users = users_of(lane)
+            users = list_users(lane)
             if function == "walkingarea":
-                footways.append(enclosed(lane))
+                footways.append(enclose(lane))
             elif not users <= _RAIL or not users:
                 only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
                 (footways if only_feet else lanes).append(_strip(lane))
     corners = shapely.union_all(footways)
-    junctions = [enclosed(j) for j in root.iter("junction") if j.get("type") != "internal"]
+    junctions = [enclose(j) for j in root.iter("junction") if j.get("type") != "internal"]
     lanes += [junction.difference(corners) for junction in junctions]
-    return within_window(lanes, window), within_window(footways, window)
+    return cut_polygons(lanes, window), cut_polygons(footways, window)
 
 
 def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
-    """The strips of a net.xml text that nobody may use, by edge: middle line (k, 2) as its traffic goes, width (m)."""
+    """Strips of a net.xml text without traffic, by edge.
+
+    Of each the middle line (k, 2) in the direction of traffic and its width (m).
+    """
     root = ElementTree.fromstring(network)
     unused = [
         (str(edge.get("id")), lane)
         for edge in root.iter("edge")
         if edge.get("function", "normal") == "normal"
         for lane in edge.iter("lane")
-        if not users_of(lane)
+        if not list_users(lane)
     ]
-    return {edge: (points_of(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
+    return {edge: (parse_shape(lane), float(lane.get("width", "3.2"))) for edge, lane in unused}
 
 
-def users_of(lane: ElementTree.Element) -> set[str]:
-    """Who may use a lane of a net.xml text, in SUMO's words."""
+def list_users(lane: ElementTree.Element) -> set[str]:
+    """Users of a lane of a net.xml text, in SUMO's words."""
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
@@ -167,12 +179,12 @@ def users_of(lane: ElementTree.Element) -> set[str]:
 
 def _strip(lane: ElementTree.Element) -> shapely.Geometry:
     half = float(lane.get("width", "3.2")) / 2
-    return shapely.LineString(points_of(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
+    return shapely.LineString(parse_shape(lane)).buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
 
 
-def enclosed(element: ElementTree.Element) -> shapely.Geometry:
-    """The area an element's shape encloses; of one that crosses itself, all its parts."""
-    coordinates = points_of(element)
+def enclose(element: ElementTree.Element) -> shapely.Geometry:
+    """Area that an element's shape encloses, all parts of it."""
+    coordinates = parse_shape(element)
     if len(coordinates) < 3:
         return shapely.Polygon()
     valid = shapely.make_valid(shapely.Polygon(coordinates))
@@ -181,26 +193,29 @@ def enclosed(element: ElementTree.Element) -> shapely.Geometry:
     return shapely.union_all([part for part in shapely.get_parts(valid) if part.area > 0])
 
 
-def points_of(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
-    """The shape (k, 2) of a lane or junction of a net.xml text, heights left out."""
+def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
+    """Shape (k, 2) of a lane or junction, without heights."""
     points = [p.split(",")[:2] for p in element.get("shape", "").split()]
     return np.array(points, np.float64).reshape(-1, 2)
 
 
-def within_window(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
-    """The simple polygons of at least 0.1 m² in `shapes` within `window`, on a grid of 1 mm."""
+def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
+    """Simple polygons of `shapes` in `window`, 0.1 m² and more.
+
+    On a grid of 1 mm.
+    """
     cut = (shapely.set_precision(shape.intersection(window), 1e-3) for shape in shapes)
-    simple = (piece for shape in cut for part in polygons_in(shape) for piece in _without_holes(part))
+    simple = (piece for shape in cut for part in list_polygons(shape) for piece in _without_holes(part))
     return tuple(shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1)
 
 
-def polygons_in(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    """The polygons of any geometry, also those of a multipolygon within a collection."""
+def list_polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    """Polygons of any geometry, also of nested collections."""
     return [part for part in shapely.get_parts(shapely.get_parts(shape)) if part.geom_type == "Polygon"]
 
 
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """`polygon` cut through its holes until none is left."""
+    """Cut a polygon through its holes until none is left."""
     if not polygon.interiors:
         return [polygon]
     x = shapely.Polygon(polygon.interiors[0]).centroid.x
@@ -208,7 +223,7 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     halves = (
         polygon.intersection(half) for half in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax))
     )
-    return [piece for half in halves for part in polygons_in(half) for piece in _without_holes(part)]
+    return [piece for half in halves for part in list_polygons(half) for piece in _without_holes(part)]
 
 
 def _xml(root: str, elements: Iterable[str]) -> str:

@@ -30,13 +30,16 @@ _STEP = 0.25  # m between the points at which a spiral is summed up
 
 @dataclass(frozen=True, eq=False)
 class Cubics:
-    """A function of s in pieces: row i is a + b ds + c ds² + d ds³ from s = starts[i] on. Without rows it is 0."""
+    """Piecewise cubic function of s.
+
+    Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows.
+    """
 
     starts: Float64[np.ndarray, " n"]
     rows: Float64[np.ndarray, "n 4"]
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """The values at `s`; before the first piece they are those of the first."""
+        """Values at `s`; the first piece extends to the left."""
         if not len(self.starts):
             return np.zeros(len(s))
         which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
@@ -44,13 +47,16 @@ class Cubics:
         return np.sum(self.rows[which] * ds[:, None] ** np.arange(4), axis=1)
 
     def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """The derivatives at `s`."""
+        """Derivatives at `s`."""
         return Cubics(self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])).at(s)
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One <geometry>: from `start` on along s, from (x, y) in direction `heading`; `shape` is the element inside."""
+    """One <geometry>, from `start` on along s.
+
+    x, y, heading: of its start; shape: the element inside.
+    """
 
     start: float
     x: float
@@ -68,7 +74,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceLine:
-    """A road's reference line: pieces in order of s, its length, its height over the map's zero."""
+    """Reference line of a road: pieces in order of s, length, elevation."""
 
     pieces: tuple[Piece, ...]
     length: float
@@ -89,7 +95,10 @@ class ReferenceLine:
 
 
 def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """An attribute as a finite number of less than a million; `default` where it is missing and that is no None."""
+    """Attribute as a finite number below a million.
+
+    default: if the attribute is missing, unless None.
+    """
     text = element.get(key)
     if text is None and default is not None:
         return default
@@ -103,14 +112,14 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
 
 
 def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
-    """The pieces that elements with a, b, c, d describe, in order of `key`."""
+    """Pieces described by elements with a, b, c, d, in order of `key`."""
     rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return Cubics(rows[:, 0], rows[:, 1:])
 
 
 def reference_line(road: ElementTree.Element) -> ReferenceLine:
-    """The reference line of a <road>. Raises ValueError where it has none or a number in it is none."""
+    """Reference line of a <road>. Raises ValueError for a damaged one."""
     pieces = []
     for element in road.findall("planView/geometry"):
         start, x, y, heading, length = (number(element, key) for key in ("s", "x", "y", "hdg", "length"))
@@ -128,7 +137,7 @@ def reference_line(road: ElementTree.Element) -> ReferenceLine:
 
 
 def _local(piece: Piece, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """u, v and direction in the piece's own frame."""
+    """Place and direction u, v, turn in the piece's own frame."""
     shape = piece.shape
     if shape.tag == "arc":
         return _bent(number(shape, "curvature"), ds)
@@ -153,7 +162,7 @@ def _bent(curvature: float, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _spiral(first: float, last: float, length: float, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A clothoid, summed up by the midpoint rule."""
+    """Clothoid, summed by the midpoint rule."""
     rate = (last - first) / max(length, 1e-9)
     grid = np.linspace(0.0, length, int(length / _STEP) + 2)
     middle = (grid[1:] + grid[:-1]) / 2
@@ -174,7 +183,7 @@ THINNEST_LANE = 0.05  # m, of a lane that is kept
 
 @dataclass(frozen=True, eq=False)
 class MapRoad:
-    """One <road> of the map: its reference line and the element itself."""
+    """One <road> of the map: reference line and element."""
 
     line: ReferenceLine
     element: ElementTree.Element
@@ -182,7 +191,10 @@ class MapRoad:
 
 @dataclass(frozen=True, eq=False)
 class MapLane:
-    """One lane of one section: type, outline and middle line (map frame, metres), its mean width."""
+    """One lane of one section.
+
+    outline, middle: in the map frame (m); width: mean (m).
+    """
 
     kind: str
     outline: shapely.Geometry
@@ -191,9 +203,9 @@ class MapLane:
 
 
 def roads_near(path: Path, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
-    """The roads that reach into `window` within `storey` m of the height `level`.
+    """Roads that reach into `window` near the height `level`.
 
-    Raises ValueError in one line where a number in the map is none.
+    storey: largest difference of heights (m). Raises ValueError in one line for a damaged number.
     """
     root = ElementTree.parse(path).getroot()
     found = []
@@ -212,7 +224,7 @@ def roads_near(path: Path, window: shapely.Geometry, level: float, storey: float
 
 
 def surfaces(path: Path, roads_there: Sequence[MapRoad]) -> list[MapLane]:
-    """All lanes of `roads_there`; ValueError that names the file where a number among them is none."""
+    """Lanes of all roads; ValueError that names the file for a damaged one."""
     try:
         return [lane for road in roads_there for lane in lanes(road)]
     except ValueError as error:
@@ -220,7 +232,7 @@ def surfaces(path: Path, roads_there: Sequence[MapRoad]) -> list[MapLane]:
 
 
 def lanes(road: MapRoad) -> Iterator[MapLane]:
-    """All lanes of `road` that are wider than nothing."""
+    """Lanes of a road that have any width."""
     sections = road.element.findall("lanes/laneSection")
     starts = [number(section, "s") for section in sections]
     offset = cubics(road.element.findall("lanes/laneOffset"))
@@ -242,7 +254,7 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
 
 
 def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
-    """The steepest slope (rise over run) of the roads within `window`."""
+    """Steepest slope (rise over run) of the roads within `window`."""
     slopes = [0.0]
     for road in roads_there:
         s = np.linspace(0.0, road.line.length, int(road.line.length / STATIONS_EVERY) + 2)
@@ -254,8 +266,11 @@ def steepest(roads_there: Sequence[MapRoad], window: shapely.Geometry) -> float:
 def plane(
     roads_there: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]
 ) -> tuple[Slope, float]:
-    """How the roads within `window` (map frame) rise along x and y of the site, by least squares over their middle
-    lines, and how far (m) they leave that plane. Level where they say nothing of one direction."""
+    """Slope of the roads along x and y of the site, and their deviation (m).
+
+    By least squares over the middle lines within `window` (map frame). Level where the roads say nothing of one
+    direction.
+    """
     rows = [np.zeros((0, 3))]
     for road in roads_there:
         s = np.linspace(0.0, road.line.length, int(road.line.length / STATIONS_EVERY) + 2)
@@ -276,13 +291,13 @@ def plane(
 
 
 def in_site(shape: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]) -> shapely.Geometry:
-    """A shape of the map in the site's frame."""
+    """Shape of the map in the site's frame."""
     turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
     return shapely.transform(shape, lambda xy: (xy - origin) @ turn)
 
 
 def in_map(shape: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]) -> shapely.Geometry:
-    """A shape of the site in the map's frame."""
+    """Shape of the site in the map's frame."""
     turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
     return shapely.transform(shape, lambda xy: xy @ turn.T + origin)
 
@@ -291,7 +306,10 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 
 
 def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
-    """The projection an OpenDRIVE file names; ValueError where it is none or `centre` is not in it."""
+    """Projection named by an OpenDRIVE file, if any.
+
+    Raises ValueError where the file is no map or `centre` is not in it.
+    """
     starts, lengths, reference = [], [], None
     try:
         parser = ElementTree.iterparse(path, events=("start", "end"))
@@ -320,8 +338,8 @@ def opendrive_header(path: Path, centre: tuple[float, float]) -> str | None:
     return reference
 
 
-def usable(geo_reference: str | None, path: Path) -> str | None:
-    """The projection, None for a text that names none, of which a warning is given."""
+def check_projection(geo_reference: str | None, path: Path) -> str | None:
+    """Return a projection; None, with a warning, for other text."""
     if geo_reference is None or re.search(NAMES_PROJECTION, geo_reference, re.IGNORECASE):
         return geo_reference
     said = f"its geoReference names no projection ({geo_reference[:90]!r})"
@@ -357,8 +375,11 @@ _FLATTEST = 0.02  # m
 
 @dataclass
 class Standing:
-    """What stands there, in the map's frame: groups of solids that stand or fall together, bays x, y, yaw, street
-    lamps; and how many objects of which type were understood or not."""
+    """Objects beside the roads, in the map's frame.
+
+    groups: solids that stand or fall together; bays: x, y, yaw; lamps: street lamps; understood, unknown: number of
+    objects by type.
+    """
 
     groups: list[list[Solid]] = field(default_factory=list)
     bays: list[tuple[float, float, float]] = field(default_factory=list)
@@ -368,7 +389,7 @@ class Standing:
 
 
 def standing_beside(roads: Sequence[MapRoad]) -> Standing:
-    """All objects and signals of `roads`. Raises ValueError where a number among them is none."""
+    """Objects and signals of `roads`. Raises ValueError for a damaged number."""
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -380,7 +401,7 @@ def standing_beside(roads: Sequence[MapRoad]) -> Standing:
 
 
 def signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """The post of a signal and on it a sign, or a signal head where it is dynamic."""
+    """Post of a signal with a sign, or a signal head if dynamic."""
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -436,7 +457,7 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
 
 
 def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
-    """x, y, direction and height over the road of an object and of what repeats it."""
+    """x, y, direction and height over the road of an object and its repeats."""
     turn = number(element, "hdg", 0.0) + (np.pi if element.get("orientation") == "-" else 0.0)
     repeats = element.findall("repeat")
     if not repeats:
@@ -455,7 +476,7 @@ def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float
 
 
 def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: float, width: float) -> Iterator[Solid]:
-    """A barrier along the road, in pieces of 4 m."""
+    """Barrier along the road, in pieces of 4 m."""
     start, length = number(repeat, "s"), min(max(number(repeat, "length", 0.0), 0.0), road.line.length)
     first = number(repeat, "tStart", 0.0)
     s = np.linspace(start, start + length, int(length / 4.0) + 2)
@@ -474,7 +495,10 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 
 
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
-    """The corners of an outline, given on the road or about the object; no corners where it makes no polygon."""
+    """Corners of an outline, given on the road or about the object.
+
+    All zeros where it makes no polygon.
+    """
     x, y, heading = place
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     corners = []
@@ -491,16 +515,16 @@ def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float
     return shapely.get_coordinates(largest.exterior)[:-1].round(3)
 
 
-def understood(path: Path, roads: Sequence[MapRoad]) -> Standing:
-    """What the map says stands there; ValueError that names the file where it is damaged."""
+def read_standing(path: Path, roads: Sequence[MapRoad]) -> Standing:
+    """Objects beside the roads; ValueError that names a damaged file."""
     try:
         return standing_beside(roads)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def in_frame(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Standing:
-    """What stands there, in the site's frame."""
+def move_to_site(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Standing:
+    """Move objects into the site's frame."""
     turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
     yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
     groups = [[replace(s, footprint=((s.footprint - origin) @ turn).round(3)) for s in g] for g in there.groups]
@@ -512,7 +536,7 @@ def in_frame(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Stand
 def off_the_road(
     there: Standing, window: shapely.Geometry, lanes: Sequence[np.ndarray], tracks: shapely.Geometry
 ) -> tuple[list[Solid], list[str]]:
-    """The solids within `window` that stand on no lane, and what is to be said of the map's objects."""
+    """Solids within `window` that stand on no lane, and notes."""
     road = shapely.union_all([shapely.Polygon(p) for p in lanes]).union(tracks).buffer(-1e-3)
     shapely.prepare(road)
     shapes = [shapely.union_all([shapely.Polygon(s.footprint) for s in g]) for g in there.groups]

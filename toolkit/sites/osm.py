@@ -27,7 +27,7 @@ import shapely
 from toolkit.arrays import Float, Float64
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import inverse_project, project
-from toolkit.sites.network import MOTOR, polygons_in, within_window
+from toolkit.sites.network import MOTOR, cut_polygons, list_polygons
 from toolkit.sites.site import Solid
 
 Tags = Mapping[str, str]
@@ -37,7 +37,7 @@ AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in
 
 @dataclass(frozen=True)
 class Way:
-    """A line or outline. line: (k, 2) metres; nodes: the k ids of its corners."""
+    """Line or outline: (k, 2) metres, the k ids of its nodes, its tags."""
 
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
@@ -45,15 +45,16 @@ class Way:
 
     @property
     def closed(self) -> bool:
-        """Whether it ends where it begins."""
+        """True if it ends where it begins."""
         return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
 
 
 @dataclass(frozen=True)
 class Extract:
-    """A map in metres around its `centre` (longitude, latitude), x along `heading` (rad counter-clockwise from east).
+    """Map in metres around its `centre` (longitude, latitude).
 
-    areas: polygons, holes and all, with their tags; places: tagged single points and their (2,) positions.
+    heading: of x (rad counter-clockwise from east); areas: polygons, holes and all, with their tags; places: tagged
+    single points and their (2,) positions.
     """
 
     centre: tuple[float, float]
@@ -64,10 +65,10 @@ class Extract:
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """The map in `path` (.osm, .osm.xml or either with .gz), in metres around `centre` (longitude, latitude), x along
-    `heading` (rad counter-clockwise from east).
+    """Read a map (.osm, .osm.xml or either with .gz) in metres around `centre`.
 
-    Raises ValueError where the file is no OSM XML, is damaged or empty, or `centre` lies outside it.
+    centre: longitude, latitude; heading: of x (rad counter-clockwise from east). Raises ValueError where the file is no
+    OSM XML, is damaged or empty, or `centre` lies outside it.
     """
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}
@@ -99,13 +100,15 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places)
 
 
-def degrees_of(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+def to_degrees(extract: Extract, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Longitude and latitude of points of the extract."""
     return inverse_project(points @ _turn(extract.heading).T, extract.centre)
 
 
 def metres(text: str) -> float | None:
-    """A length as mappers write it, None where it is none or not positive; of several the greatest.
+    """Parse a length as mappers write it; None if it is not positive.
+
+    Of several the greatest.
 
     >>> [metres(text) for text in ("12", "12 m", "3;4", "40'", "7,5", "tall", "-2")]
     [12.0, 12.0, 4.0, 12.192, 7.5, None, None]
@@ -124,16 +127,19 @@ def _metres(text: str) -> float | None:
 
 
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
-    """The file's elements one by one, each let go before the next; ValueError in one line where it is no OSM XML."""
+    """Yield the file's elements, each released before the next.
+
+    Raises ValueError in one line where the file is no OSM XML.
+    """
     if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
         raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
     try:
-        with _opened(path) as stream:
+        with _open(path) as stream:
             head = stream.read(65536)
         start = re.search(rb"<(?!\?|!)", head)
         if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
             raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
-        with _opened(path) as stream:
+        with _open(path) as stream:
             parser = ElementTree.iterparse(stream, events=("start", "end"))
             _, root = next(parser)
             for event, element in parser:
@@ -147,7 +153,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
 
 
-def _opened(path: Path) -> BufferedIOBase:
+def _open(path: Path) -> BufferedIOBase:
     with path.open("rb") as stream:
         compressed = stream.read(2) == b"\x1f\x8b"
     return gzip.open(path) if compressed else path.open("rb")
@@ -176,7 +182,10 @@ def _check_centre(path: Path, centre: tuple[float, float], degrees: np.ndarray, 
 
 
 def _way(references: list[str], tags: Tags, position: Mapping[str, np.ndarray]) -> Way | None:
-    """The way through the nodes that the extract holds, repeated ones once; None where fewer than two are left."""
+    """Way through the nodes that the extract holds; None for fewer than two.
+
+    Repeated nodes count once.
+    """
     known = [node for node in references if node in position]
     nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
     return Way(np.array([position[node] for node in nodes]), tuple(nodes), tags) if len(nodes) > 1 else None
@@ -197,13 +206,13 @@ def _areas(
 
 
 def _rings(ways: Iterable[Way]) -> shapely.Geometry:
-    """The ground enclosed by rings that may be made of several ways each."""
+    """Ground enclosed by rings, which may be made of several ways each."""
     lines = [shapely.LineString(way.line) for way in ways]
     return shapely.union_all([shapely.Polygon(ring.exterior) for ring in shapely.get_parts(shapely.polygonize(lines))])
 
 
 def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    return [piece for piece in polygons_in(shapely.make_valid(shape)) if piece.area > 0.1]
+    return [piece for piece in list_polygons(shapely.make_valid(shape)) if piece.area > 0.1]
 
 
 # class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
@@ -227,19 +236,21 @@ _SIDES = ("both", "left", "right", "no")
 
 
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """The roads for vehicles within `window`, cut at its edge, with the tags netconvert is to see; and notes on what
-    was left out: tunnels, and bridges over another road."""
-    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _skipped(way.tags)]
+    """Roads for vehicles within `window`, cut at its edge, and notes.
+
+    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted.
+    """
+    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and not _is_private(way.tags)]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _above(way.tags)]
-    kept = [way for way in street if not _above(way.tags) or not any(_passes_over(way, other) for other in ground)]
+    kept = [way for way in street if not _above(way.tags) or not any(_is_over(way, other) for other in ground)]
     notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
     return [piece for way in kept for piece in _cut(way, window, lefthand)], notes
 
 
 def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
-    """Footways and squares of the map that are not part of a road, within `window`."""
+    """Footways and squares within `window` that belong to no road."""
     shapes: list[shapely.Geometry] = [
         polygon
         for polygon, tags in extract.areas
@@ -251,14 +262,14 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
             width = np.clip(metres(way.tags.get("width", "")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
     clipped = [shape.intersection(window) for shape in shapes if shape.intersects(window)]
-    return [part for shape in clipped for part in polygons_in(shape)]
+    return [part for shape in clipped for part in list_polygons(shape)]
 
 
-def written(pieces: Iterable[Way], extract: Extract) -> str:
-    """`pieces` as OSM XML."""
+def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
+    """Format `pieces` as OSM XML."""
     pieces = list(pieces)
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
-    degrees = degrees_of(extract, np.array(list(position.values())).reshape(-1, 2))
+    degrees = to_degrees(extract, np.array(list(position.values())).reshape(-1, 2))
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
@@ -288,7 +299,7 @@ def _users(kind: str) -> str:
     return "bicycle" if kind == "cycleway" else MOTOR
 
 
-def _skipped(tags: Tags) -> bool:
+def _is_private(tags: Tags) -> bool:
     return tags.get("service") in ("driveway", "parking_aisle", "drive-through") or tags.get("area") == "yes"
 
 
@@ -305,15 +316,15 @@ def _above(tags: Tags) -> bool:
     return tags.get("bridge", "no") != "no"
 
 
-def _passes_over(bridge: Way, road: Way) -> bool:
-    """Whether they cross other than at a node of both."""
+def _is_over(bridge: Way, road: Way) -> bool:
+    """True if a bridge crosses a road away from a common node."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """The pieces of `way` within `window`, each with new nodes where the window's edge cuts it."""
+    """Pieces of `way` within `window`, with new nodes at its edge."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -341,7 +352,7 @@ def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
 
 
 def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
-    """The tags netconvert is to see, cleaned."""
+    """Clean tags for netconvert."""
     kind = tags["highway"]
     ring = tags.get("junction") in ("roundabout", "circular")
     passed = {key: tags[key].strip().lower() for key in _PASSED_ON if key in tags}
@@ -355,7 +366,7 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
 
 
 def _sidewalk(tags: Tags) -> str | None:
-    """Where the map has footways beside a road: both, left, right or no; None where it does not say."""
+    """Footways beside a road: both, left, right or no; None if unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
@@ -379,9 +390,9 @@ _BARRIERS = {
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, the parts over `road` cut off, and a note if there were such parts.
+    """Buildings that reach into `window`, cut off at `road`, and notes.
 
-    A building with parts (building:part) is made of them; its own outline stands where none of them does.
+    A building with parts (building:part) is made of them; its own outline stands where there are none.
     """
     parts = [(p, tags) for p, tags in extract.areas if tags.get("building:part", "") not in _NO_BUILDING]
     parts = [(p, tags) for p, tags in parts if p.intersects(window)]
@@ -393,7 +404,7 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
         base, top = _levels(tags)
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        solids += [Solid(ring, base, top, "building") for ring in within_window([rest], reach) if _area(ring) > 1.0]
+        solids += [Solid(ring, base, top, "building") for ring in cut_polygons([rest], reach) if _area(ring) > 1.0]
     notes = [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
     return solids, notes
 
@@ -415,7 +426,10 @@ def barriers(extract: Extract, window: shapely.Geometry, road: shapely.Geometry)
 
 
 def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
-    """Single trees and rows of trees within `window`; crowns keep off `road`, trees too near it are left out."""
+    """Single trees and rows of trees within `window`.
+
+    Crowns keep off `road`; trees too near it are left out.
+    """
     rows = [way for way in extract.ways if way.tags.get("natural") == "tree_row"]
     found = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
     found += [(xy, row.tags) for row in rows for xy in _every(row, 8.0)]
@@ -430,7 +444,7 @@ def trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) ->
 
 
 def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], np.ndarray]:
-    """Posts, signs, bins and benches within `window`, off `road`; and where the street lamps are, (n, 2)."""
+    """Posts, signs, bins and benches off `road`, and (n, 2) street lamps."""
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
     clear = road.buffer(0.4)
@@ -455,7 +469,10 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 
 
 def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
-    """Parking bays x, y, yaw: the map's spaces (amenity=parking_space) of a car's size within `window`, off `road`."""
+    """Parking bays x, y, yaw within `window`, off `road`.
+
+    They are the map's spaces (amenity=parking_space) of a car's size.
+    """
     found = []
     for shape, tags in extract.areas:
         if tags.get("amenity") != "parking_space" or not window.contains(shape) or road.intersects(shape):

@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
-from toolkit.sites.network import points_of, users_of
+from toolkit.sites.network import list_users, parse_shape
 from toolkit.sites.osm import Extract, Tags
 from toolkit.sites.surroundings import ANGLES, bays_between
 
@@ -36,7 +36,10 @@ Angle = int | None  # degrees between bay and kerb, of `ANGLES`; None: nobody pa
 
 
 class Sides(NamedTuple):
-    """Parking at the kerb of a lane, which is right where traffic keeps right, and on its other side."""
+    """Parking at the kerb of a lane, and on its other side.
+
+    The kerb is on the right where traffic keeps right.
+    """
 
     kerb: Angle = None
     inner: Angle = None
@@ -44,8 +47,11 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True)
 class Parking:
-    """Where vehicles park along roads: each road's line with the angles left and right of it, areas beside roads with
-    their angles. lefthand: traffic keeps left."""
+    """Parking along roads.
+
+    roads: each road's line with the angles left and right of it; areas: beside roads, with their angles; lefthand:
+    traffic keeps left.
+    """
 
     roads: tuple[tuple[shapely.LineString, tuple[Angle, Angle]], ...]
     areas: tuple[tuple[shapely.Polygon, int], ...] = ()
@@ -55,7 +61,7 @@ class Parking:
         return bool(self.areas) or any(angles != (None, None) for _, angles in self.roads)
 
     def beside(self, lane: shapely.LineString, at: float) -> Sides:
-        """Parking at the kerb and on the other side of a lane, `at` m along it."""
+        """Parking at the kerb and on the other side, `at` m along a lane."""
         spot, ahead = lane.interpolate(at), _direction(lane, at)
         tagged: tuple[Angle, Angle] = (None, None)
         nearest = _NEAR
@@ -72,7 +78,7 @@ class Parking:
         return Sides(left, right) if self.lefthand else Sides(right, left)
 
     def _area(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
-        """The angle of the first area of parking from `spot` on."""
+        """Angle of the first area of parking from `spot` on."""
         ray = shapely.LineString([spot, shapely.Point(shapely.get_coordinates(spot)[0] + _NEAR * across)])
         hit = [(float(ray.intersection(shape).distance(spot)), angle) for shape, angle in self.areas]
         return min((each for each in hit if np.isfinite(each[0])), default=(0.0, None))[1]
@@ -83,8 +89,11 @@ class Parking:
 
 
 class _Street(NamedTuple):
-    """An edge that motor vehicles use: its lanes from the kerb inwards, the innermost that they use, and whether the
-    road's other direction is beyond it."""
+    """Edge for motor vehicles.
+
+    lanes: from the kerb inwards; inner: the innermost lane for motor vehicles; two_way: the road's other direction lies
+    beyond it.
+    """
 
     name: str
     lanes: list[ElementTree.Element]
@@ -92,8 +101,8 @@ class _Street(NamedTuple):
     two_way: bool
 
 
-def parking_beside(extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool) -> Parking:
-    """Parking along the roads of `kinds` (highway=...) within `window`, in the extract's frame."""
+def find_parking(extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool) -> Parking:
+    """Parking along the roads of `kinds` (highway=...) within `window`."""
     roads = [(shapely.LineString(way.line), way.tags) for way in extract.ways if way.tags.get("highway") in kinds]
     areas = [
         (shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0))
@@ -108,8 +117,11 @@ def parking_beside(extract: Extract, kinds: Collection[str], window: shapely.Geo
     )
 
 
-def strips(network: str, parking: Parking) -> dict[str, Sides]:
-    """The edges of a net.xml text (in the extract's frame) that are to have strips, and the angle that most park at."""
+def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
+    """Angle of parking on both sides of the edges that get strips.
+
+    network: net.xml text in the extract's frame; the commonest angle counts.
+    """
     found = {}
     for street in _streets(network):
         seen = [parking.beside(street.inner, at) for at in np.arange(_EVERY / 2, street.inner.length, _EVERY)]
@@ -120,8 +132,8 @@ def strips(network: str, parking: Parking) -> dict[str, Sides]:
     return found
 
 
-def widened(folder: Path, found: Mapping[str, Sides]) -> list[str]:
-    """netconvert's options for the plain network that it wrote to `folder` (plain.nod.xml and so on), with `strips`."""
+def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:
+    """Options of netconvert for the plain network in `folder`, with strips."""
     edges, connections = (ElementTree.parse(folder / f"plain.{kind}.xml") for kind in ("edg", "con"))
     first = {str(edge.get("id")): _widen(edge, found.get(str(edge.get("id")), Sides())) for edge in edges.iter("edge")}
     for connection in connections.iter("connection"):
@@ -136,16 +148,16 @@ def widened(folder: Path, found: Mapping[str, Sides]) -> list[str]:
     return [*(f"--{kind}-files={folder / name}.xml" for kind, name in files.items()), "--crossings.guess"]
 
 
-def bays_on_strips(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on the strips of a net.xml text (in the extract's frame), where the map has vehicles park."""
+def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
+    """Bays x, y, yaw on the strips of a net.xml text, as the map parks."""
     found: list[tuple[float, float, float]] = []
     for street in _streets(network):
         inside = False
         for lane in street.lanes:
-            inside |= "passenger" in users_of(lane)
-            if not users_of(lane):
+            inside |= "passenger" in list_users(lane)
+            if not list_users(lane):
                 angle = min(ANGLES, key=lambda each: abs(ANGLES[each] - float(lane.get("width", "0"))))
-                strip, kerb_left = shapely.LineString(points_of(lane)), parking.lefthand != inside
+                strip, kerb_left = shapely.LineString(parse_shape(lane)), parking.lefthand != inside
                 for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
                     if parking.beside(street.inner, street.inner.project(shapely.Point(x, y)))[inside] == angle:
                         found.append((x, y, yaw))
@@ -158,17 +170,17 @@ def _streets(network: str) -> Iterator[_Street]:
         for edge in ElementTree.fromstring(network).iter("edge")
         if edge.get("function", "normal") == "normal"
     }
-    driven = {name: [lane for lane in lanes if "passenger" in users_of(lane)] for name, lanes in edges.items()}
+    driven = {name: [lane for lane in lanes if "passenger" in list_users(lane)] for name, lanes in edges.items()}
     for name, lanes in edges.items():
         other = name[1:] if name.startswith("-") else f"-{name}"
-        if driven[name] and len(points_of(driven[name][-1])) > 1:
-            yield _Street(name, lanes, shapely.LineString(points_of(driven[name][-1])), bool(driven.get(other)))
+        if driven[name] and len(parse_shape(driven[name][-1])) > 1:
+            yield _Street(name, lanes, shapely.LineString(parse_shape(driven[name][-1])), bool(driven.get(other)))
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge of a plain network its strips; the number of the first lane that moves on by one."""
+    """Give an edge its strips; return the first lane number that moves."""
     lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
-    first = next((i for i, lane in enumerate(lanes) if "passenger" in users_of(lane)), 0)
+    first = next((i for i, lane in enumerate(lanes) if "passenger" in list_users(lane)), 0)
     wide = [*lanes[:first], *_strip(sides.kerb), *lanes[first:], *_strip(sides.inner)]
     for lane in edge.findall("lane"):
         edge.remove(lane)
@@ -184,20 +196,20 @@ def _strip(angle: Angle) -> list[ElementTree.Element]:
 
 
 def _usual(angles: Sequence[Angle]) -> Angle:
-    """The commonest angle, None where few park at all."""
+    """Commonest angle; None where parking is rare."""
     parked = [angle for angle in angles if angle is not None]
     return Counter(parked).most_common(1)[0][0] if len(parked) >= _LEAST else None
 
 
 def _direction(line: shapely.LineString, at: float) -> Float64[np.ndarray, "2"]:
-    """The unit vector along a line, `at` m from its start."""
+    """Unit vector along a line, `at` m from its start."""
     ends = shapely.get_coordinates([line.interpolate(max(at - 0.5, 0.0)), line.interpolate(at + 0.5)])
     ahead = ends[1] - ends[0]
     return ahead / max(float(np.hypot(*ahead)), 1e-9)
 
 
 def _angle(tags: Tags, side: str) -> Angle:
-    """The angle at which vehicles park on a side (left, right) of a road."""
+    """Angle of parking on a side (left, right) of a road."""
 
     def said(key: str, rest: str = "") -> str:
         return (tags.get(f"{key}:{side}{rest}") or tags.get(f"{key}:both{rest}") or "").strip().lower()

@@ -30,8 +30,10 @@ _STEEPEST = np.deg2rad(35.0)
 
 @dataclass(frozen=True)
 class Shoulder:
-    """A strip between lanes and footway on which nobody drives: width (m, 0: none), and the angle of the bays on it
-    (degrees, 0: along the kerb; None: road works instead of bays)."""
+    """Strip without traffic between lanes and footway.
+
+    width: m, 0 for none; angle: of the bays on it (degrees, 0: along the kerb; None: road works instead of bays).
+    """
 
     width: float = 0.0
     angle: int | None = None
@@ -39,8 +41,11 @@ class Shoulder:
 
 @dataclass(frozen=True)
 class Leg:
-    """One road that meets the junction: path (k, 2) from the junction outwards; lanes towards it and away from it
-    (0: one-way); widths of a lane and of the footway (m); the shoulders of its two directions."""
+    """Road that meets the junction.
+
+    path: (k, 2) from the junction outwards; inbound, outbound: lanes each way, 0 if one-way; lane, footway: widths (m);
+    shoulders: of both directions.
+    """
 
     path: Float64[np.ndarray, "k 2"]
     inbound: int
@@ -52,20 +57,24 @@ class Leg:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """From the path to the outer edge of the footway, left (inbound side) and right (outbound side), seen from the
-        junction (m)."""
+        """Distance from the path to the outer edge of the footway (m).
+
+        Left (inbound side) and right (outbound side), seen from the junction.
+        """
         directions = zip((self.inbound, self.outbound), self.shoulders, strict=True)
         left, right = (n * self.lane + self.footway + shoulder.width if n else 0.0 for n, shoulder in directions)
         return left, right
 
 
 def random_site(rng: np.random.Generator | int) -> Site:
-    """A junction drawn by `rng` (a generator or a seed); the same seed gives the same site.
+    """Draw a junction from a generator or a seed.
 
-    The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. At least
-    12 mounts, 1 to 10 default sensors on them. By chance there are avenues whose crowns hang over the road, vehicles
-    parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
-    Raises ValueError where the seed is negative.
+    The same seed gives the same site. The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m,
+    need not be centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues
+    whose crowns hang over the road, vehicles parked along kerbs, road works, and hedges, containers and the like beside
+    the lanes and on islands.
+
+    Raises ValueError for a negative seed.
     """
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
@@ -101,7 +110,10 @@ def random_site(rng: np.random.Generator | int) -> Site:
 
 
 def sloping(relief: Relief) -> Relief:
-    """The relief on a slope of up to `STEEPEST_STREET`, drawn from its seed; two of five are steeper than 1 %."""
+    """Give a relief a slope of up to `STEEPEST_STREET`, drawn from its seed.
+
+    Two of five are steeper than 1 %.
+    """
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING:
         return relief
@@ -110,11 +122,13 @@ def sloping(relief: Relief) -> Relief:
 
 
 def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
-    """`count` (None: 1 to 10) depth cameras and lidars on mounts of `site`, `LOWEST` to `HIGHEST` m up as far as their
-    mounts allow, tilted the more the higher they hang (level at eye level, 35° at most), most of them headed for the
-    middle of the area. Cameras come first: d0, d1, ... then lidars l2, l3, ... in order of name.
+    """Hang `count` (None: 1 to 10) depth cameras and lidars on mounts.
 
-    Raises ValueError where the site has no mounts or `count` is less than 1.
+    They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang (level at
+    eye level, 35° at most), most of them headed for the middle of the area. Cameras come first in order of name: d0,
+    d1, ... then lidars l2, l3, ...
+
+    Raises ValueError for a site without mounts and for a count below 1.
     """
     rng = np.random.default_rng(rng)
     count = int(rng.integers(1, 11)) if count is None else count
@@ -166,14 +180,17 @@ def _random_lidar(rng: np.random.Generator) -> SensorModel:
 
 
 def _area(rng: np.random.Generator) -> Float64[np.ndarray, "4"]:
-    """60..110 m by 40..110 m, its middle within an eighth of its size of the origin."""
+    """Area of 60..110 m by 40..110 m, near the origin.
+
+    Its middle lies within an eighth of its size of the origin.
+    """
     size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
     middle = rng.uniform(-size / 8, size / 8)
     return np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
 
 
 def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
-    """3 to 5 legs that meet in one junction."""
+    """Three to five legs that meet in one junction."""
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
@@ -186,7 +203,7 @@ def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
 
 
 def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
-    """3 to 5 legs that meet a ring, driven counter-clockwise."""
+    """Three to five legs that meet a ring, driven counter-clockwise."""
     count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
     wide = rng.random() < 0.25
     radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * wide
@@ -211,7 +228,7 @@ def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
 
 
 def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n"]:
-    """Directions of `count` legs (rad), ascending, no two within 45° of each other."""
+    """Directions of `count` legs (rad), ascending, 45° apart or more."""
     even = np.arange(count) * 360.0 / count
     if count == 3 and rng.random() < 0.6:
         even = np.array([0.0, 90.0, 180.0])
@@ -220,7 +237,7 @@ def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n
 
 
 def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
-    """Legs along `directions`, gently bent; at most one of them is one-way."""
+    """Legs along `directions`, gently bent, at most one of them one-way."""
     lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
@@ -246,7 +263,7 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """The edges of a leg: towards the junction, away from it, or both."""
+    """Edges of a leg: towards the junction, away from it, or both."""
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (
         (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
@@ -261,7 +278,6 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
 
 
 def _shoulder(rng: np.random.Generator) -> Shoulder:
-    """Nothing, bays, or a lane closed for works."""
     use = rng.random()
     if use < 0.5:
         return Shoulder()
@@ -272,7 +288,7 @@ def _shoulder(rng: np.random.Generator) -> Shoulder:
 
 
 def _angles(legs: Sequence[Leg]) -> dict[str, int]:
-    """The angle of the bays by edge, where there are bays (degrees)."""
+    """Angle of the bays (degrees) by edge, for edges with bays."""
     angles: dict[str, int] = {}
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
@@ -282,13 +298,13 @@ def _angles(legs: Sequence[Leg]) -> dict[str, int]:
 
 
 def _ground(strip: Strip) -> Float64[np.ndarray, "_ 2"]:
-    """The outline of a strip of a road."""
+    """Outline of a strip of a road."""
     line, width = strip
     surface = shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre")
     return shapely.get_coordinates(surface)[:-1]
 
 
 def _with_low_ones(mounts: Sequence[Mount], rng: np.random.Generator) -> tuple[Mount, ...]:
-    """Some of the mounts made usable from `LOWEST` m up."""
+    """Make some mounts usable from `LOWEST` m up."""
     low = rng.random(len(mounts)) < _LOW_MOUNTS
     return tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))

@@ -30,10 +30,10 @@ HYBRID_RADIUS = 20.0  # m, where the paper says nothing else of a site (its sect
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A prism that stands still: footprint (k, 2) polygon, from `base` up to `top` (m, site frame), `kind` of `KINDS`.
+    """Prism that stands still, from `base` up to `top` (m, site frame).
 
-    A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a hole: there is no ground inside its footprint,
-    but a surface at `top`, below the street.
+    footprint: (k, 2) polygon; kind: one of `KINDS`. A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a
+    hole: there is no ground inside its footprint, but a surface at `top`, below the street.
     """
 
     footprint: Float64[np.ndarray, "k 2"]
@@ -51,10 +51,10 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A pole or corner where sensors may hang, between min_height and max_height (m above `position`).
+    """Pole or corner that can carry sensors.
 
-    position: (3,) foot on the ground; price: of building there, in units of one ordinary mount; capacity: of its link
-    to the fusion centre (kbit per frame), shared by its sensors; max_sensors: that it may carry.
+    position: (3,) foot on the ground; min_height, max_height: of sensors above it (m); price: of building there, in
+    units of one ordinary mount; capacity: of the link to the fusion centre (kbit per frame), shared by all its sensors.
     """
 
     name: str
@@ -81,8 +81,11 @@ class Mount:
 
 @dataclass(frozen=True)
 class Relief:
-    """How the ground runs: within ±amplitude (m) of a plane through the site's origin that rises by `slope` (m per m)
-    along x and along y; the seed says where it is high."""
+    """Shape of the ground: a plane, and unevenness on it.
+
+    slope: rise of the plane through the site's origin along x and y (m per m); amplitude: largest deviation from it
+    (m); seed: of the unevenness.
+    """
 
     amplitude: float = 0.0
     seed: int = 0
@@ -98,16 +101,16 @@ class Relief:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Site:
-    """A junction. Two sites are equal when all fields are, numbers to `EQUAL`, networks line by line.
+    """A junction: detection area, roads, solids, mounts, sensors and network.
 
-    area: (4,) xmin ymin xmax ymax of the detection area; height: what is higher is cropped (m);
-    lanes, footways: (k, 2) polygons of what wheels and feet may use, in and around the area;
-    solids, mounts, sensors: what stands there, where sensors may hang, which sensors hang there now;
-    parking: (n, 3) bays x, y, yaw where vehicles stand for good; network: SUMO net.xml text, "" for a site without
-    traffic, in site coordinates; geo_reference: PROJ string of the map frame, None when it has none;
-    hybrid_radius: within which sensors send no points in hybrid fusion (m, paper section IV-B).
+    area: (4,) xmin ymin xmax ymax of the detection area; height: up to which points are kept (m); lanes, footways: (k,
+    2) polygons for wheels and for feet, in and around the area; mounts: possible places of sensors; sensors: present
+    ones; parking: (n, 3) bays x, y, yaw of parked vehicles; network: SUMO net.xml text in site coordinates, "" for a
+    site without traffic; geo_reference: PROJ string of the map frame, None if unknown; hybrid_radius: within which
+    sensors send no points in hybrid fusion (m, paper section IV-B).
 
-    Raises ValueError that names the field where something does not fit.
+    Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
+    field that does not fit.
     """
 
     name: str
@@ -157,9 +160,11 @@ class Site:
         )
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the ground (m) at places (..., 2) of the site: the plane it slopes with, and on it a smooth, seeded
-        sum of plane waves 7 to 160 m long whose mean over a large place is zero. It does not know ponds, kerbs or
-        islands, which are solids."""
+        """Height of the ground (m) at places (..., 2) of the site.
+
+        On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
+        Ponds, kerbs and islands are solids and not part of it.
+        """
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:
@@ -168,12 +173,12 @@ class Site:
         return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
 
     def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height (m) of the plane that the ground slopes with, at places (..., 2) of the site."""
+        """Height (m) of the sloping plane at places (..., 2)."""
         return np.asarray(np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0)
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Whether two values of a field, or two dataclasses, are equal; numbers to `EQUAL`."""
+    """Compare two field values or dataclasses, numbers to `EQUAL`."""
     if is_dataclass(one):
         names = [f.name for f in fields(one)]
         return type(one) is type(other) and all(_alike(getattr(one, n), getattr(other, n)) for n in names)
@@ -187,7 +192,7 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def check_area(area: Any, where: str = "area") -> Float64[np.ndarray, "4"]:
-    """`area` as xmin ymin xmax ymax, or ValueError where it is empty."""
+    """Return `area` as xmin ymin xmax ymax; ValueError if empty."""
     box = np.asarray(area, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all():
         raise ValueError(f"{where} must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
@@ -197,7 +202,7 @@ def check_area(area: Any, where: str = "area") -> Float64[np.ndarray, "4"]:
 
 
 def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
-    """`vertices` as (k, 2), or ValueError where they make no simple polygon."""
+    """Return `vertices` as (k, 2); ValueError unless a simple polygon."""
     try:
         polygon = np.asarray(vertices, np.float64)
     except (TypeError, ValueError):
@@ -218,7 +223,7 @@ def check_polygon(vertices: Any, where: str) -> Float64[np.ndarray, "k 2"]:
 
 
 def check_unique(names: Sequence[str], where: str) -> None:
-    """ValueError where a name is empty or occurs twice."""
+    """Raise ValueError for an empty or repeated name."""
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
@@ -227,7 +232,7 @@ def check_unique(names: Sequence[str], where: str) -> None:
 
 
 def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
-    """`bays` as (n, 3) x, y, yaw."""
+    """Return `bays` as (n, 3) x, y, yaw."""
     rows = np.asarray(bays, np.float64).reshape(-1, 3) if np.size(bays) == 0 else np.asarray(bays, np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
         raise ValueError(f"parking must be finite rows x, y, yaw, got shape {rows.shape}")
@@ -235,7 +240,7 @@ def check_parking(bays: Any) -> Float64[np.ndarray, "n 3"]:
 
 
 def check_network(network: str) -> str:
-    """`network` if it is empty or the text of a SUMO network."""
+    """Return `network` if empty or the text of a SUMO network."""
     if not network:
         return ""
     try:
@@ -248,7 +253,10 @@ def check_network(network: str) -> str:
 
 
 def _waves(relief: Relief) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wave vectors (2, w) in rad/m, phases (w,) and weights (w,) whose sum is the amplitude."""
+    """Wave vectors (2, w) in rad/m, phases (w,) and weights (w,).
+
+    The weights add up to the amplitude.
+    """
     rng = np.random.default_rng(relief.seed)
     lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])
     directions = rng.uniform(0, 2 * np.pi, len(lengths))

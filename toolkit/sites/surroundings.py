@@ -24,9 +24,10 @@ POLE = 2.8  # m, height of a mount's own pole: sensors hang above it
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """A road's surface, and the `paths` (k, 2) of its legs with half their widths, left and right (m).
+    """Surface of a road, and the paths of its legs.
 
-    lanes: all that has a kerb, `shoulders`, on which nobody drives, among them.
+    paths: (k, 2) each; half_widths: of each leg, left and right (m); lanes: everything with a kerb, including
+    `shoulders`, the strips without traffic.
     """
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
@@ -37,31 +38,32 @@ class Road:
 
     @cached_property
     def carriageway(self) -> shapely.Geometry:
-        """All lanes, cracks between them closed."""
-        return _closed(self.lanes, 0.02)
+        """Union of the lanes, cracks between them closed."""
+        return _close_gaps(self.lanes, 0.02)
 
     @cached_property
     def driven(self) -> shapely.Geometry:
-        """The carriageway without its shoulders."""
+        """Carriageway without its shoulders."""
         unused = shapely.union_all([shapely.Polygon(p) for p in self.shoulders])
         return self.carriageway.difference(unused.buffer(0.02, join_style="mitre"))
 
     @cached_property
     def surface(self) -> shapely.Geometry:
-        """All lanes and footways, and the slivers between them."""
-        return _closed([*self.lanes, *self.footways], 1.2)
+        """Union of lanes and footways, slivers between them closed."""
+        return _close_gaps([*self.lanes, *self.footways], 1.2)
 
     @cached_property
     def islands(self) -> list[shapely.Polygon]:
-        """The ground that the road encloses."""
+        """Ground that the road encloses."""
         return [shapely.Polygon(ring) for part in shapely.get_parts(self.surface) for ring in part.interiors]
 
 
 class Plot:
-    """The ground around a road on which things are placed one by one, none where anyone drives or in another.
+    """Ground around a road on which solids are placed one by one.
 
-    solids: what stands there so far; open: beside the road; lanes: what must stay clear, with LANE_CLEARANCE; driven:
-    the part of it that stays clear even of what stands on shoulders; mounts: (n, 2) where sensors may hang.
+    Nothing stands on driven lanes or in another solid. solids: placed so far; open: ground beside the road; lanes: kept
+    clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders; mounts: (n, 2) places of
+    sensors.
     """
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
@@ -76,9 +78,10 @@ class Plot:
             shapely.prepare(geometry)
 
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Whether `ground` is free and off the lanes and, unless `footway`, off the footways too; it is taken from now.
+        """Take `ground` if it is free; return success.
 
-        shoulder: it may lie on any ground but where someone drives.
+        It must lie off the lanes and, unless `footway`, off the footways. shoulder: it may lie on any ground that is
+        not driven.
         """
         if shoulder:
             allowed = not self.driven.intersects(ground)
@@ -90,7 +93,7 @@ class Plot:
         return True
 
     def place(self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Put `solids` there together, if there is room for all of them."""
+        """Place `solids` together if there is room for all; return success."""
         ground = shapely.union_all([shapely.Polygon(solid.footprint) for solid in solids])
         if not self.claim(ground, footway=footway, shoulder=shoulder):
             return False
@@ -107,8 +110,11 @@ def place_mounts(
     spacing: float = 5.0,
     avoid: shapely.Geometry | None = None,
 ) -> tuple[Mount, ...]:
-    """`at_least` to twice as many mounts in and just around `area` and out of `avoid`, most at the kerb and some behind
-    the footway, at least `spacing` apart where there is room. Their feet are at z = 0."""
+    """Choose places for sensors at the kerb and behind the footway.
+
+    `at_least` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room.
+    Their feet are at z = 0.
+    """
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -128,7 +134,7 @@ def place_mounts(
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
-    """Points every `step` m along `lines` with the direction there: x, y, rad."""
+    """Points every `step` m along `lines`: x, y and direction (rad)."""
     rows = [np.zeros((0, 3))]
     for part in shapely.get_parts(shapely.line_merge(lines)):
         if part.geom_type != "LineString" or part.length < 2 * step:
@@ -140,7 +146,7 @@ def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
 
 
 def _apart(points: np.ndarray, spacing: float, wanted: int) -> Float64[np.ndarray, "n 2"]:
-    """The first `wanted` of `points` that are `spacing` m or more from those before them."""
+    """First `wanted` points that are `spacing` m apart."""
     chosen = np.zeros((0, 2))
     for point in points:
         if len(chosen) < wanted and (np.hypot(*(chosen - point).T) >= spacing).all():
@@ -148,8 +154,8 @@ def _apart(points: np.ndarray, spacing: float, wanted: int) -> Float64[np.ndarra
     return chosen
 
 
-def _closed(polygons: f.Outlines, gap: float) -> shapely.Geometry:
-    """The union of `polygons`, gaps up to twice `gap` (m) filled."""
+def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
+    """Union of polygons, gaps up to twice `gap` (m) filled."""
     union = shapely.union_all([shapely.Polygon(p) for p in polygons])
     return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(-gap, join_style="mitre", quad_segs=2)
 
@@ -165,9 +171,10 @@ Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, w
 def kerb_bays(
     plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays x, y, yaw on the strips that have an angle (degrees, 0: in line with the kerb), a drawn share of them.
+    """Draw bays x, y, yaw on the strips that have an angle.
 
-    The junction is at the end of a strip of an edge `in...`, and at the start of the others.
+    angles: degrees, 0 in line with the kerb. The junction is at the end of a strip of an edge `in...`, and at the start
+    of the others.
     """
     rows = [np.zeros((0, 3))]
     for edge, angle in angles.items():
@@ -179,34 +186,39 @@ def kerb_bays(
 
 
 def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
-    """Middles x, y and headings of all bays that fit on a strip, from the junction on."""
+    """Middles x, y and headings of all bays on a strip, from the junction on."""
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
     at = line.length - at if at_end else at
-    return (stood_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)  # the kerb is to the right
+    return (place_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)  # the kerb is to the right
 
 
 def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Float64[np.ndarray, "n 3"]:
-    """Middles x, y and headings of all bays that fit on a strip along `line` (as traffic goes) from junction to
-    junction."""
+    """Middles x, y and headings of all bays on a strip between junctions.
+
+    line: in the direction of traffic.
+    """
     at = np.arange(_CLEAR + BAY[0] / 2, line.length - _CLEAR - BAY[0] / 2, _spacing(angle))
     slant = np.deg2rad(-angle if kerb_left else angle)
-    return (stood_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)
+    return (place_along(line, at, 0.25) - [0.0, 0.0, slant]).round(4)
 
 
 def _spacing(angle: int) -> float:
-    """From bay to bay along the kerb (m)."""
+    """Distance from bay to bay along the kerb (m)."""
     return BAY[0] + 0.4 if angle == 0 else BAY[1] / float(np.sin(np.deg2rad(angle)))
 
 
-def stood_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:
-    """x, y and heading of what stands `at` so far along a line (m), both its ends, `half` m from its middle, on it."""
+def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:
+    """Places x, y and headings `at` metres along a line.
+
+    Both ends, `half` m from each middle, lie on the line.
+    """
     here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half))
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
 def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
-    """Parking bays behind the footways, along the road or at right angles to it."""
+    """Parking bays behind the footways, along the road or across."""
     bays: list[tuple[float, float, float]] = []
     across = rng.random() < 0.5
     line = along(plot.road.surface.buffer(0.7 + BAY[not across] / 2).boundary.intersection(plot.window), 1.0)
@@ -218,12 +230,15 @@ def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3
 
 
 def outline(x: float, y: float, yaw: float, size: tuple[float, float] = BAY) -> shapely.Polygon:
-    """The ground of a bay."""
+    """Ground of a bay."""
     return shapely.Polygon(f.block(size, (x, y), yaw))
 
 
 def _claim(plot: Plot, bay: Float64[np.ndarray, "3"]) -> bool:
-    """Whether a bay on a shoulder is free; what of it reaches into the lane or to its neighbours counts for nothing."""
+    """Take the ground of a bay on a shoulder; return success.
+
+    Parts that reach into the lane or to its neighbours do not count.
+    """
     ground = outline(bay[0], bay[1], bay[2], (BAY[0] - 0.2, BAY[1] - 0.2)).difference(plot.driven).buffer(-0.02)
     near = plot.window.buffer(-_UNSEEN, join_style="mitre").contains(ground)
     return bool(near and plot.claim(ground, shoulder=True))

@@ -35,8 +35,10 @@ _WALKABLE = 0.3  # m above the ground; what is lower can be stepped on
 
 
 class Obstacles:
-    """What stands still and is high enough to be in the way, indexed by place; heights count from the plane of the
-    ground, as those of boxes do until a snapshot puts them on the ground."""
+    """Static solids high enough to be in the way, indexed by place.
+
+    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground.
+    """
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -47,7 +49,10 @@ class Obstacles:
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
     def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
-        """Which boxes touch an obstacle; one passes under what begins above it (a tree's crown)."""
+        """Mask of boxes that touch an obstacle.
+
+        They pass under one that begins above them, such as a tree's crown.
+        """
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
         hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
@@ -57,10 +62,10 @@ class Obstacles:
 def separate(
     boxes: Float64[np.ndarray, "n 7"], obstacles: Obstacles
 ) -> tuple[Float64[np.ndarray, "n 7"], Bool[np.ndarray, " n"], int]:
-    """Boxes that keep apart, which rows of them are kept, and how many were moved or dropped.
+    """Separate boxes; return them, a mask of kept rows and the number of changes.
 
-    Earlier rows have precedence. A row that is in the way steps aside by up to 1 m across its heading, to where it is
-    in nobody's way; where there is no such place, it is dropped.
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading to a free place, or is
+    dropped.
     """
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
@@ -78,7 +83,7 @@ def separate(
 
 
 def overlaps(boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
-    """Which pairs of boxes come closer than `GAP` on the ground, above the diagonal."""
+    """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
     radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
     gaps = boxes[:, None, :2] - boxes[None, :, :2]
     i, j = np.nonzero(np.triu(np.square(gaps).sum(-1) < np.square(radius[:, None] + radius[None]), 1))
@@ -108,7 +113,10 @@ JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the
 
 @dataclass(frozen=True, eq=False)
 class Parked:
-    """bays: (m, 3) x, y, yaw of all bays; of each parked vehicle: bay, body, id, and pose x, y, yaw."""
+    """Parked vehicles, and the bays of the site.
+
+    bays: (m, 3) x, y, yaw; of each parked vehicle: its bay, body, id, and pose x, y, yaw.
+    """
 
     bays: Float64[np.ndarray, "m 3"]
     places: Int64[np.ndarray, " n"]
@@ -127,9 +135,9 @@ class Parked:
         most: int,
         supply: Supply | None = None,
     ) -> Parked:
-        """Vehicles in a random share of the bays that no obstacle reaches into, not more than `most`.
+        """Park vehicles in a random share of the free bays, `most` at most.
 
-        supply: what hands out their bodies, any vehicle's unless given.
+        supply: of their bodies, any vehicle's by default.
         """
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
@@ -142,7 +150,10 @@ class Parked:
     def later(
         self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None = None
     ) -> Parked:
-        """One frame later: each vehicle has left with probability 1 / `STAY`, and another stands in a free bay."""
+        """Parked vehicles a frame later.
+
+        Each has left with probability 1 / `STAY`, and another stands in a free bay.
+        """
         return self._refilled(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
 
     def _refilled(
@@ -179,9 +190,9 @@ COMING_AND_GOING = 8  # times `INTERVAL` more before frames closer together: at 
 class Snapshot:
     """One instant of traffic, site frame.
 
-    objects: all that touch the detection area or the `MARGIN` round it, so some centres lie outside the area;
-    bodies: row of each object in the bodies given to `simulate`; time: seconds since the first frame;
-    repaired: how many objects were moved aside or taken out because bodies overlapped.
+    objects: all that touch the detection area or the `MARGIN` around it, so some centres lie outside the area; bodies:
+    row of each object in the bodies given to `simulate`; time: seconds since the first frame; repaired: how many
+    objects were moved aside or taken out because bodies overlapped.
     """
 
     objects: Objects
@@ -269,7 +280,10 @@ def _run(
 
 
 def sumo_step(interval: float) -> float:
-    """The step of SUMO for frames so far apart. Raises ValueError where they are no whole number of steps apart."""
+    """Step of SUMO (s) for an interval of frames.
+
+    Raises ValueError unless the interval is a whole number of steps.
+    """
     step = STEP if interval >= STEP else FINE_STEP
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
@@ -278,8 +292,7 @@ def sumo_step(interval: float) -> float:
 
 
 def _periods(time: float) -> int:
-    """How many times `INTERVAL` has passed: who parks leaves and who was seen grows older once in it, however close the
-    frames are."""
+    """Number of `INTERVAL`s passed, by which parking and life are counted."""
     return int(time / INTERVAL + 1e-6)
 
 
@@ -293,8 +306,10 @@ def _snapshot(
     time: float,
     counts: bool = True,
 ) -> Snapshot:
-    """What is near the area now; what cannot be kept apart leaves the simulation. counts: whether to note that it was
-    seen."""
+    """Objects near the area now; those that cannot be kept apart are removed.
+
+    counts: note that they were seen.
+    """
     standing = (parked.ids, parked.bodies, parked.poses)
     ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
     sizes = types.sizes[bodies]

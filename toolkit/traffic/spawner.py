@@ -31,8 +31,11 @@ POSITIONS = 3  # lateral positions in the lane, drawn per body
 
 @dataclass(frozen=True, eq=False)
 class VehicleTypes:
-    """A vehicle type per body, pedestrians included. labels: class numbers; sizes: length, width, height (m); classes:
-    SUMO's vehicle classes, which say what lanes are open to it."""
+    """SUMO vehicle type per body, pedestrians included.
+
+    labels: class numbers; sizes: length, width, height (m); classes: SUMO's vehicle classes, which say what lanes are
+    open to it.
+    """
 
     labels: Int64[np.ndarray, " n"]
     sizes: Float64[np.ndarray, "n 3"]
@@ -40,14 +43,17 @@ class VehicleTypes:
 
     @staticmethod
     def of(bodies: Sequence[Body]) -> VehicleTypes:
-        """The vehicle types of these bodies."""
+        """Vehicle types of some bodies."""
         labels = np.array([body.label for body in bodies], np.int64)
         sizes = np.array([body.size for body in bodies], np.float64)
         classes = tuple(_sumo_class(label, size[0]) for label, size in zip(labels.tolist(), sizes, strict=True))
         return VehicleTypes(labels, sizes, classes)
 
     def sumo_types(self, rng: np.random.Generator) -> str:
-        """SUMO's additional file, which declares type "row-position" for each row and lateral position in the lane."""
+        """SUMO's additional file with a type for each body.
+
+        Type "row-position" is for a row and a lateral position in the lane.
+        """
         rows = [self._sumo_type(row, position, rng) for row in range(len(self.labels)) for position in range(POSITIONS)]
         return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
 
@@ -68,17 +74,17 @@ def _sumo_class(label: int, length: float) -> str:
 
 
 class Supply:
-    """Bodies in the order in which chance hands them out.
+    """Bodies in random order of use.
 
-    count: how many bodies there are; once: a body that was taken does not come again before all others it was offered
-    with have been taken too, so that of a fleet that is large enough everyone has a body of its own.
+    count: number of bodies; once: a body that was taken does not come again before all others offered with it have been
+    taken too, so that in a large fleet every object has a body of its own.
     """
 
     def __init__(self, count: int, once: bool = False) -> None:
         self.once, self._taken = once, np.zeros(count, bool)
 
     def offer(self, rows: Int64[np.ndarray, " n"], rng: np.random.Generator) -> int:
-        """One of these rows, drawn; `take` it where it is used."""
+        """Draw one of these rows; call `take` when it is used."""
         if not self.once:
             return int(rng.choice(rows))
         free = rows[~self._taken[rows]]
@@ -95,7 +101,7 @@ class Supply:
         self._taken[row] = False
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
-        """`number` of these rows, drawn and taken."""
+        """Draw and take `number` of these rows."""
         if not self.once:
             return rng.choice(rows, number)
         drawn = []
@@ -110,7 +116,10 @@ SPACING = 2.0  # m between the places of a lane
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """A lane of the network. shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last."""
+    """Lane of the network.
+
+    shape: (k, 2) middle line (m); following: lanes its links lead to, U-turns last.
+    """
 
     name: str
     edge: str
@@ -120,7 +129,10 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points of the middle line, `offset` (m, in SUMO's length of the lane) from its start."""
+        """Points of the middle line, `offset` (m) from its start.
+
+        Offsets are in SUMO's length of the lane.
+        """
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.shape, axis=0).T))])
         stretched = offset * along[-1] / self.length
         return np.stack([np.interp(stretched, along, self.shape[:, axis]) for axis in (0, 1)], axis=-1)
@@ -128,7 +140,10 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on lanes: the lane's name and length (m), the offset from its start (m), the point in the site frame."""
+    """Places on lanes.
+
+    lanes, lengths: names and lengths (m) of their lanes; offsets: from the lane's start (m); points: in the site frame.
+    """
 
     lanes: tuple[str, ...]
     lengths: Float64[np.ndarray, " n"]
@@ -141,19 +156,21 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class Roads:
-    """The lanes of a network, junctions' inner lanes left out, by name."""
+    """Lanes of a network by name, without junctions' inner lanes."""
 
     lanes: Mapping[str, Lane]
 
     @staticmethod
     def read(sumo: Any) -> Roads:
-        """The roads of the network that SUMO runs."""
+        """Read the roads of the network that SUMO runs."""
         names = [name for name in sumo.lane.getIDList() if not name.startswith(":")]
         return Roads({name: _read_lane(sumo.lane, name) for name in names})
 
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
-        """Where a vehicle or pedestrian of this SUMO class can start so that it is in the area now or soon: within
-        `reach` (m) of it and, outside, headed for it. Pedestrians start on lanes of their own and walk either way.
+        """Places to start a vehicle or pedestrian of a SUMO class.
+
+        They lie within `reach` (m) of the area and, outside, are headed for it. Pedestrians start on lanes of their own
+        and walk either way.
         """
         walks = vehicle_class == "pedestrian"
         names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
@@ -163,7 +180,7 @@ class Roads:
             along = np.arange(SPACING / 2, lane.length, SPACING)
             xy = lane.at(along)
             ahead = lane.at(along + SPACING) - lane.at(along - SPACING)
-            useful = _near(xy, area, reach) & (walks | _headed_for(xy, ahead, area))
+            useful = _near(xy, area, reach) & (walks | _is_headed(xy, ahead, area))
             names += [lane.name] * int(useful.sum())
             offsets.append(along[useful])
             points.append(xy[useful])
@@ -175,7 +192,10 @@ class Roads:
         )
 
     def route(self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator) -> list[str]:
-        """Edges of a random drive from lane `start` on, at least `distance` (m) beyond it or to where the road ends."""
+        """Draw the edges of a drive from lane `start` on.
+
+        At least `distance` (m) beyond it or to where the road ends.
+        """
         lane, edges, driven = self.lanes[start], [self.lanes[start].edge], 0.0
         while driven < distance:
             choices = self._onward(lane, vehicle_class)
@@ -187,7 +207,7 @@ class Roads:
         return edges
 
     def _onward(self, lane: Lane, vehicle_class: str) -> list[str]:
-        """Lanes that follow this one or, where it just ends, those that follow its neighbours."""
+        """Lanes that follow this one or, at its end, its neighbours."""
         for candidate in (lane, *self._neighbours[lane.edge]):
             allowed = [name for name in candidate.following if vehicle_class not in self.lanes[name].forbidden]
             if allowed:
@@ -203,7 +223,7 @@ class Roads:
 
 
 def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "*n"]:
-    """Distance (m) from points to the rectangle xmin ymin xmax ymax, 0 inside.
+    """Distance (m) from points to a rectangle, 0 inside.
 
     >>> distance_to_area(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([-1.0, -1.0, 1.0, 2.0]))
     array([0., 5.])
@@ -216,7 +236,7 @@ def _near(points: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"], re
     return distance_to_area(points, area) <= reach
 
 
-def _headed_for(
+def _is_headed(
     points: Float64[np.ndarray, "n 2"], ahead: Float64[np.ndarray, "n 2"], area: Float64[np.ndarray, "4"]
 ) -> Bool[np.ndarray, " n"]:
     towards = np.clip(points, area[:2], area[2:]) - points
@@ -250,8 +270,11 @@ _SHOULDER = (0.55, 0.8)  # m between two who walk side by side, from .. to
 
 @dataclass
 class Spawned:
-    """One spawned object: row of its body, frames it has been seen in, and how it deviates from SUMO's pose: by `turn`
-    (rad), `aside` and `behind` (m). leader: whose pose that is where SUMO does not know it, for companions on foot."""
+    """State of one spawned object.
+
+    body: its row; frames: number it has been seen in; turn (rad), aside, behind (m): deviation from SUMO's pose;
+    leader: the object whose pose that is, for companions on foot, which SUMO does not know.
+    """
 
     body: int
     walks: bool
@@ -264,9 +287,10 @@ class Spawned:
 
 
 class Spawner:
-    """Spawns and removes everything SUMO moves, at most `most` at a time; object n is vehicle or person "n" in SUMO.
+    """Spawn and remove everything that SUMO moves.
 
-    Raises ValueError where no lane of the network near the area is open to cars.
+    At most `most` objects at a time; object n is vehicle or person "n" in SUMO. Raises ValueError where no lane of the
+    network near the area is open to cars.
     """
 
     def __init__(
@@ -302,7 +326,10 @@ class Spawner:
         self.routes: set[str] = set()
 
     def advance(self, seconds: float) -> None:
-        """Simulate on, spawning what is missing before every step; what found no place by the end is given up."""
+        """Simulate on, spawning missing objects before every step.
+
+        Objects without a place by the end are given up.
+        """
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
@@ -310,7 +337,7 @@ class Spawner:
         self.due = []
 
     def state(self) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]:
-        """Ids, bodies and poses (x, y, yaw of the middle of the body) of all that move, the oldest first."""
+        """Ids, bodies and poses (x, y, yaw of the middle), the oldest first."""
         poses = {name: self._pose(name, spawned) for name, spawned in self.spawned.items()}
         points = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
         distant = distance_to_area(points, self.area) > SPAWN_REACH + _LEEWAY
@@ -320,7 +347,7 @@ class Spawner:
         return ids, bodies, np.array([poses[name] for name in self.spawned]).reshape(-1, 3)
 
     def remove(self, ids: Int64[np.ndarray, " n"]) -> None:
-        """Take objects out of the simulation; ids that do not move are left alone."""
+        """Remove objects from the simulation; other ids are ignored."""
         for name in ids.tolist():
             spawned = self.spawned.pop(name, None)
             self.spawned = {other: each for other, each in self.spawned.items() if each.leader != name}
@@ -328,14 +355,17 @@ class Spawner:
                 (self.sumo.person if spawned.walks else self.sumo.vehicle).remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
-        """Note that these objects were seen in a frame; for some it was the last."""
+        """Count a frame for objects that were seen; remove those at their last."""
         seen = [name for name in ids.tolist() if name in self.spawned]
         for name in seen:
             self.spawned[name].frames += 1
         self.remove(np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64))
 
     def _spawn(self) -> None:
-        """Fill up to `most`. What finds no place keeps its turn, so that the shares hold where the road is full."""
+        """Fill up to `most`.
+
+        Objects without a place keep their turn, so that the shares hold where the road is full.
+        """
         reserved = _RESERVED if self.supply.once else 0
         missing = self.most - reserved - len(self.spawned) - len(self.due)
         if missing > 0:
@@ -362,7 +392,7 @@ class Spawner:
             positions[walks] = np.vstack([positions[walks], self.places[self.types.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
-        """A random place away from the taken ones with room for the body behind it, if one is found quickly."""
+        """Draw a free place with room for the body behind it, if found quickly."""
         places, length = self.places[self.types.classes[body]], self.types.sizes[body, 0]
         candidates = self.rng.integers(len(places), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
@@ -402,7 +432,7 @@ class Spawner:
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:
-        """Some who walk beside a pedestrian, not more than there is room for."""
+        """Add companions beside a pedestrian, as far as there is room."""
         first, beside = self.spawned[leader], 0.0
         for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
             body = self.supply.offer(self.choices[PEDESTRIAN], self.rng)
@@ -430,7 +460,10 @@ class Spawner:
         return np.array([x, y, yaw + spawned.turn])
 
     def _remove_arrived(self) -> None:
-        """Drop what has arrived. What SUMO could not insert is due again, and must not come later on its own."""
+        """Drop objects that arrived.
+
+        Objects that SUMO could not insert are due again, and must not come later on their own.
+        """
         there = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
         for name, spawned in list(self.spawned.items()):
             if str(name if spawned.leader is None else spawned.leader) in there:

@@ -19,11 +19,11 @@ LATERAL_RESOLUTION = 0.8  # m; sublanes: cars leave the lane's middle, two-wheel
 
 @contextmanager
 def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[Any]:
-    """The libsumo module while it simulates the network (net.xml text) with the vehicle types (additional-file text),
-    in steps of `step` (s).
+    """Run the libsumo module with a network and vehicle types.
 
-    Raises ImportError where SUMO is not installed, RuntimeError where a simulation is open in this process already
-    (libsumo knows only one), ValueError with SUMO's own words where it refuses the network.
+    network: net.xml text; types: additional-file text; step: s. Raises ImportError without SUMO, RuntimeError where a
+    simulation is open in this process already (libsumo knows only one), ValueError with SUMO's own words where it
+    refuses the network.
     """
     sumo = load_sumo()
     if sumo.simulation.isLoaded():
@@ -49,7 +49,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
 
 
 def load_sumo() -> Any:
-    """The libsumo module, or ImportError that says how to install it."""
+    """Import libsumo, or raise ImportError that says how to install it."""
     try:
         with redirect_stdout(io.StringIO()):  # it greets with a warning about pyarrow, which is not used here
             return import_module("libsumo")
@@ -59,7 +59,10 @@ def load_sumo() -> Any:
 
 @contextmanager
 def _stderr_into(file: Path) -> Iterator[None]:
-    """What the process writes to stderr goes to a file: SUMO's error log stays empty from the second simulation on."""
+    """Redirect stderr to a file.
+
+    SUMO's error log stays empty from the second simulation on.
+    """
     sys.stderr.flush()
     kept = os.dup(2)
     try:

@@ -66,7 +66,7 @@ def surrogate(
     from placement_env.fidelity.hits.hit_fit import fit_sites
     from placement_env.fidelity.hits.hit_model import save_models
     from toolkit.runtime.cache import Cache
-    from toolkit.sensors.models import model_named
+    from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site
 
@@ -97,7 +97,7 @@ def surrogate(
     with progress_bar("", hidden=json) as bar:
         fitted = fit_sites(
             places, lambda place: detect[place.name], schemes=schemes, classes=counted, ious=iou, frames=frames,
-            poses=poses, sets=sets, seed=seed, models=[model_named(name) for name in model], resamples=resamples,
+            poses=poses, sets=sets, seed=seed, models=[find_model(name) for name in model], resamples=resamples,
             source=source,
             cache=None if cache is None else Cache(cache / "cache.sqlite"), workers=workers,
             progress=bar.stage,

@@ -59,7 +59,7 @@ def table(
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.table import best_sets, make_table
     from toolkit.detection.schemes import PAPER_SCHEMES
-    from toolkit.sensors.error_profiles import profile_named
+    from toolkit.sensors.error_profiles import find_profile
 
     check_least("--workers", workers, 1)
     check_ray(ray)
@@ -73,7 +73,7 @@ def table(
         count = frame_count(recording, frames)
         detect = recording_detector(detector, recording)
         check_digest(detector, detect, ": what is detected is kept until the table is whole")
-        measured = Renders.of(recording, errors=profile_named(errors))
+        measured = Renders.of(recording, errors=find_profile(errors))
         made = make_table(
             measured, detect, out, frames=count, commit=commit(), workers=workers, ray=ray, progress=bar.of,
             classes=counted,

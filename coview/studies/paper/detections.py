@@ -33,8 +33,8 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import View, together
 from toolkit.geometry import invert, transform
 from toolkit.objects import Detector, Objects
-from toolkit.points import beyond, centred_in, detect_on_ground, points_on
-from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.points import count_on_ground, detect_on_ground, has_centre_inside, is_beyond
+from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
@@ -53,7 +53,7 @@ class FrameTruth(NamedTuple):
 
     boxes: of the vehicles; points: of each sensor on each vehicle; sent: per sensor the points in the crop, those
     beyond the hybrid radius in the horizontal plane, and those beyond it as the published code measures
-    (`toolkit.points.beyond`).
+    (`toolkit.points.is_beyond`).
     """
 
     boxes: Float64[np.ndarray, "m 7"]
@@ -134,8 +134,8 @@ def detect_runs(
         raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
     runs = tuple(dict.fromkeys(runs))
     wanted: tuple[SchemeRun | None, ...] = (None, *runs)  # None: the truth
-    depends_on = key_of(renders.digest, digest, code_digest(__name__, type(detector).__module__)).hex()
-    keys = {(k, run): key_of("paper", depends_on, k, run) for k in range(frames) for run in wanted}
+    depends_on = make_key(renders.digest, digest, code_digest(__name__, type(detector).__module__)).hex()
+    keys = {(k, run): make_key("paper", depends_on, k, run) for k in range(frames) for run in wanted}
     kept = dict(zip(keys, memo.get(list(keys.values())), strict=True))
     tasks = []
     for k in range(frames):
@@ -183,21 +183,21 @@ class _FrameJob:
         )
         boxes = objects.boxes[counted]
         clouds = [view.cloud(c).points for c in range(len(renders.sensors))]
-        points = [points_on(cloud, boxes, renders.site) for cloud in clouds]
+        points = [count_on_ground(cloud, boxes, renders.site) for cloud in clouds]
         sent = [self._count_points(cloud, sensor) for cloud, sensor in zip(clouds, renders.sensors, strict=True)]
         truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
         return truth, [self._run(run, view, objects, counted) for run in runs]
 
     def _count_points(self, cloud: Float32[np.ndarray, "n 3"], sensor: Sensor) -> list[int]:
         radius = self.renders.site.hybrid_radius
-        far = [int(beyond(cloud, sensor, radius, metric).sum()) for metric in ("horizontal", "published")]
+        far = [int(is_beyond(cloud, sensor, radius, metric).sum()) for metric in ("horizontal", "published")]
         return [len(cloud), *far]
 
     def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Bool[np.ndarray, " n"]) -> Arrays:
         fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
         found = fused.detections
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
-        there = objects[centred_in(objects.boxes, self.renders.site.area)]
+        there = objects[has_centre_inside(objects.boxes, self.renders.site.area)]
         truth = np.empty((len(IOUS), len(found)), np.int64)
         published = np.empty_like(truth)
         for row, iou in enumerate(IOUS):

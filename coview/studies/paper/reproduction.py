@@ -37,7 +37,7 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.provenance import coview_version
 from toolkit.objects import Detector
 from toolkit.runtime.cache import Cache
-from toolkit.runtime.files import finite, write_text, writing_together
+from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes
 from toolkit.sites.files import load_site
 
@@ -186,7 +186,7 @@ def write_experiments(
             for name, rows in each.curves:
                 write_text(folder / f"{name}.csv", to_csv(rows))
         figures = {"site": site, "conditions": conditions, "experiments": [each.as_dict() for each in experiments]}
-        write_text(folder / FIGURES, json.dumps(finite(figures), indent=1, allow_nan=False))
+        write_text(folder / FIGURES, json.dumps(replace_infinite(figures), indent=1, allow_nan=False))
         title = f"The paper's experiments at the {PLACE_NAMES[site]}, our figures beside the paper's"
         write_text(folder / PAGE, paper_page(title, experiments, pictures, conditions=conditions, causes=causes))
 

@@ -19,7 +19,7 @@ from coview.studies.stress.stressing import StressRow
 from placement_env.analysis.intervals import percentiles
 from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64
-from toolkit.runtime.files import finite
+from toolkit.runtime.files import replace_infinite
 
 LEAST_LEAD = 0.005  # AP by which one scheme must lead to count as better
 
@@ -42,7 +42,7 @@ class Crossing:
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON: None for infinity."""
-        return {name: finite(value) for name, value in asdict(self).items()}
+        return {name: replace_infinite(value) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)

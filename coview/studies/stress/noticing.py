@@ -28,7 +28,7 @@ from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.points import unproject
-from toolkit.runtime.files import finite
+from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 
 ONSET = 2.0  # s after traffic began
@@ -54,7 +54,7 @@ class Noticed:
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON: None for infinity."""
-        return {name: finite(value) for name, value in asdict(self).items()}
+        return {name: replace_infinite(value) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)

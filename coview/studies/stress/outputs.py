@@ -19,8 +19,8 @@ from placement_env.report.charts import interval_bars
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.objects import LABELS, VEHICLE
-from toolkit.runtime.files import finite, write_text, writing_together
-from toolkit.runtime.text_tables import aligned
+from toolkit.runtime.files import replace_infinite, write_text, writing_together
+from toolkit.runtime.text_tables import align_columns
 
 STRESS_FILES = ("stress.json", "stress.svg")
 
@@ -91,7 +91,7 @@ class StressResults:
     def as_dict(self, provenance: Mapping[str, object]) -> dict[str, object]:
         """Return the values for JSON: None for undefined figures."""
         lists = {name: [row.as_dict() for row in some] for name, some in vars(self).items() if some is not None}
-        return {"provenance": dict(provenance), **finite(lists)}
+        return {"provenance": dict(provenance), **replace_infinite(lists)}
 
     def as_text(self) -> str:
         """Tables for people, one below the other."""
@@ -110,7 +110,7 @@ def format_rows(rows: Sequence[StressRow]) -> str:
         judged = row.judged
         figures = [f"{judged.ap:.3f}", f"{judged.low:.3f} to {judged.high:.3f}", f"{row.kbit_per_sensor:.2f}"]
         table.append([row.kind, row.level, row.scheme, row.codec, f"{row.iou:g}", *figures, f"{row.age:.2f} s"])
-    return aligned(table, texts=4)
+    return align_columns(table, texts=4)
 
 
 def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -> str:
@@ -121,7 +121,7 @@ def format_crossings(rows: Sequence[StressRow], crossings: Sequence[Crossing]) -
     for each in crossings:
         names = [each.kind, f"{each.iou:g}", each.before, each.after]
         table.append([*names, f"{each.level:.2f}", f"{each.low:.2f} to {each.high:.2f}", f"{each.share:.0%}"])
-    texts = [aligned(best, texts=3), aligned(table, texts=4)]
+    texts = [align_columns(best, texts=3), align_columns(table, texts=4)]
     return "\n\n".join(text for text, lines in zip(texts, (best, table), strict=True) if len(lines) > 1)
 
 
@@ -133,7 +133,7 @@ def format_noticed(noticed: Sequence[Noticed], alarms: Sequence[FalseAlarms]) ->
         table.append([each.fault, each.sent_as, str(each.cases), str(each.noticed), *times])
     false = [["false alarms: link", "sent as", "alarms", "sensor-minutes"]]
     false += [[each.link, each.sent_as, str(each.alarms), f"{each.minutes:.1f}"] for each in alarms]
-    return f"{aligned(table, texts=2)}\n\n{aligned(false, texts=2)}"
+    return f"{align_columns(table, texts=2)}\n\n{align_columns(false, texts=2)}"
 
 
 def format_exact(left: Sequence[ExactFailure]) -> str:
@@ -142,7 +142,7 @@ def format_exact(left: Sequence[ExactFailure]) -> str:
     for each in left:
         figures = [f"{ap:.3f}" for ap in (each.intact, each.mean, each.worst)]
         table.append([f"N-{each.failing}", each.scheme, f"{each.iou:g}", *figures, ", ".join(each.without)])
-    return aligned(table, texts=2)
+    return align_columns(table, texts=2)
 
 
 def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, object], folder: str | Path) -> None:

@@ -36,8 +36,8 @@ from toolkit.detection.schemes import SCHEMES, find_scheme
 from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, known_labels, label_index
-from toolkit.points import centred_in
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.points import has_centre_inside
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import ErrorProfile
@@ -151,7 +151,7 @@ class KeptDetections:
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Return the detections for these points, in this order."""
         content = sha256(np.ascontiguousarray(points).tobytes()).hexdigest()
-        key = key_of("detections", *self._depends_on, len(points), content)
+        key = make_key("detections", *self._depends_on, len(points), content)
         kept = self._cache.get([key])[0]
         if kept is None:
             self.asked += 1
@@ -287,7 +287,7 @@ class Trial:
 
     def add(self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float) -> None:
         """Score one more frame."""
-        counted = centred_in(frame.objects.boxes, site.area)
+        counted = has_centre_inside(frame.objects.boxes, site.area)
         for k, iou in enumerate(self._ious):
             matched = match(detections, frame.objects, iou, label=self._label, counted=counted)
             self._scores[k].append(detections.scores[~matched.ignored])

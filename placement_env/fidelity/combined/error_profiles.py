@@ -16,7 +16,7 @@ import numpy as np
 from placement_env.fidelity.combined.like import LikeFirst, LikeFirstByFrames
 from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity
 from toolkit.arrays import Bool, Float64
-from toolkit.sensors.error_profiles import ErrorProfile, profile_of
+from toolkit.sensors.error_profiles import ErrorProfile, get_profile
 
 ProfileCombine = Literal["mean", "worst"]
 
@@ -97,8 +97,8 @@ def errors_of(errors: ErrorProfiles | ErrorProfile | Iterable[Any], combine: Pro
     if isinstance(errors, ErrorProfiles):
         return errors
     if isinstance(errors, ErrorProfile | str):
-        return profile_of(errors)
-    profiles = tuple(profile_of(each) for each in errors)
+        return get_profile(errors)
+    profiles = tuple(get_profile(each) for each in errors)
     return profiles[0] if len(profiles) == 1 else ErrorProfiles(profiles, combine)
 
 

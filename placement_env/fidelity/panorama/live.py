@@ -22,10 +22,10 @@ from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from placement_env.fidelity.visibility import Visibility, distances, scored_objects
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
-from toolkit.points import Crop, centred_in
+from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.renderer import Moment
-from toolkit.rendering.strips import Counted, Strips, SuccessiveStrips, joined
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.rendering.strips import Counted, Strips, SuccessiveStrips, concatenate_strips
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Mount
@@ -92,7 +92,7 @@ class LiveView:
     def _panoramas(self, places: list[Place]) -> list[Packed]:
         """Packed strips of places, from the cache or made."""
         code, digest = code_digest(__name__), self.traffic.digest()
-        keys = [key_of("panorama", code, digest, place) for place in places]
+        keys = [make_key("panorama", code, digest, place) for place in places]
         found = [None] * len(keys) if self._cache is None else self._cache.get(keys)
         missing = [k for k, arrays in enumerate(found) if arrays is None]
         made = dict(zip(missing, self._made([places[k] for k in missing]), strict=True))
@@ -106,11 +106,11 @@ class LiveView:
         site, first, parts = self.traffic.site, 0, []
         successive = SuccessiveStrips(self._renderer, np.array(places), Counted(Crop.of(site), site.hybrid_radius))
         for k, snapshot in enumerate(self.traffic.snapshots):
-            fine = centred_in(snapshot.objects.boxes, site.area)
+            fine = has_centre_inside(snapshot.objects.boxes, site.area)
             strips = successive.of(self._moment(k), fine)
             parts.append(strips._replace(item=strips.item + np.int32(first)))
             first += len(fine)
-        whole = joined(parts)
+        whole = concatenate_strips(parts)
         order = np.argsort(whole.viewpoint, kind="stable")
         ends = np.searchsorted(whole.viewpoint[order], np.arange(len(places) + 1))
         return [Packed.of(Strips(*(each[order[begin:end]] for each in whole))) for begin, end in pairwise(ends)]

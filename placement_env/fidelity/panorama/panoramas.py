@@ -16,9 +16,9 @@ from placement_env.fidelity.panorama.looking import Sight, Views, alone, look_th
 from placement_env.fidelity.panorama.still import Still
 from placement_env.fidelity.traffic import Traffic, renderer_of, scored
 from toolkit.arrays import Bool, Float64
-from toolkit.points import Crop, centred_in
+from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.strips import Counted, SuccessiveStrips
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import Sensor, SensorModel
 
@@ -78,12 +78,12 @@ class _Look:
 
     def key(self, block: Block) -> bytes:
         """What is seen in some frames depends on this."""
-        return key_of("panoramas", self._depends_on, block)
+        return make_key("panoramas", self._depends_on, block)
 
     def _frame(self, k: int) -> Seen:
         site, snapshot, renderer = self.traffic.site, self.traffic.snapshots[k], renderer_of(self.traffic)
         boxes = snapshot.objects.boxes
-        strips = self._strips.of(renderer.moment(snapshot), centred_in(boxes, site.area))
+        strips = self._strips.of(renderer.moment(snapshot), has_centre_inside(boxes, site.area))
         sight = Sight.of(strips, np.zeros(len(boxes), np.int64))
         seen = look_through(self._views, sight, self._stills, self._alone, (len(boxes), 1))
         return seen._replace(points=seen.points[:, scored(snapshot.objects, site, self.labels)])

@@ -20,7 +20,7 @@ from placement_env.report.content import BreakdownRow, ClassSeen
 from placement_env.report.planning.judging import Judge, mean_judgement
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import label_index
-from toolkit.points import centred_in, points_on
+from toolkit.points import count_on_ground, has_centre_inside
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -99,7 +99,7 @@ def _scored_at(judge: Judge, chosen: tuple[int, ...], at: int) -> Scored:
         there = objects.boxes
         truth_label.append(objects.labels)
         truths.append(there)
-        points.append(points_on(fused_cloud(detected, chosen, k), there, detected.renders.site))
+        points.append(count_on_ground(fused_cloud(detected, chosen, k), there, detected.renders.site))
         found = detected.detections(chosen, k)[counts]
         boxes.append(found.boxes)
         label.append(found.labels)
@@ -206,7 +206,7 @@ def mean_points(judge: Judge, chosen: tuple[int, ...]) -> float | None:
     detected, points = judge.detected, [np.zeros(0, np.int64)]
     for k in range(judge.frames):
         boxes = detected.renders.objects(k).boxes[detected.scored(k)]
-        points.append(points_on(fused_cloud(detected, chosen, k), boxes, detected.renders.site))
+        points.append(count_on_ground(fused_cloud(detected, chosen, k), boxes, detected.renders.site))
     every = np.concatenate(points)
     return float(every.mean()) if len(every) else None
 
@@ -217,10 +217,10 @@ def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str]) -> tu
     points: dict[str, list[np.ndarray]] = {label: [np.zeros(0, np.int64)] for label in labels}
     for k in range(judge.frames):
         objects, cloud = detected.renders.objects(k), fused_cloud(detected, chosen, k)
-        inside = centred_in(objects.boxes, detected.renders.site.area)
+        inside = has_centre_inside(objects.boxes, detected.renders.site.area)
         for label in labels:
             boxes = objects.boxes[inside & (objects.labels == label_index(label))]
-            points[label].append(points_on(cloud, boxes, detected.renders.site))
+            points[label].append(count_on_ground(cloud, boxes, detected.renders.site))
     rows = {label: np.concatenate(counts) for label, counts in points.items()}
     return tuple(
         ClassSeen(label, len(row), int(LEAST), float((row >= LEAST).mean()) if len(row) else None)

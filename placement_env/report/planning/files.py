@@ -8,7 +8,7 @@ from pathlib import Path
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.report.content import Plan, Planned
 from placement_env.report.pages.report import REPORT_FILES, write_report
-from toolkit.runtime.files import finite, write_text, writing_together
+from toolkit.runtime.files import replace_infinite, write_text, writing_together
 
 CONTENT = "plan.json"
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
@@ -35,4 +35,4 @@ def write_plan(planned: Planned, out: Path) -> list[Path]:
 
 def plan_json(plan: Plan) -> str:
     """A plan as JSON: the same plan gives the same text; null for what is not finite."""
-    return json.dumps(finite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(replace_infinite(plan.as_dict()), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

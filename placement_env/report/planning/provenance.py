@@ -14,7 +14,7 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.report.planning.question import Question
 from toolkit.detection.provenance import coview_version, detector_origin
 from toolkit.objects import Detector
-from toolkit.sites.files import dumps
+from toolkit.sites.files import format_site
 
 PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
 
@@ -32,7 +32,7 @@ def plan_origin(
     parts = ("search", "comparison", "judgement")
     return {
         "site": question.site.name,
-        "site_sha256": sha256(dumps(question.site).encode()).hexdigest(),
+        "site_sha256": sha256(format_site(question.site).encode()).hexdigest(),
         "poles_sha256": question.poles_digest,
         "catalogue_sha256": None if question.catalogue is None else question.catalogue.digest,
         "keep_out_sha256": sha256(repr([area.wkt for area in question.keep_out]).encode()).hexdigest(),

@@ -29,7 +29,7 @@ from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
-from toolkit.runtime.cache import Arrays, Cache, key_of
+from toolkit.runtime.cache import Arrays, Cache, make_key
 from toolkit.runtime.code_digest import code_digest
 
 ENTRANTS = 9  # of each number of sensors, beside the searches' own answers
@@ -89,7 +89,7 @@ def kept_entrants(
     """`entrants`, from the cache where it keeps them. depends_on: digest of what the objective's figures depend on
     beside its candidates and settings, such as the traffic."""
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
-    key = key_of("entrants", code_digest(__name__), depends_on, *asked)
+    key = make_key("entrants", code_digest(__name__), depends_on, *asked)
     kept = None if cache is None else cache.get([key])[0]
     if kept is not None:
         return Entrants.of(kept)

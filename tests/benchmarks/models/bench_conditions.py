@@ -99,7 +99,7 @@ def bodies(path, dataset, detector, asked) -> None:
     from toolkit.datasets.readings import read_frame
     from toolkit.detection.metrics import match
     from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN
-    from toolkit.points import centred_in, frame_points
+    from toolkit.points import frame_points, has_centre_inside
 
     with h5py.File(path) as file:
         names = json.loads(file["coview/bodies"][()])
@@ -111,7 +111,7 @@ def bodies(path, dataset, detector, asked) -> None:
         first += len(frame.objects)
         cloud = np.concatenate(frame_points(frame, area=dataset.site))
         answer, boxes = detector(cloud), frame.objects.boxes
-        counts = centred_in(boxes, dataset.site.area) & (count_points(cloud, boxes) >= 10)
+        counts = has_centre_inside(boxes, dataset.site.area) & (count_points(cloud, boxes) >= 10)
         for label in range(len(LABELS)):
             iou = 0.5 if label in (CYCLIST, PEDESTRIAN) else 0.7
             at = match(answer, frame.objects, iou, label=label, counted=counts)

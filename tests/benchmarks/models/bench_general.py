@@ -39,7 +39,7 @@ def main() -> None:
     from toolkit.detection.metrics import TRUE_IOU, evaluate
     from toolkit.detection.site_background import site_background
     from toolkit.objects import VEHICLE, label_index
-    from toolkit.points import centred_in, detect_on_ground, frame_points
+    from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 
     detections, reported, truths, points, inside = [], [], [], [], []
     for number in range(asked.sites):
@@ -54,7 +54,7 @@ def main() -> None:
             reported.append(detect_on_ground(detector, cloud, recording.site))
             truths.append(frame.objects)
             points.append(count_points(cloud, frame.objects.boxes))
-            inside.append(centred_in(frame.objects.boxes, recording.site.area))
+            inside.append(has_centre_inside(frame.objects.boxes, recording.site.area))
         print(f"site {number}: {len(recording.frames[0].sensors)} sensors", file=sys.stderr, flush=True)
     print(f"{'points':>12s} {'vehicles':>8s} {'AP@0.7':>8s} {'AP@0.8':>8s} {'AP@0.9':>8s}")
     for low, high in BINS:

@@ -46,13 +46,13 @@ def row_of(seed: int, place: int, cache: Path) -> Row:
     from toolkit.objects import VEHICLE
     from toolkit.points import detect_on_ground
     from toolkit.runtime.cache import Cache
-    from toolkit.sensors.models import model_named
+    from toolkit.sensors.models import find_model
     from toolkit.sites.random import random_site
 
     site, rng = random_site(seed), np.random.default_rng(seed)
     if (site.area[2] - site.area[0]) * (site.area[3] - site.area[1]) > LARGEST:
         return {"seed": seed, "sets": []}
-    named = tuple(map(model_named, MODELS[place % len(MODELS)]))
+    named = tuple(map(find_model, MODELS[place % len(MODELS)]))
     every = pool(site, models=named) if named else pool(site)
     candidates = every.select(np.sort(rng.choice(len(every), min(POSES, len(every)), replace=False)))
     traffic = simulate_traffic(site, 4 * FRAMES, seed)

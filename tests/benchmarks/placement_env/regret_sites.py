@@ -38,9 +38,9 @@ class Place:
     def candidates(self, site: Site) -> Candidates:
         """Some poses of the pool, drawn evenly over it."""
         from placement_env.candidates.pool import pool
-        from toolkit.sensors.models import model_named
+        from toolkit.sensors.models import find_model
 
-        named = {"models": tuple(map(model_named, self.models))} if self.models else {}
+        named = {"models": tuple(map(find_model, self.models))} if self.models else {}
         every = pool(site, **named)
         drawn = np.random.default_rng(self.seed).choice(len(every), min(POSES, len(every)), replace=False)
         return every.select(np.sort(drawn))

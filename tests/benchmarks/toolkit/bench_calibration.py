@@ -24,7 +24,7 @@ from toolkit.detection.evaluation import evaluate_dataset
 from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
-from toolkit.sensors.error_terms import Calibration, rotation_about
+from toolkit.sensors.error_terms import Calibration, make_rotation
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
@@ -51,7 +51,7 @@ def crooked(sensor: Sensor, rng: np.random.Generator) -> Sensor:
     """The sensor, believed to hang otherwise than it does."""
     axis, way = rng.standard_normal((2, 3))
     error = np.eye(4)
-    error[:3, :3] = rotation_about(axis / np.linalg.norm(axis) * np.deg2rad(TURNED_DEG))
+    error[:3, :3] = make_rotation(axis / np.linalg.norm(axis) * np.deg2rad(TURNED_DEG))
     error[:3, 3] = way / np.linalg.norm(way) * MOVED
     return Sensor(sensor.name, sensor.model, sensor.pose @ error)
 

@@ -173,7 +173,7 @@ def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of
     from toolkit.detection.metrics import match
     from toolkit.detection.view import frame_view
     from toolkit.objects import VEHICLE
-    from toolkit.points import centred_in
+    from toolkit.points import has_centre_inside
 
     path = folder / f"{site}-ap-{'-'.join(systems).replace(' ', '')}.jsonl"
     begin = len(list(rows_of(path)))
@@ -184,7 +184,7 @@ def detect(folder: Path, site: str, systems: tuple[str, ...], frames: int, *, of
     for k in range(begin, frames):
         frame = read_frame(recording, k)
         view = frame_view(frame, detector, recording.site, scene=lambda sensor: scenes[sensor])
-        counted = centred_in(frame.objects.boxes, recording.site.area)
+        counted = has_centre_inside(frame.objects.boxes, recording.site.area)
         row: dict[str, Any] = {"truths": int((counted & (frame.objects.labels == VEHICLE)).sum())}
         for name in systems:
             fused = chosen[name].fuse(view, range(len(frame.sensors)))

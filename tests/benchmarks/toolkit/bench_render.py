@@ -13,7 +13,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
 from toolkit.geometry import pose, transform
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.static_scene import scenery
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot, simulate
@@ -23,7 +23,7 @@ FRAMES = 30
 
 def whole_scene(site: Site, bodies: tuple[Body, ...], snapshot: Snapshot) -> o3d.t.geometry.RaycastingScene:
     """What stands and what moves in one scene, world frame."""
-    scene, still = o3d.t.geometry.RaycastingScene(), scenery(site)
+    scene, still = o3d.t.geometry.RaycastingScene(), build_scenery(site)
     scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
     for (x, y, z, *_, yaw), body in zip(snapshot.objects.boxes, snapshot.bodies, strict=True):
         vertices = transform(pose(x, y, z, yaw=yaw), bodies[body].vertices.astype(np.float64))
@@ -52,7 +52,7 @@ def main() -> None:
         moments = cycle(snapshots)
         raw = report(f"{name}: cast_rays, scene ready", lambda r=rays, s=scene: s.cast_rays(r))
         ours = report(f"{name}: render", lambda m=moments, r=renderer: r.render(next(m)), repeats=2 * FRAMES)
-        report(f"{name}: scenery", lambda s=site: scenery(s), repeats=3)
+        report(f"{name}: scenery", lambda s=site: build_scenery(s), repeats=3)
         print(f"{name}: {raw / ours:.2f} times the raw rate of rays, at least 0.8 wanted")
 
 

@@ -9,7 +9,7 @@ from models.training.packed import STEPS_PER_METRE, PackedFrames
 from models.training.packing import join_packed, pack, recording
 from models.training.samples import with_errors
 from toolkit.boxes import count_points
-from toolkit.geometry import levelled
+from toolkit.geometry import level_rows
 from toolkit.points import frame_points
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Relief, Site
@@ -88,9 +88,9 @@ def test_on_a_slope_points_and_objects_come_as_on_level_ground(frames, tmp_path)
         packed = PackedFrames(tmp_path / f"{name}.packed")
         assert packed.rig(0).slope == slope
         np.testing.assert_array_equal(packed.objects(1).boxes, frames[1].objects.boxes)
-        np.testing.assert_allclose(packed.level_objects(1).boxes, levelled(frames[1].objects.boxes, slope))
+        np.testing.assert_allclose(packed.level_objects(1).boxes, level_rows(frames[1].objects.boxes, slope))
         for ours, theirs in zip(packed.points(1, None), frame_points(frames[1], area=site), strict=True):
-            distance, _ = cKDTree(ours).query(levelled(theirs, slope))
+            distance, _ = cKDTree(ours).query(level_rows(theirs, slope))
             assert distance.max() < 0.003
             assert abs(len(ours) - len(theirs)) <= 4
         assert (np.concatenate(with_errors(packed, 1, PAPER_ERRORS, 3))[:, 2] > 0).all()

@@ -6,7 +6,7 @@ import numpy as np
 
 from placement_env.fidelity.blocks import seen_in_blocks
 from placement_env.fidelity.occlusion import Seen
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.cache import Cache, make_key
 
 
 @dataclass
@@ -20,7 +20,7 @@ class Numbers:
         return Seen(*(np.arange(*block).reshape(-1, 1, 1) + part for part in range(len(Seen._fields))))
 
     def key(self, block):
-        return key_of("numbers", block)
+        return make_key("numbers", block)
 
 
 def seen(look, blocks, cache=None, reported=None):

@@ -10,7 +10,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import renderer_of, scored
 from placement_env.fidelity.visibility import see
 from toolkit.boxes import count_points
-from toolkit.points import beyond, inside, unproject
+from toolkit.points import is_beyond, is_inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 
@@ -24,7 +24,7 @@ def rendered(small_traffic):
         frame = []
         for sensor, depth, hits in zip(site.sensors, *renderer.render(snapshot), strict=True):
             points, valid = unproject(sensor, depth)
-            keep = valid & inside(points.T, site.area, site.height)
+            keep = valid & is_inside(points.T, site.area, site.height)
             frame.append((points.T[keep], hits.ravel()[keep]))
         found.append(frame)
     return found
@@ -54,7 +54,7 @@ def test_sent_is_the_mean_over_noise(small_traffic, small_candidates, seen):
 
     def far(r, k, c):
         points = r.clouds(k, c)
-        return points[beyond(points, r.sensors[c], radius)]
+        return points[is_beyond(points, r.sensors[c], radius)]
 
     for measured, expected in ((Renders.clouds, seen.sent), (far, seen.far)):
         sent = [[[len(measured(r, k, c)) for k in range(5)] for c in range(4)] for r in renders]
@@ -68,9 +68,9 @@ def test_without_noise_sent_is_counted(small_traffic, small_candidates):
     for k, snapshot in enumerate(small_traffic.snapshots):
         for c, (sensor, depth) in enumerate(zip(exact, renderer.render(snapshot).measurements, strict=True)):
             points, valid = unproject(sensor, depth)
-            points = points.T[valid & inside(points.T, small_traffic.site.area, small_traffic.site.height)]
+            points = points.T[valid & is_inside(points.T, small_traffic.site.area, small_traffic.site.height)]
             assert abs(found.sent[c, k] - len(points)) < 2
-            far = beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
+            far = is_beyond(points, sensor, small_traffic.site.hybrid_radius).sum()
             assert abs(found.far[c, k] - far) < 2
 
 

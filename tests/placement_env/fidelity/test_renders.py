@@ -13,7 +13,7 @@ from toolkit.datasets.readings import with_errors
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import pose
-from toolkit.points import beyond, frame_points
+from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
@@ -62,7 +62,7 @@ def test_noise_differs_between_frames_and_sensors(small_traffic, small_candidate
 
 def test_far_points_and_objects(renders, small_traffic):
     points, sensor = renders.clouds(0, 1), renders.sensors[1]
-    far = beyond(points, sensor, small_traffic.site.hybrid_radius)
+    far = is_beyond(points, sensor, small_traffic.site.hybrid_radius)
     assert 0 < far.sum() < len(points)
     assert renders.objects(0) is small_traffic.snapshots[0].objects
     assert renders.frames == 5
@@ -137,7 +137,7 @@ def test_visibility_of_a_recording(recording):
     seen, renders = Visibility.of(recording), Renders.of(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
-        [beyond(renders.clouds(k, c), sensor, recording.site.hybrid_radius).sum() for k in range(2)]
+        [is_beyond(renders.clouds(k, c), sensor, recording.site.hybrid_radius).sum() for k in range(2)]
         for c, sensor in enumerate(recording.sensors)
     ]
     assert seen.far.tolist() == far

@@ -9,7 +9,7 @@ from placement_env.fidelity.visibility import Visibility, see
 from toolkit.datasets.dataset import CoopDataset, noisy
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
-from toolkit.points import beyond, frame_points
+from toolkit.points import frame_points, is_beyond
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.files import write_arrays
@@ -47,7 +47,9 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
     frames = recording.frames if seed is None else [noisy(frame, seed) for frame in recording.frames]
     clouds = [frame_points(frame, area=site) for frame in frames]
     assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
-    far = [[beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds]
+    far = [
+        [is_beyond(c, s, site.hybrid_radius).sum() for c, s in zip(each, site.sensors, strict=True)] for each in clouds
+    ]
     assert found.far.tolist() == np.array(far).T.tolist()
     per_frame = [found.points[:, found.frame == k].sum(axis=1) for k in range(found.frames)]
     assert found.on_objects.tolist() == np.array(per_frame).T.tolist()

@@ -9,7 +9,7 @@ from placement_env.fidelity.combined.error_profiles import ErrorProfiles
 from placement_env.report.searching import SearchOrder, answered, question_of
 from placement_env.setting import Weights
 from toolkit.objects import Detections
-from toolkit.runtime.files import finite
+from toolkit.runtime.files import replace_infinite
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.files import load_site
 
@@ -32,7 +32,7 @@ def common(tmp_path_factory):
 
 def test_a_portfolio_says_what_fresh_traffic_says(common):
     found = answered(SearchOrder(**common))
-    said = json.loads(json.dumps(finite(found.summary)))["assessment"]
+    said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
     assert (said["by"], said["frames"]) == ("coverage", 2)
     assert said["curse"] == pytest.approx(found.summary["ap"] - said["ap"])
@@ -87,7 +87,7 @@ def test_a_question_says_all_its_error_profiles(common):
 def test_several_error_profiles_are_judged_and_said(common):
     asked = common | {"judge": "detector", "detector": Wary(), "errors": ("paper", "poor"), "budget": 1}
     found = answered(SearchOrder(**asked))
-    said = json.loads(json.dumps(finite(found.summary)))
+    said = json.loads(json.dumps(replace_infinite(found.summary)))
     assert said["errors"] == {"profiles": [PAPER_ERRORS.origin, POOR.origin], "combine": "worst"}
     assert said["assessment"]["by_errors"] == [
         {"name": name, "ap": 0.0, "low": 0.0, "high": 0.0} for name in ("paper", "poor")

@@ -5,25 +5,25 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import tight
+from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.drawn_bodies import (
     BUSES,
     PEOPLE,
     RIDERLESS,
     SUPERSTRUCTURES,
     TWO_WHEELERS,
-    drawn_bodies,
-    drawn_body,
-    drawn_heavy,
-    drawn_person,
-    drawn_pose,
-    drawn_two_wheeler,
+    draw_bodies,
+    draw_body,
+    draw_heavy,
+    draw_person,
+    draw_pose,
+    draw_two_wheeler,
     standing,
 )
 from toolkit.mesh import Mesh, box, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-BUILT = [drawn_heavy(np.random.default_rng([1, k])) for k in range(250)]
+BUILT = [draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
 
 
 def of(*ends: str) -> list:
@@ -64,7 +64,7 @@ def test_mirrors_stick_out_at_the_front_on_both_sides():
         assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
 
 
-DRAWN = [drawn_person(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def heights(kind: str) -> np.ndarray:
@@ -95,15 +95,15 @@ def test_strides_go_either_way_and_some_stand():
     lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
-    assert {drawn_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
-    assert drawn_pose(np.random.default_rng(0), 1.1).stout == 1.1
+    assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
+    assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
 
 
 def test_standing_lets_a_mesh_down():
     assert standing(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
 
 
-DRAWN_TWO_WHEELERS = [drawn_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
+DRAWN_TWO_WHEELERS = [draw_two_wheeler(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def sizes(kind: str) -> np.ndarray:
@@ -143,7 +143,7 @@ def test_wheels_stand_on_the_ground_front_and_rear():
 
 
 COUNT = 120
-BODIES = {label: drawn_bodies(np.random.default_rng(label), {label: COUNT}) for label in range(len(LABELS))}
+BODIES = {label: draw_bodies(np.random.default_rng(label), {label: COUNT}) for label in range(len(LABELS))}
 RANGES = {
     VEHICLE: ((3.0, 6.3), (1.45, 2.2), (1.25, 2.6)),
     CYCLIST: ((0.8, 3.0), (0.3, 1.0), (0.5, 2.2)),
@@ -187,7 +187,7 @@ def test_only_mirrors_stick_out_of_the_box_which_is_tight(label):
         beyond = (np.abs(body.vertices) > half + 1e-4).any(axis=1)
         inside = body.vertices[~beyond]
         assert np.allclose([inside.min(axis=0), inside.max(axis=0)], [-half, half], atol=0.01), body.name
-        assert np.ptp(tight(body).vertices, axis=0)[1] <= body.size[1] + 0.62
+        assert np.ptp(include_mirrors(body).vertices, axis=0)[1] <= body.size[1] + 0.62
         if beyond.any():
             assert label in (VEHICLE, HEAVY)
             assert (np.abs(body.vertices[beyond, 1]) > half[1]).all()
@@ -198,7 +198,7 @@ def test_only_mirrors_stick_out_of_the_box_which_is_tight(label):
 
 
 def test_the_length_of_a_car_does_not_tell_its_width_nor_its_height():
-    length, width, height = np.array([drawn_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]).T
+    length, width, height = np.array([draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]).T
     for other, least in ((width, 0.08), (height, 0.16)):
         fit = np.polyfit(length, other, 1)
         assert np.std(other - np.polyval(fit, length)) > least
@@ -210,7 +210,7 @@ def test_the_length_of_a_car_does_not_tell_its_width_nor_its_height():
 
 
 def test_there_are_kinds_of_every_class_with_and_without_riders():
-    kinds = {label: {body.name.partition("/")[2] for body in drawn_bodies(np.random.default_rng(1), {label: 300})}
+    kinds = {label: {body.name.partition("/")[2] for body in draw_bodies(np.random.default_rng(1), {label: 300})}
              for label in RANGES}  # fmt: skip
     assert {"adult", "child", "pram", "walker", "wheelchair"} == kinds[PEDESTRIAN]
     assert {"bicycle", "bicycle_alone", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"} <= kinds[CYCLIST]
@@ -223,7 +223,7 @@ def test_there_are_kinds_of_every_class_with_and_without_riders():
 
 def test_a_seed_gives_a_body_and_another_seed_another():
     for label in RANGES:
-        first, again, other = (drawn_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
+        first, again, other = (draw_body(label, np.random.default_rng(seed)) for seed in (3, 3, 4))
         assert first.vertices.tobytes() == again.vertices.tobytes()
         assert (first.name, first.truth) == (again.name, again.truth)
         assert first.vertices.tobytes() != other.vertices.tobytes()
@@ -231,9 +231,9 @@ def test_a_seed_gives_a_body_and_another_seed_another():
 
 @pytest.mark.parametrize("name", LABELS)
 def test_classes_go_by_their_names_too(name):
-    assert drawn_body(name, np.random.default_rng(0)).label == LABELS.index(name)
+    assert draw_body(name, np.random.default_rng(0)).label == LABELS.index(name)
 
 
 def test_a_class_nobody_knows_is_refused():
     with pytest.raises(ValueError, match="label must be one of"):
-        drawn_body("tram", np.random.default_rng(0))
+        draw_body("tram", np.random.default_rng(0))

@@ -13,21 +13,21 @@ from toolkit.bodies.drawn_cars import (
     LENGTHS,
     TRAILERS,
     WIDTHS,
-    bed_of,
-    block_car,
-    drawn_proportions,
+    build_block_car,
+    draw_load,
+    draw_proportions,
+    find_bed,
     half_width,
-    lofted_car,
+    loft_car,
     mirrors,
     mound,
-    on_roof,
     plank,
-    stretched,
+    stretch,
     trailer,
 )
 from toolkit.mesh import box
 
-CARS = [drawn_proportions(np.random.default_rng([2, k])) for k in range(400)]
+CARS = [draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
 
 
 def test_shares_are_those_of_the_kinds():
@@ -64,12 +64,12 @@ def test_profiles_run_from_the_front_to_the_rear_and_reach_the_roof():
 
 
 def test_a_seed_gives_a_car():
-    first, again = (drawn_proportions(np.random.default_rng(8)) for _ in range(2))
+    first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
     assert first.length == again.length
     assert first.profile.tobytes() == again.profile.tobytes()
 
 
-CARS_CARS = [drawn_proportions(np.random.default_rng([3, k])) for k in range(40)]
+CARS_CARS = [draw_proportions(np.random.default_rng([3, k])) for k in range(40)]
 SHUT = [car for car in CARS_CARS if car.kind != "pickup"]
 
 
@@ -80,7 +80,7 @@ def first_hits(mesh, starts, direction):
     return scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
 
 
-@pytest.mark.parametrize("build", [lofted_car, lambda car: block_car(car, np.random.default_rng(0))])
+@pytest.mark.parametrize("build", [loft_car, lambda car: build_block_car(car, np.random.default_rng(0))])
 def test_cars_are_as_large_as_they_were_drawn(build):
     for car in CARS_CARS:
         vertices = build(car).vertices
@@ -92,7 +92,7 @@ def test_cars_are_as_large_as_they_were_drawn(build):
 def test_there_are_no_holes_from_above_nor_from_the_side():
     """Rays from above meet the body above its floor wherever it is, and rays from the left its left half."""
     for car in SHUT:
-        mesh = lofted_car(car)
+        mesh = loft_car(car)
         x, y = np.meshgrid(np.linspace(-0.45, 0.45, 31) * car.length, np.linspace(-0.28, 0.28, 15) * car.width)
         height = 5 - first_hits(mesh, np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)]), [0.0, 0, -1])
         assert height.min() > 0.25 * car.height, car.kind
@@ -105,7 +105,7 @@ def test_there_are_no_holes_from_above_nor_from_the_side():
 
 def test_four_wheels_touch_the_ground():
     for car in CARS_CARS:
-        vertices = lofted_car(car).vertices
+        vertices = loft_car(car).vertices
         low = vertices[vertices[:, 2] < 0.02]
         corners = {(x > 0, y > 0) for x, y in low[:, :2].tolist()}
         assert len(corners) == 4
@@ -114,8 +114,8 @@ def test_four_wheels_touch_the_ground():
 
 
 def test_block_cars_have_few_triangles_and_lofted_ones_enough():
-    assert max(len(block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
-    assert min(len(lofted_car(car).triangles) for car in CARS_CARS) > 1200
+    assert max(len(build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420
+    assert min(len(loft_car(car).triangles) for car in CARS_CARS) > 1200
 
 
 def test_flanks_are_nearly_parallel_and_corners_rounded():
@@ -126,19 +126,19 @@ def test_flanks_are_nearly_parallel_and_corners_rounded():
 
 def test_a_pick_up_has_a_bed_lower_than_its_cab():
     pickups = [
-        car for car in (drawn_proportions(np.random.default_rng([4, k])) for k in range(150)) if car.kind == "pickup"
+        car for car in (draw_proportions(np.random.default_rng([4, k])) for k in range(150)) if car.kind == "pickup"
     ]
     assert pickups
     for car in pickups:
-        front, rear = bed_of(car)
+        front, rear = find_bed(car)
         assert 0.5 < front < 0.75 < rear < 1
         x = car.length * (0.5 - (front + rear) / 2)
-        bed = 5 - first_hits(lofted_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
+        bed = 5 - first_hits(loft_car(car), np.array([[x, 0.0, 5.0]]), [0.0, 0, -1])[0]
         assert bed < 0.62 * car.height
 
 
 def test_stretching_and_planks():
-    moved = stretched(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
+    moved = stretch(box((1, 2, 3), (7, 7, 7)), (4.0, 2.0, 1.0))
     assert np.allclose(moved.vertices.min(axis=0), [-2, -1, 0])
     assert np.allclose(moved.vertices.max(axis=0), [2, 1, 1])
     assert np.allclose(plank((1.0, 2.0, 3.0), 4.0, 5.0, 6.0).vertices[:, 2].min(), 6)
@@ -150,7 +150,7 @@ def test_mounds_lie_on_their_height():
     assert np.allclose(vertices.max(axis=0), [4, 0.5, 1.2], atol=0.02)
 
 
-CARS_EXTRAS = [drawn_proportions(np.random.default_rng([6, k])) for k in range(300)]
+CARS_EXTRAS = [draw_proportions(np.random.default_rng([6, k])) for k in range(300)]
 
 
 def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_none():
@@ -171,7 +171,7 @@ def test_mirrors_stick_out_by_8_to_25_cm_on_both_sides_or_on_one_or_there_are_no
 def test_what_is_on_a_roof_stands_on_it():
     seen = set()
     for number, car in enumerate(CARS_EXTRAS):
-        carried, load = on_roof(car, np.random.default_rng([2, number]))
+        carried, load = draw_load(car, np.random.default_rng([2, number]))
         seen.add(carried)
         assert bool(carried) == bool(len(load.triangles))
         if carried in ("taxi", "light_bar", "roof_box", "rack", "rails"):
@@ -186,7 +186,7 @@ def test_what_is_on_a_roof_stands_on_it():
 def test_a_pick_ups_load_lies_in_its_bed():
     pickup = next(car for car in CARS_EXTRAS if car.kind == "pickup")
     for number in range(40):
-        carried, load = on_roof(pickup, np.random.default_rng(number))
+        carried, load = draw_load(pickup, np.random.default_rng(number))
         if carried == "load":
             low, high = load.vertices.min(axis=0), load.vertices.max(axis=0)
             assert low[0] > -pickup.length / 2

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.drawn_bodies import drawn_body
+from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.mesh import Mesh, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -94,7 +94,7 @@ def test_mirrors_may_belong_into_the_boxes():
 
 @pytest.mark.parametrize("label", range(len(LABELS)))
 def test_every_name_that_is_drawn_is_announced(label):
-    names = {drawn_body(label, np.random.default_rng([5, k])).name for k in range(150)}
+    names = {draw_body(label, np.random.default_rng([5, k])).name for k in range(150)}
     assert names <= set(fleet_named("own").names)
 
 

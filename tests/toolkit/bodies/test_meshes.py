@@ -8,21 +8,21 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies.body import Body, tight
-from toolkit.bodies.drawn_bodies import drawn_body
+from toolkit.bodies.body import Body, include_mirrors
+from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.bodies.meshes import (
     NOTHING_SAID,
     MeshEntry,
-    clear_class,
+    find_wrong_stand,
+    is_clearly,
     load_mesh,
     load_meshes,
-    measured_shape,
+    measure_shape,
     mirror_span,
     read_mesh_table,
     surface_points,
-    taken_meshes,
-    wrong_stand,
+    take_meshes,
 )
 from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -230,7 +230,7 @@ def test_the_table_turns_scales_and_names(tmp_path):
     write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
     entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
     (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
-    (taken,) = taken_meshes(tmp_path)
+    (taken,) = take_meshes(tmp_path)
     assert taken.body.label == HEAVY
     aside = taken.body.vertices - OURS["city_bus"].vertices
     assert np.allclose(aside, [-0.105, 0, 0], atol=2e-3)  # its mirrors stick out to the front as well, and stay in
@@ -243,7 +243,7 @@ def test_how_each_was_taken_is_said(tmp_path):
     write(tmp_path / "vehicle" / "a.ply", OURS["compact_suv"])
     write(tmp_path / "b.ply", OURS["classic_sedan"])
     write(tmp_path / "c.glb", OURS["city_bicycle"], turn=Y_UP_Z_FORWARD)
-    assert [f"{taken.file}: {taken.how}" for taken in taken_meshes(tmp_path)] == [
+    assert [f"{taken.file}: {taken.how}" for taken in take_meshes(tmp_path)] == [
         "b.ply: vehicle (by its shape), 4.55 x 1.69 x 1.41 m, z up, x forward (its profile agrees), "
         "mirrors left out of its box",
         "c.glb: cyclist (by its shape), 1.72 x 0.62 x 1.83 m, y up, z forward (front assumed)",
@@ -274,7 +274,7 @@ ON_ITS_SIDE = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 def shape_of(mesh, turn=None):
     vertices = np.asarray(mesh.vertices, np.float64) @ (np.eye(3) if turn is None else turn).T
-    return measured_shape(vertices, np.asarray(mesh.triangles, np.int64))
+    return measure_shape(vertices, np.asarray(mesh.triangles, np.int64))
 
 
 def elephant_mesh(length=4.4, width=1.8, height=1.7):
@@ -300,8 +300,8 @@ def horse():
 @pytest.mark.parametrize("name", ["family_sedan", "large_suv", "double_cab_pickup", "coupe", "delivery_van"])
 def test_cars_are_clearly_cars(name):
     shape = shape_of(OURS[name])
-    assert [label for label in range(4) if clear_class(shape, label)] == [VEHICLE]
-    assert wrong_stand(shape, VEHICLE) is None
+    assert [label for label in range(4) if is_clearly(shape, label)] == [VEHICLE]
+    assert find_wrong_stand(shape, VEHICLE) is None
 
 
 @pytest.mark.parametrize(
@@ -311,8 +311,8 @@ def test_cars_are_clearly_cars(name):
 )  # fmt: skip
 def test_the_others_are_clearly_what_they_are(name, label):
     shape = shape_of(OURS[name])
-    assert [each for each in range(4) if clear_class(shape, each)] == [label]
-    assert wrong_stand(shape, label) is None
+    assert [each for each in range(4) if is_clearly(shape, each)] == [label]
+    assert find_wrong_stand(shape, label) is None
 
 
 @pytest.mark.parametrize(
@@ -322,7 +322,7 @@ def test_the_others_are_clearly_what_they_are(name, label):
     ids=["calf", "elephant", "small_elephant", "table", "horse", "wardrobe", "stool", "egg"],
 )  # fmt: skip
 def test_animals_and_furniture_are_clearly_nothing(mesh):
-    assert not [LABELS[label] for label in range(4) if clear_class(shape_of(mesh), label)]
+    assert not [LABELS[label] for label in range(4) if is_clearly(shape_of(mesh), label)]
 
 
 @pytest.mark.parametrize(
@@ -334,13 +334,13 @@ def test_animals_and_furniture_are_clearly_nothing(mesh):
     ],
 )
 def test_how_a_car_stands_is_seen(turn, says):
-    assert says in str(wrong_stand(shape_of(OURS["compact_hatchback"], turn), VEHICLE))
-    assert says == "face backwards" or not clear_class(shape_of(OURS["compact_hatchback"], turn), VEHICLE)
+    assert says in str(find_wrong_stand(shape_of(OURS["compact_hatchback"], turn), VEHICLE))
+    assert says == "face backwards" or not is_clearly(shape_of(OURS["compact_hatchback"], turn), VEHICLE)
 
 
 def test_somebody_who_lies_is_seen():
     assert "lies" in str(
-        wrong_stand(shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])), PEDESTRIAN)
+        find_wrong_stand(shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])), PEDESTRIAN)
     )
 
 
@@ -356,7 +356,7 @@ def test_measures_of_a_box_are_exact():
 
 def test_flat_meshes_are_refused():
     with pytest.raises(ValueError, match="has no volume"):
-        measured_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+        measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(ValueError, match="has no surface"):
         surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
 
@@ -370,8 +370,8 @@ def test_points_are_spread_by_area():
 def test_mirrors_are_found_to_the_centimetre_and_nothing_else():
     """Drawn bodies know how wide they are without them: an oracle."""
     for number in range(40):
-        body = drawn_body(VEHICLE, np.random.default_rng([11, number]))
-        whole = tight(body)
+        body = draw_body(VEHICLE, np.random.default_rng([11, number]))
+        whole = include_mirrors(body)
         span = mirror_span(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))
         width = whole.size[1] if span is None else span[1] - span[0]
         assert width == pytest.approx(body.size[1], abs=0.03), body.name

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import Body, boxed
+from toolkit.bodies.body import Body, make_boxed_body
 from toolkit.bodies.vehicles import CARS, car, trucks
 from toolkit.objects import VEHICLE
 
-BODIES = [boxed(shape.name, VEHICLE, *car(shape)) for shape in CARS]
+BODIES = [make_boxed_body(shape.name, VEHICLE, *car(shape)) for shape in CARS]
 
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)

@@ -8,7 +8,7 @@ from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform
 from toolkit.objects import Detections, Objects
-from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site
@@ -45,7 +45,7 @@ def seen_by(pose, rng, walls=True):
 def off(pose, rng, deg=1.0, metres=0.1):
     axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
     error = np.eye(4)
-    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad(deg) * axis), metres * way
+    error[:3, :3], error[:3, 3] = make_rotation(np.deg2rad(deg) * axis), metres * way
     return pose @ error
 
 

@@ -27,7 +27,7 @@ from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects
 from toolkit.points import unproject
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
@@ -55,7 +55,7 @@ def crooked(sensor, deg=1.0, metres=0.1, seed=0):
     rng = np.random.default_rng(seed)
     axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
     error = np.eye(4)
-    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad(deg) * axis), metres * way
+    error[:3, :3], error[:3, 3] = make_rotation(np.deg2rad(deg) * axis), metres * way
     return Sensor(sensor.name, sensor.model, sensor.pose @ error)
 
 
@@ -130,7 +130,7 @@ def test_a_drift_is_clear_or_none():
     assert found_at(much).drifted
     assert not found_at(much, deviation=0.05).drifted
     turned = np.eye(4)
-    turned[:3, :3] = rotation_about(np.array([0.0, 0.0, np.deg2rad(0.2)]))
+    turned[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(0.2)]))
     assert found_at(turned).drifted
     assert np.rad2deg(found_at(turned).turn) == pytest.approx(0.2)
 
@@ -158,7 +158,7 @@ TRUE_TOGETHER = (
     Sensor("away", MODEL_TOGETHER, look((-60.0, -60.0, 5.0), heading=-2.3, tilt=0.35)),
 )
 ERROR = np.eye(4)
-ERROR[:3, :3], ERROR[:3, 3] = rotation_about(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
+ERROR[:3, :3], ERROR[:3, 3] = make_rotation(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
 
 
 @lru_cache(maxsize=1)
@@ -214,7 +214,7 @@ TRUE_CLOUDS = (
     Sensor("b", MODEL_CLOUDS, pose(-9.0, -2.0, 4.0, yaw=0.2)),
 )
 ERROR_CLOUDS = np.eye(4)
-ERROR_CLOUDS[:3, :3], ERROR_CLOUDS[:3, 3] = rotation_about(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
+ERROR_CLOUDS[:3, :3], ERROR_CLOUDS[:3, 3] = make_rotation(np.deg2rad([0.5, 0.6, 0.0])), [0.05, 0.0, 0.05]
 
 
 @lru_cache(maxsize=1)

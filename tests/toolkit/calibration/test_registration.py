@@ -20,7 +20,7 @@ from toolkit.calibration.registration import (
     tukey_weight,
 )
 from toolkit.geometry import invert, look, pose, transform
-from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
 from toolkit.sites.site import Site, Solid
 
@@ -50,7 +50,7 @@ def corner(rng, count=4000):
 def off(deg, metres, rng):
     axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
     error = np.eye(4)
-    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad(deg) * axis), metres * way
+    error[:3, :3], error[:3, 3] = make_rotation(np.deg2rad(deg) * axis), metres * way
     return error
 
 

@@ -6,7 +6,7 @@ import pytest
 from toolkit.detection.background import LEAST_NEW, Background, KnownBackground
 from toolkit.detection.provenance import detector_origin
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, known_labels
-from toolkit.points import union_of
+from toolkit.points import join_clouds
 
 
 def slab(step=0.1):
@@ -155,6 +155,6 @@ def test_of_many_unions_it_says_what_it_says_of_each(background, detector):
     unions = np.array(list(np.ndindex(*(2,) * 5)), bool)
     found = KnownBackground(detector, background).unions(clouds, unions)
     for row, each in zip(unions, found, strict=True):
-        alone = KnownBackground(Fixed(), background)(union_of(clouds, row))
+        alone = KnownBackground(Fixed(), background)(join_clouds(clouds, row))
         np.testing.assert_array_equal(each.boxes, alone.boxes)
     assert {len(each) for each in found} == {0, 1, 2}

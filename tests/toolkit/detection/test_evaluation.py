@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import tight
+from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.calibration.empty_scene import learn_empty_scenes
@@ -25,7 +25,7 @@ from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
-from toolkit.points import centred_in, frame_points
+from toolkit.points import frame_points, has_centre_inside
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.error_profiles import TYPICAL, ErrorProfile
 from toolkit.sensors.error_terms import Calibration
@@ -105,7 +105,7 @@ def test_rows_are_what_fusion_and_metrics_give():
         oracle.current, scene = k, Recording()[k]
         fused.append(fuse_frame("late", scene, oracle, [0, 2], site=AREA))
         truths.append(scene.objects)
-        counted.append(centred_in(scene.objects.boxes, AREA))
+        counted.append(has_centre_inside(scene.objects.boxes, AREA))
     expected = evaluate([f.detections for f in fused], truths, iou_thresholds=[0.7], counted=counted)[0.7]
     assert (row.ap, row.recall, row.precision) == (expected.ap, expected.recall, expected.precision)
     assert 0 < row.recall < 1
@@ -217,7 +217,7 @@ class Rendered:
     site, sensors = SITE, POSTS
 
     def __init__(self, frames: int = 3) -> None:
-        rng, bodies = np.random.default_rng(5), tuple(map(tight, catalogue()))
+        rng, bodies = np.random.default_rng(5), tuple(map(include_mirrors, catalogue()))
         renderer = Renderer(SITE, bodies, POSTS, threads=1)
         self.empty = Frame(POSTS, tuple(renderer.background), Objects.empty())
         self.frames = []

@@ -12,7 +12,7 @@ from toolkit.detection.view import suppress
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
-from toolkit.points import beyond, frame_points
+from toolkit.points import frame_points, is_beyond
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -84,7 +84,7 @@ def test_late_sends_every_box_and_keeps_the_surest_of_those_that_overlap():
 def test_hybrid_adds_the_far_points():
     scene, clouds = frame(), frame_points(frame(), area=AREA)
     fused = hybrid(scene, grid_detector, site=AREA, radius=12.0)
-    far = [points[beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
     local = [grid_detector(points) for points in clouds]
     assert fused.bits.tolist() == [96 * len(f) + 256 * len(b) for f, b in zip(far, local, strict=True)]
     everything = Detections.merge([*local, suppress(grid_detector(np.concatenate(far)))])
@@ -167,7 +167,7 @@ def test_the_codec_can_be_replaced():
     assert early(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [48 * len(c) for c in clouds]
     boxes = [grid_detector(points) for points in clouds]
     assert late(frame(), grid_detector, site=AREA, codec=cost).bits.tolist() == [100 * len(b) for b in boxes]
-    far = [points[beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
+    far = [points[is_beyond(points, sensor, 12.0)] for points, sensor in zip(clouds, SENSORS, strict=True)]
     sent = hybrid(frame(), grid_detector, site=AREA, radius=12.0, codec=cost).bits
     assert sent.tolist() == [48 * len(f) + 100 * len(b) for f, b in zip(far, boxes, strict=True)]
 

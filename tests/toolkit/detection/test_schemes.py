@@ -21,7 +21,7 @@ from toolkit.detection.schemes import (
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections
-from toolkit.points import beyond
+from toolkit.points import is_beyond
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -56,7 +56,7 @@ def test_boxes_and_far_points_are_sent():
 @pytest.mark.parametrize("radius", [0.0, 2.0, 10.0, 1e6])
 def test_what_is_sent_is_what_lies_beyond(radius):
     bits = Hybrid(radius).fuse(view(), [0, 1]).bits
-    far = [int(beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
+    far = [int(is_beyond(points, sensor, radius).sum()) for points, sensor in zip(POINTS, SENSORS, strict=True)]
     assert bits.tolist() == [256 + 96 * count for count in far]
 
 

@@ -8,7 +8,7 @@ from toolkit.detection import site_background as module
 from toolkit.detection.background import MOST_VOXELS, VOXEL, Background
 from toolkit.detection.site_background import choose_voxel, empty_sweeps, recording_background, site_background
 from toolkit.frame import Frame
-from toolkit.geometry import LEVEL, levelled
+from toolkit.geometry import LEVEL, level_rows
 from toolkit.objects import Objects
 from toolkit.points import Crop, frame_points
 from toolkit.rendering.renderer import Renderer
@@ -32,7 +32,7 @@ def place(request):
 def test_what_sensors_see_of_the_site_is_background(place):
     site, frames, background = place
     clouds = frame_points(frames[0], area=site, rng=np.random.default_rng(0))
-    points = levelled(np.concatenate(clouds), site.relief.slope)
+    points = level_rows(np.concatenate(clouds), site.relief.slope)
     assert len(points) > 2000
     assert background.holds(points).mean() > 0.995
 
@@ -41,7 +41,7 @@ def test_who_drives_there_is_not(place):
     site, frames, background = place
     rng = np.random.default_rng(1)
     (points,) = frame_points(frames[0], sensors=[0], area=site)
-    ground = levelled(points, site.relief.slope)
+    ground = level_rows(points, site.relief.slope)
     ground = ground[np.abs(ground[:, 2]) < 0.1]
     assert len(ground) > 50
     clear = ground + rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 1.5], ground.shape)
@@ -67,7 +67,7 @@ def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, monke
     coarse = site_background(site)
     assert VOXEL < coarse.voxel < 0.6
     assert coarse.occupied.size < background.occupied.size / 4
-    points = levelled(np.concatenate(frame_points(frames[0], area=site)), site.relief.slope)
+    points = level_rows(np.concatenate(frame_points(frames[0], area=site)), site.relief.slope)
     assert coarse.holds(points).mean() > 0.99
 
 
@@ -80,7 +80,7 @@ def test_of_a_recording_it_is_the_site_s_scenery_or_else_what_is_seen_behind_all
     assert learnt.digest == Background.learn(np.concatenate(list(empty_sweeps(bare)))).digest
     assert len(list(empty_sweeps(bare))) == 4 * len(frames[0].sensors)
     again = np.concatenate(frame_points(frames[1], area=site, rng=np.random.default_rng(9)))
-    assert learnt.holds(levelled(again, site.relief.slope)).mean() > 0.97
+    assert learnt.holds(level_rows(again, site.relief.slope)).mean() > 0.97
 
 
 class Recorded(CoopDataset):

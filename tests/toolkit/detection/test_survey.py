@@ -86,10 +86,12 @@ def test_points_are_counted_for_each_class():
     assert list(found.by_class) == ["vehicle", "cyclist", "pedestrian", "heavy"]
     assert [len(found.by_class[label]) for label in found.by_class] == [20, 0, 0, 5]
     np.testing.assert_array_equal(found.by_class["vehicle"], found.counts)
-    np.testing.assert_array_equal(found.points_on("heavy", [0, 2]), found.by_class["heavy"][:, [0, 2]].sum(axis=1))
+    np.testing.assert_array_equal(
+        found.points_on_objects("heavy", [0, 2]), found.by_class["heavy"][:, [0, 2]].sum(axis=1)
+    )
     written = found.as_dict([[0, 2], [1]])["classes"]
     assert written["heavy"]["objects"] == 5
-    points = found.points_on("heavy", [0, 2])
+    points = found.points_on_objects("heavy", [0, 2])
     assert written["heavy"]["sets"]["0,2"] == {
         "mean_points": points.mean(), "median_points": np.median(points), "unseen": (points == 0).mean(),
     }  # fmt: skip
@@ -103,7 +105,7 @@ def test_classes_restrict_what_is_counted_beside_vehicles():
     assert list(found.by_class) == ["heavy"]
     assert found.counts.shape == (8, 3)
     with pytest.raises(ValueError, match="counted were heavy, not 'vehicle'"):
-        found.points_on("vehicle", [0])
+        found.points_on_objects("vehicle", [0])
     with pytest.raises(ValueError, match="label must be one of"):
         survey(Recording(), classes=["tram"])
 

@@ -6,16 +6,16 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies.body import Body, boxed, centred
+from toolkit.bodies.body import Body, make_body, make_boxed_body
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import corners
 from toolkit.geometry import invert, look, pose, transform
-from toolkit.mesh import box, merge, placed
+from toolkit.mesh import box, merge, place
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering import renderer as module
 from toolkit.rendering.renderer import GRAZE, Moment, Renderer, SightLines
 from toolkit.rendering.silhouettes import SensorRays
-from toolkit.rendering.static_scene import scenery
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import NEAR, Sensor
 from toolkit.sites.site import Relief, Site, Solid
@@ -23,7 +23,7 @@ from toolkit.traffic.snapshots import Snapshot
 
 AREA = np.array([-30.0, -20, 30, 20])
 FLAT = Site("flat", AREA)
-CUBE = centred("cube", VEHICLE, *box((2.0, 2.0, 2.0)))
+CUBE = make_body("cube", VEHICLE, *box((2.0, 2.0, 2.0)))
 CAMERA = DepthCamera(80, 60, 1)
 
 
@@ -78,7 +78,7 @@ def test_box_has_depth_along_the_axis_and_its_row_in_hits():
 
 
 def test_turned_boxes_turn_counter_clockwise():
-    plank = centred("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
+    plank = make_body("plank", VEHICLE, *box((6.0, 0.2, 1.0)))
     sensor = camera((0.0, 0.0, 10.0), 0.0, np.pi / 2)  # up in the picture is +x, left is +y
     _, (hits,) = Renderer(FLAT, (plank,), (sensor,)).render(snapshot((plank,), (0, 0.0, 0.0, np.pi / 4)))
     rows, columns = np.nonzero(hits == 0)
@@ -104,7 +104,7 @@ def everything_at_once(
     site: Site, bodies: tuple[Body, ...], frame: Snapshot, sensor: Sensor
 ) -> tuple[np.ndarray, np.ndarray]:
     """The oracle: one scene with all meshes in the world, all rays cast."""
-    scene, still = o3d.t.geometry.RaycastingScene(), scenery(site)
+    scene, still = o3d.t.geometry.RaycastingScene(), build_scenery(site)
     scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
     for (x, y, z, *_, yaw), body in zip(frame.objects.boxes, frame.bodies, strict=True):
         vertices = transform(pose(x, y, z, yaw=yaw), bodies[body].vertices.astype(np.float64))
@@ -195,7 +195,7 @@ def test_rendering_repeats_itself_in_any_process_and_keeps_the_background():
 
 
 def test_own_scenery_replaces_the_sites():
-    mesh = merge([placed(box((1.0, 40.0, 20.0)), 9.0)])
+    mesh = merge([place(box((1.0, 40.0, 20.0)), 9.0)])
     depth = Renderer(FLAT, (CUBE,), (camera((0.0, 0.0, 5.0)),), scenery=mesh).background[0]
     assert depth[30, 40] == pytest.approx(8.5, abs=1e-4)
 
@@ -227,7 +227,7 @@ def test_objects_are_where_their_boxes_are_also_above_the_ground():
 def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed):
     """Wide mirrors, on one side only too, that reach out of the boxes by which rays are chosen."""
     rng = np.random.default_rng(seed)
-    wing = boxed("wing", VEHICLE, box((4.0, 1.6, 1.5)), box((0.3, 3.0, 0.3), (1.5, 2.3, 0.4)))
+    wing = make_boxed_body("wing", VEHICLE, box((4.0, 1.6, 1.5)), box((0.3, 3.0, 0.3), (1.5, 2.3, 0.4)))
     bodies = (wing, *fleet_named("own").bodies(1, rng))
     rows = [(0, 3.0, 2.0, 0.7), (0, -4.0, -6.0, -2.5)]
     rows += [(int(rng.integers(len(bodies))), *rng.uniform(AREA[:2], AREA[2:]), rng.uniform(-4, 4)) for _ in range(14)]
@@ -276,8 +276,8 @@ def test_what_stands_still_hides_what_ends_behind_it():
     np.testing.assert_array_equal(renderer.still_hides(ways), renderer.cast_still(ways) <= 1)
 
 
-CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
-MIRRORED = boxed("mirrored", VEHICLE, box((4.0, 2.0, 1.5)), box((0.2, 0.4, 0.2), (1.0, 1.2, 0.2)))
+CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+MIRRORED = make_boxed_body("mirrored", VEHICLE, box((4.0, 2.0, 1.5)), box((0.2, 0.4, 0.2), (1.0, 1.2, 0.2)))
 BEHIND = np.array([[0.0, 0, 0.75, 4, 2, 1.5, 0], [10.0, 0, 0.75, 4, 2, 1.5, np.pi / 2]])
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import centred
+from toolkit.bodies.body import make_body
 from toolkit.boxes import count_points
-from toolkit.geometry import levelled, look, pose
+from toolkit.geometry import level_rows, look, pose
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering import silhouettes
@@ -16,7 +16,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
-CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
 WALL = Solid(np.array([[8.0, -3], [8.4, -3], [8.4, 3], [8, 3]]), 0.0, 4.0)
 SITE = Site("walled", np.array([-30.0, -20, 30, 20]), solids=(WALL,))
 SENSORS = (
@@ -88,7 +88,7 @@ def test_on_a_slope_too():
     shown = np.flatnonzero(np.concatenate([hit.ravel() for hit in renderer.render(snapshot).hits]) == 0)
     found = SensorRays(renderer, SENSORS).silhouette(0, row)
     np.testing.assert_array_equal(np.sort(found.pixels), shown)
-    local = levelled(found.points.astype(np.float64), (0.06, -0.04))
+    local = level_rows(found.points.astype(np.float64), (0.06, -0.04))
     assert count_points(local, [[*row[:3], 4.02, 2.02, 1.52, 0.3]]).tolist() == [len(local)]
     assert len(local) > 100
 

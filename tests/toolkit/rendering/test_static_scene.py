@@ -2,7 +2,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.rendering.static_scene import FAR, RECESS, ROUGHNESS, scenery
+from toolkit.rendering.static_scene import FAR, RECESS, ROUGHNESS, build_scenery
 from toolkit.sites.files import load_site
 from toolkit.sites.random import random_site
 from toolkit.sites.site import Relief, Site, Solid
@@ -30,25 +30,25 @@ def places(rng, n=3000, margin=30.0):
 def test_bare_ground_is_what_the_site_says_everywhere():
     uneven = site(relief=Relief(0.1, 3))
     xy = places(np.random.default_rng(0), margin=12.0)
-    assert np.abs(drop(scenery(uneven), xy) - uneven.ground(xy)).max() < 0.003
+    assert np.abs(drop(build_scenery(uneven), xy) - uneven.ground(xy)).max() < 0.003
     far = np.random.default_rng(1).uniform(-FAR * 0.8, FAR * 0.8, (500, 2))
-    assert np.isfinite(drop(scenery(uneven), far)).all()
+    assert np.isfinite(drop(build_scenery(uneven), far)).all()
 
 
 def test_flat_ground_is_zero():
-    assert np.abs(drop(scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
+    assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
 
 
 def test_pond_is_a_hole_with_banks_and_a_surface():
     pond = Solid(SQUARE, -1.5, -0.5, "pond")
     xy = places(np.random.default_rng(0))
     inside = (xy > [0, 0]).all(axis=1) & (xy < [8, 6]).all(axis=1)
-    heights = drop(scenery(site(pond)), xy)
+    heights = drop(build_scenery(site(pond)), xy)
     assert np.allclose(heights[inside], -0.5, atol=1e-4)
     assert np.allclose(heights[~inside], 0.0, atol=1e-4)
     slanted = np.array([[-1.0, 3, 0.4, 1, 0, -0.5], [4, 7, 0.4, 0, -1, -0.5]], np.float32)  # meet the banks, not below
     scene = o3d.t.geometry.RaycastingScene()
-    mesh = scenery(site(pond))
+    mesh = build_scenery(site(pond))
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
     assert (scene.cast_rays(slanted)["t_hit"].numpy() < 1.9).all()
 
@@ -57,14 +57,14 @@ def test_pond_is_a_hole_with_banks_and_a_surface():
     "kind", ["wall", "fence", "post", "sign", "bin", "bench", "shelter", "kerb", "island", "trunk"]
 )
 def test_plain_solids_fill_their_prism(kind):
-    mesh = scenery(site(Solid(SQUARE, -0.3, 2.0, kind)))
+    mesh = build_scenery(site(Solid(SQUARE, -0.3, 2.0, kind)))
     assert np.allclose(drop(mesh, np.array([[0.1, 0.1], [7.9, 5.9], [4, 3]])), 2.0)
     assert np.allclose(drop(mesh, np.array([[-0.1, 0.1], [8.1, 5.9]])), 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("outline", [SQUARE, SQUARE[::-1]])
 def test_houses_have_windows_set_into_closed_walls(outline):
-    mesh = scenery(site(Solid(outline, -0.3, 7.0, "building")))
+    mesh = build_scenery(site(Solid(outline, -0.3, 7.0, "building")))
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
     y, z = np.meshgrid(np.linspace(0.05, 5.95, 119), np.linspace(0.05, 6.9, 137))
@@ -79,11 +79,13 @@ def test_houses_have_windows_set_into_closed_walls(outline):
 
 
 def test_low_and_tiny_houses_are_plain():
-    assert np.allclose(drop(scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8)
+    assert np.allclose(
+        drop(build_scenery(site(Solid(SQUARE / 20, -0.3, 0.8, "building"))), np.array([[0.2, 0.15]])), 0.8
+    )
 
 
 def test_hedges_are_rough_but_stay_in_place():
-    mesh = scenery(site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge")))
+    mesh = build_scenery(site(Solid(np.array([[0.0, 0], [6, 0], [6, 0.8], [0, 0.8]]), -0.3, 1.4, "hedge")))
     hedge = mesh.vertices[mesh.vertices[:, 2] > 0.05]
     assert hedge[:, :2].min() > -ROUGHNESS - 1e-9
     assert (hedge[:, :2].max(axis=0) < np.array([6, 0.8]) + ROUGHNESS).all()
@@ -96,7 +98,7 @@ def test_hedges_are_rough_but_stay_in_place():
 
 def test_rays_pass_between_leaves():
     ring = 1.5 * np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
-    mesh = scenery(site(Solid(ring, 2.0, 5.0, "tree")))
+    mesh = build_scenery(site(Solid(ring, 2.0, 5.0, "tree")))
     rng = np.random.default_rng(0)
     heights = drop(mesh, rng.uniform(-0.9, 0.9, (2000, 2)))
     passed = heights < 0.1
@@ -106,7 +108,7 @@ def test_rays_pass_between_leaves():
 
 def test_same_site_same_mesh_and_a_sane_number_of_triangles():
     for name in ("tjunction", "roundabout"):
-        first, second = scenery(load_site(name)), scenery(load_site(name))
+        first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
         assert np.array_equal(first.vertices, second.vertices)
         assert np.array_equal(first.triangles, second.triangles)
         assert 10_000 < len(first.triangles) < 300_000
@@ -115,7 +117,7 @@ def test_same_site_same_mesh_and_a_sane_number_of_triangles():
 
 def test_random_sites_have_scenery():
     made = random_site(np.random.default_rng(3))
-    mesh = scenery(made)
+    mesh = build_scenery(made)
     assert np.isfinite(mesh.vertices).all()
     assert len(mesh.triangles) < 300_000
 
@@ -123,18 +125,21 @@ def test_random_sites_have_scenery():
 def test_what_stands_on_a_slope_follows_it_and_stays_upright():
     kerb, house = Solid(SQUARE, 0.0, 0.48, "kerb"), Solid(np.add(SQUARE, [0, 20]), -0.3, 6.0, "building")
     steep = site(kerb, house, relief=Relief(0.0, 0, (0.06, 0.03)))
-    ground, solid = drop(scenery(steep), places(np.random.default_rng(0))), drop(scenery(steep), SQUARE * 0.9 + 0.3)
+    ground, solid = (
+        drop(build_scenery(steep), places(np.random.default_rng(0))),
+        drop(build_scenery(steep), SQUARE * 0.9 + 0.3),
+    )
     bare = places(np.random.default_rng(0))
     away = ~((bare > [-1, -1]) & (bare < [9, 27])).all(axis=1)
     np.testing.assert_allclose(ground[away], bare[away] @ [0.06, 0.03], atol=1e-4)
     middle = SQUARE.mean(axis=0)
     np.testing.assert_allclose(solid, 0.48 + (SQUARE * 0.9 + 0.3 - middle) @ [0.06, 0.03], atol=1e-4)
-    flat = scenery(site(kerb, house))
-    np.testing.assert_array_equal(scenery(steep).vertices[:, :2], flat.vertices[:, :2])
+    flat = build_scenery(site(kerb, house))
+    np.testing.assert_array_equal(build_scenery(steep).vertices[:, :2], flat.vertices[:, :2])
 
 
 def test_a_pond_on_a_slope_lies_as_deep_everywhere():
     pond = Solid(SQUARE, -1.5, -0.5, "pond")
     xy = SQUARE * 0.8 + 0.4
-    heights = drop(scenery(site(pond, relief=Relief(0.0, 0, (0.05, 0.0)))), xy)
+    heights = drop(build_scenery(site(pond, relief=Relief(0.0, 0, (0.05, 0.0)))), xy)
     assert np.isfinite(heights).all()

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.bodies.body import centred
+from toolkit.bodies.body import make_body
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
-from toolkit.points import Crop, inside
+from toolkit.points import Crop, is_inside
 from toolkit.rendering import strips as module
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.strips import (
@@ -18,18 +18,18 @@ from toolkit.rendering.strips import (
     Counted,
     Strips,
     SuccessiveStrips,
+    cast_strips,
+    concatenate_strips,
     counting,
-    joined,
+    find_sectors,
+    find_strips,
+    find_touching,
     may_hide,
-    sectors_of,
-    strips_in,
-    strips_of,
-    touching,
 )
 from toolkit.sites.site import Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
-CAR = centred("car", VEHICLE, *box((4.0, 2.0, 1.5)))
+CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
 WALL = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, -3], [4, -3]]), 0.0, 4.0)
 SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
 COUNTED = Counted(Crop.of(SITE), 12.0)
@@ -49,7 +49,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def strips(scene):
-    return strips_of(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool))
+    return find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool))
 
 
 def shown(scene, eye, azimuth, elevation):
@@ -62,7 +62,7 @@ def shown(scene, eye, azimuth, elevation):
     length = np.where(renderer.cast_still(lines) > length, length, np.inf)
     seen = np.isfinite(length)
     points = eye + way * np.where(seen, length, 0)[:, None]
-    kind = np.where(inside(points, SITE.area, 4.0), WITHIN, OUTSIDE)
+    kind = np.where(is_inside(points, SITE.area, 4.0), WITHIN, OUTSIDE)
     kind[(kind == WITHIN) & (np.linalg.norm((points - eye)[:, :2], axis=1) > 12.0)] = BEYOND
     return np.where(seen, met, -1), np.where(seen, kind, 0)
 
@@ -94,7 +94,7 @@ def test_each_kind_is_shown(strips):
 
 def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
     open_site = Renderer(Site("open", SITE.area), (CAR,), (), threads=1)
-    free = strips_of(open_site, scene[1], EYES, COUNTED, np.ones(5, bool))
+    free = find_strips(open_site, scene[1], EYES, COUNTED, np.ones(5, bool))
 
     def extent(some):
         own = (some.viewpoint == 0) & (some.item == 0)
@@ -105,12 +105,12 @@ def test_a_wall_hides_and_without_it_more_is_seen(scene, strips):
 
 def test_a_box_has_the_solid_angle_it_has(scene):
     """A plate of 4 m by 1.5 m across the view, 20 m off, its middle at the height of the eye."""
-    plate = centred("plate", VEHICLE, *box((0.01, 4.0, 1.5)))
+    plate = make_body("plate", VEHICLE, *box((0.01, 4.0, 1.5)))
     renderer = Renderer(Site("open", SITE.area), (plate,), (), threads=1)
     boxes = np.array([[20.0, 0, 0.75, 0.01, 4, 1.5, 0.0]])
     moment = renderer.moment(Snapshot(Objects(boxes, np.array([VEHICLE])), np.zeros(1, np.int64)))
     for fine, within in ((True, 0.003), (False, 0.02)):
-        s = strips_of(renderer, moment, np.array([[0.0, 0, 0.75]]), COUNTED, np.array([fine]))
+        s = find_strips(renderer, moment, np.array([[0.0, 0, 0.75]]), COUNTED, np.array([fine]))
         assert s.left.min() == pytest.approx(-np.arctan(2 / 19.995), abs=1e-5)
         assert s.right.max() == pytest.approx(np.arctan(2 / 19.995), abs=1e-5)
         angle = ((np.sin(s.top) - np.sin(s.bottom)) * (s.right - s.left)).sum()
@@ -121,25 +121,25 @@ def test_a_box_has_the_solid_angle_it_has(scene):
 
 def test_portions_make_no_difference(scene, strips, monkeypatch):
     monkeypatch.setattr(module, "RAYS_AT_ONCE", 500)
-    for one, other in zip(strips_of(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True):
+    for one, other in zip(find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_coarse_ones_are_fewer(scene, strips):
-    coarse = strips_of(scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True]))
+    coarse = find_strips(scene[0], scene[1], EYES, COUNTED, np.array([True, False, True, True, True]))
     assert 2 * (coarse.item == 1).sum() < (strips.item == 1).sum()
     assert (coarse.item == 0).sum() == (strips.item == 0).sum()
 
 
 def test_nothing_to_see(scene):
     empty = scene[0].moment(Snapshot(Objects(np.zeros((0, 7)), np.zeros(0, np.int64)), np.zeros(0, np.int64)))
-    for some in (strips_of(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), joined([])):
+    for some in (find_strips(scene[0], empty, EYES, COUNTED, np.zeros(0, bool)), concatenate_strips([])):
         assert [len(each) for each in some] == [0] * 7
-    assert len(strips_of(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
+    assert len(find_strips(scene[0], scene[1], np.zeros((0, 3)), COUNTED, np.ones(5, bool)).item) == 0
     assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
-TRUCK = centred("truck", VEHICLE, *box((9.0, 2.5, 3.5)))
+TRUCK = make_body("truck", VEHICLE, *box((9.0, 2.5, 3.5)))
 RENDERER = Renderer(SITE, (CAR, TRUCK), (), threads=1)
 
 NEAR, FAR = (8.0, 4.0, 1.0), (13.0, 6.5, 0.3)  # x y yaw; from the first eye, one may hide the other
@@ -168,9 +168,9 @@ def cast(monkeypatch):
 
     def noted(renderer: Any, moment: Any, viewpoints: Any, counted: Any, sectors: Any) -> Any:
         found.append(set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True)))
-        return strips_in(renderer, moment, viewpoints, counted, sectors)
+        return cast_strips(renderer, moment, viewpoints, counted, sectors)
 
-    monkeypatch.setattr(module, "strips_in", noted)
+    monkeypatch.setattr(module, "cast_strips", noted)
     return found
 
 
@@ -188,8 +188,8 @@ def test_each_frame_has_its_strips_and_what_nothing_changes_is_not_cast(cast):
         moment, fine = moment_of(places), np.ones(len(places), bool)
         made = strips.of(moment, fine)
         assert cast[-1] == expected
-        assert_same(made, strips_of(RENDERER, moment, EYES, COUNTED, fine))
-    assert len(strips_of(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
+        assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, fine))
+    assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
 
 
 def test_another_body_or_grid_is_another_object(cast):
@@ -198,7 +198,7 @@ def test_another_body_or_grid_is_another_object(cast):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
         made = strips.of(moment, looked)
         assert len(cast[-1]) == count
-        assert_same(made, strips_of(RENDERER, moment, EYES, COUNTED, looked))
+        assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, looked))
 
 
 def test_random_frames_are_the_same():
@@ -208,14 +208,14 @@ def test_random_frames_are_the_same():
         shown = np.sort(rng.choice(14, 11, replace=False))
         places[rng.integers(14), 0] += 1.0
         moment, fine = moment_of(places[shown], (shown % 3 == 0).astype(np.int64)), shown % 2 == 0
-        assert_same(strips.of(moment, fine), strips_of(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
 
 
 def test_one_in_the_other_and_nothing_at_all():
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for places in ([BESIDE, BESIDE], [BESIDE], [BESIDE, BESIDE], [], [NEAR], [NEAR, AWAY]):
         moment, fine = moment_of(places), np.ones(len(places), bool)
-        assert_same(strips.of(moment, fine), strips_of(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
     nowhere = SuccessiveStrips(RENDERER, np.zeros((0, 3)), COUNTED)
     assert [len(nowhere.of(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [0, 0]
 
@@ -223,19 +223,19 @@ def test_one_in_the_other_and_nothing_at_all():
 def test_what_may_hide_what(monkeypatch):
     ground = moment_of([NEAR, FAR, BESIDE, BELOW]).ground
     fine = np.ones(4, bool)
-    found = may_hide(ground, EYES, sectors_of(ground, EYES, fine))
+    found = may_hide(ground, EYES, find_sectors(ground, EYES, fine))
     assert np.argwhere(found[0]).tolist() == [[1, 0]]  # far ones are hidden by near ones alone
     assert not found[:, 2].any()
     assert not found[1, 3].any()  # right below: nothing begins nearer
     monkeypatch.setattr(module, "PAIRS_AT_ONCE", 1)
-    np.testing.assert_array_equal(may_hide(ground, EYES, sectors_of(ground, EYES, fine)), found)
+    np.testing.assert_array_equal(may_hide(ground, EYES, find_sectors(ground, EYES, fine)), found)
 
 
 def test_one_may_be_seen_over_another():
     ground = moment_of([(10.0, 0.0, 0.0), (25.0, 0.0, 0.0), (14.5, 0.0, 0.0)]).ground
     for height, expected in ((12.0, [[2, 0]]), (1.0, [[1, 0], [1, 2], [2, 0]])):
         eye = np.array([[0.0, 0.0, height]])
-        found = may_hide(ground, eye, sectors_of(ground, eye, np.ones(3, bool)))
+        found = may_hide(ground, eye, find_sectors(ground, eye, np.ones(3, bool)))
         assert np.argwhere(found[0]).tolist() == expected
 
 
@@ -248,6 +248,6 @@ def test_what_touches_what():
         (9.0, 0.0, 0.0),
         (13.0, 0.0, 0.5),
     ]
-    assert touching(moment_of(places).ground).tolist() == [True, False, True, False, True, True]
-    assert touching(moment_of(places[1:2]).ground).tolist() == [False]
-    assert touching(moment_of([]).ground).tolist() == []
+    assert find_touching(moment_of(places).ground).tolist() == [True, False, True, False, True, True]
+    assert find_touching(moment_of(places[1:2]).ground).tolist() == [False]
+    assert find_touching(moment_of([]).ground).tolist() == []

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toolkit.runtime.cache import CHECKSUM, Cache, decoded, encoded, key_of
+from toolkit.runtime.cache import CHECKSUM, Cache, decode_arrays, encode_arrays, make_key
 
-KEYS = [key_of("number", k) for k in range(40)]
+KEYS = [make_key("number", k) for k in range(40)]
 
 
 def value(k):
@@ -46,7 +46,7 @@ def test_what_was_put_is_found_again_also_by_another(cache):
 
 
 def test_many_keys_at_once():
-    cache, keys = Cache(), [key_of(k) for k in range(1234)]
+    cache, keys = Cache(), [make_key(k) for k in range(1234)]
     cache.put({key: (np.array([k]),) for k, key in enumerate(keys[:-1])})
     found = cache.get(keys)
     assert [int(each[0][0]) for each in found[:-1] if each is not None] == list(range(1233))
@@ -56,20 +56,20 @@ def test_many_keys_at_once():
 
 def test_keys_tell_apart_what_differs():
     parts = [("a",), ("a", 1), ("a", "1"), ("a", [1]), ("a", [1, 2]), ("a", 0.7), ("a", 0.7000000000000001), (["a"], 1)]
-    assert len({key_of(*each) for each in parts}) == len(parts)
-    assert key_of({"b": 1, "a": 2}) == key_of({"a": 2, "b": 1})
+    assert len({make_key(*each) for each in parts}) == len(parts)
+    assert make_key({"b": 1, "a": 2}) == make_key({"a": 2, "b": 1})
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 7))
 def test_no_changed_bit_is_believed(place, bit):
-    whole = encoded(KEYS[0], value(3))
+    whole = encode_arrays(KEYS[0], value(3))
     changed = bytearray(whole)
     changed[place % len(whole)] ^= 1 << bit
-    assert decoded(KEYS[0], bytes(changed)) is None
-    assert decoded(KEYS[1], whole) is None
-    assert decoded(KEYS[0], whole[: place % len(whole)]) is None
-    assert same(decoded(KEYS[0], whole), value(3))
+    assert decode_arrays(KEYS[0], bytes(changed)) is None
+    assert decode_arrays(KEYS[1], whole) is None
+    assert decode_arrays(KEYS[0], whole[: place % len(whole)]) is None
+    assert same(decode_arrays(KEYS[0], whole), value(3))
 
 
 def sealed(head, content=b""):
@@ -102,7 +102,7 @@ def sealed(head, content=b""):
     ],
 )
 def test_what_is_no_plain_array_is_damaged_whatever_its_checksum_says(value):
-    assert decoded(KEYS[0], value) is None
+    assert decode_arrays(KEYS[0], value) is None
 
 
 def test_objects_and_records_are_not_kept():
@@ -113,8 +113,8 @@ def test_objects_and_records_are_not_kept():
 
 def test_large_values_are_compressed():
     zeros = np.zeros((100_000, 3))
-    assert len(encoded(KEYS[0], [zeros])) < zeros.nbytes / 100
-    assert same(decoded(KEYS[0], encoded(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5)))
+    assert len(encode_arrays(KEYS[0], [zeros])) < zeros.nbytes / 100
+    assert same(decode_arrays(KEYS[0], encode_arrays(KEYS[0], [zeros, np.arange(5)])), (zeros, np.arange(5)))
 
 
 def test_values_too_large_for_the_file_are_left_out(monkeypatch):
@@ -178,8 +178,8 @@ def put_slowly(path, first, gate):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for k in range(100):
-            cache.put({key_of(first, k): (np.array([k]),), key_of("both", k): (np.array([k]),)})
-            (kept,) = cache.get([key_of(first, k)])
+            cache.put({make_key(first, k): (np.array([k]),), make_key("both", k): (np.array([k]),)})
+            (kept,) = cache.get([make_key(first, k)])
             assert kept is not None
             assert kept[0] == k
 
@@ -199,10 +199,10 @@ def test_processes_share_a_file_that_none_of_them_has_made(tmp_path):
 
 ENDLESS = """
 import sys, numpy as np
-from toolkit.runtime.cache import Cache, key_of
+from toolkit.runtime.cache import Cache, make_key
 cache, k = Cache(sys.argv[1]), 0
 while True:
-    cache.put({key_of("pair", k, side): (np.full(5000, k),) for side in "ab"})
+    cache.put({make_key("pair", k, side): (np.full(5000, k),) for side in "ab"})
     k += 1
 """
 
@@ -215,7 +215,7 @@ def test_a_process_killed_in_mid_write_leaves_whole_values(tmp_path):
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()
-        keys = [[key_of("pair", k, side) for k in range(5000)] for side in "ab"]
+        keys = [[make_key("pair", k, side) for k in range(5000)] for side in "ab"]
         a, b = (Cache(path).get(some) for some in keys)
         assert [each is None for each in a] == [each is None for each in b]
         assert all((each[0] == k).all() for k, each in enumerate(a) if each is not None)

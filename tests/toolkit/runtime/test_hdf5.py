@@ -31,11 +31,11 @@ def test_what_is_sound_is_read(file):
     np.testing.assert_array_equal(hdf5.array(file, "numbers", axes=2), np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(hdf5.rows(hdf5.dataset(file, "numbers"), "numbers", 1), [3, 4, 5])
     assert hdf5.text(file, "words") == "hello"
-    assert hdf5.names_in(file, "group") == ["inside"]
-    assert hdf5.names_in(file, "missing") == hdf5.names_in(file, "numbers") == []
-    assert hdf5.attributes_in(file["numbers"], "numbers") == {"unit": "m"}
-    assert hdf5.holds(file, "group/inside")
-    assert not hdf5.holds(file, "missing")
+    assert hdf5.child_names(file, "group") == ["inside"]
+    assert hdf5.child_names(file, "missing") == hdf5.child_names(file, "numbers") == []
+    assert hdf5.read_node_attributes(file["numbers"], "numbers") == {"unit": "m"}
+    assert hdf5.contains(file, "group/inside")
+    assert not hdf5.contains(file, "missing")
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,12 @@
 
 import pytest
 
-from toolkit.runtime.text_tables import aligned
+from toolkit.runtime.text_tables import align_columns
 
 
 def test_texts_stand_left_and_numbers_right():
     table = [["scheme", "sensors", "AP"], ["late", "0,1", "0.5"], ["hybrid", "all of them", "12.25"]]
-    assert aligned(table, texts=2).splitlines() == [
+    assert align_columns(table, texts=2).splitlines() == [
         "scheme  sensors         AP",
         "late    0,1            0.5",
         "hybrid  all of them  12.25",
@@ -16,4 +16,4 @@ def test_texts_stand_left_and_numbers_right():
 
 def test_a_ragged_table_is_none():
     with pytest.raises(ValueError, match="shorter"):
-        aligned([["a", "b"], ["c"]], texts=1)
+        align_columns([["a", "b"], ["c"]], texts=1)

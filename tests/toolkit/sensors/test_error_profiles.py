@@ -14,9 +14,9 @@ from toolkit.sensors.error_profiles import (
     TYPICAL,
     ErrorProfile,
     check_drawn,
+    find_profile,
+    get_profile,
     only_own_noise,
-    profile_named,
-    profile_of,
 )
 from toolkit.sensors.error_terms import Calibration, ClockOffset, DropOut, OwnNoise, RangeNoise, rain
 from toolkit.sensors.readings import ErrorTerm
@@ -93,11 +93,11 @@ def test_no_terms_no_change(street):
 
 def test_the_names():
     assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
-    assert [profile_named(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
-    assert profile_of("poor") is POOR
-    assert profile_of(TYPICAL) is TYPICAL
+    assert [find_profile(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
+    assert get_profile("poor") is POOR
+    assert get_profile(TYPICAL) is TYPICAL
     with pytest.raises(ValueError, match=r"no error profile 'bad': choose among paper, surveyed, typical, poor"):
-        profile_named("bad")
+        find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 4
 
 

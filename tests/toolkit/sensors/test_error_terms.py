@@ -23,8 +23,8 @@ from toolkit.sensors.error_terms import (
     chance_of_return,
     fog,
     lidar_noise,
+    make_rotation,
     rain,
-    rotation_about,
     snow,
     stereo_noise,
     time_of_flight_noise,
@@ -188,13 +188,13 @@ def test_rotation_about_is_a_rotation_by_its_length():
     rng = np.random.default_rng(0)
     for _ in range(50):
         vector = rng.normal(size=3)
-        turned = rotation_about(vector)
+        turned = make_rotation(vector)
         assert np.allclose(turned @ turned.T, np.eye(3))
         assert np.linalg.det(turned) == pytest.approx(1)
         assert np.allclose(turned @ vector, vector)
         assert np.trace(turned) == pytest.approx(1 + 2 * np.cos(np.linalg.norm(vector)))
-        assert np.allclose(turned @ rotation_about(-vector), np.eye(3))
-    assert np.array_equal(rotation_about(np.zeros(3)), np.eye(3))
+        assert np.allclose(turned @ make_rotation(-vector), np.eye(3))
+    assert np.array_equal(make_rotation(np.zeros(3)), np.eye(3))
 
 
 def test_calibration_has_its_root_mean_square_and_no_axis_is_preferred(read, street):

@@ -17,11 +17,11 @@ from toolkit.sensors.models import (
     SolidStateLidar,
     SpinningLidar,
     class_names,
+    find_model,
+    find_model_class,
     grid_windows,
     in_grid,
     make_model,
-    model_class,
-    model_named,
     register_sensor_model,
     unit_rays,
 )
@@ -318,7 +318,7 @@ def test_files_hold_it_with_its_rows_in_degrees():
     assert back.model.deviation(np.ones(1)) == SIDEWAYS.deviation(np.ones(1))
     assert back.model.max_range == SIDEWAYS.max_range
     assert make_model("RowLidar", {"elevations": [0.2, 0.05, 0.0, -0.4], "columns": 90}) == LIDAR_ROW_LIDAR
-    assert model_named("row-lidar") == RowLidar()
+    assert find_model("row-lidar") == RowLidar()
     assert RowLidar().shape == (32, 1800)
 
 
@@ -365,19 +365,19 @@ class Typed:
 @pytest.mark.parametrize("model", [DepthCamera, SpinningLidar, SolidStateLidar])
 def test_shipped_models_have_a_name_in_files_and_one_in_words(model):
     assert model.__name__ in class_names()
-    assert model_class(model.__name__) is model
-    assert model_named(model.__name__) == model()
+    assert find_model_class(model.__name__) is model
+    assert find_model(model.__name__) == model()
 
 
 def test_names_in_words_are_those_of_the_classes():
     assert {"depth-camera", "spinning-lidar", "solid-state-lidar"} <= set(MODELS)
-    assert model_named("solid-state-lidar") == model_named("solid_state_lidar") == SolidStateLidar()
+    assert find_model("solid-state-lidar") == find_model("solid_state_lidar") == SolidStateLidar()
 
 
 @pytest.mark.parametrize("name", ["radar", "", "os.system", "DepthCamera()", "toolkit.sensors.models"])
 def test_other_names_are_refused_with_those_there_are(name):
     with pytest.raises(ValueError, match=r"there are DepthCamera, SpinningLidar, SolidStateLidar") as refusal:
-        model_named(name)
+        find_model(name)
     assert "\n" not in str(refusal.value)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from toolkit.objects import Objects
 from toolkit.sensors.readings import Draws, Reading, TrueImage
-from toolkit.sensors.sensor import returned
+from toolkit.sensors.sensor import is_return
 
 BASE = Draws(seed=3, sensor=5, frame=7, term=11)
 
@@ -93,7 +93,7 @@ def test_a_reading_without_error_is_what_is_there(street):
     half = reading.without(np.arange(street.measurement.size).reshape(street.measurement.shape) % 2 == 0)
     assert half.valid.sum() == pytest.approx(street.valid.sum() / 2, abs=1)
     assert half.truth is street
-    assert street.valid.sum() == returned(street.measurement).sum()
+    assert street.valid.sum() == is_return(street.measurement).sum()
 
 
 def test_an_image_of_nothing(sensor):

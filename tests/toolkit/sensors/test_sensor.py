@@ -30,17 +30,17 @@ from toolkit.frame import Frame
 from toolkit.geometry import BODY_SE3_CAMERA, invert, look, pose, transform
 from toolkit.objects import Objects
 from toolkit.plots.plan_view import draw_frame, draw_site
-from toolkit.points import beyond, frame_points, inside, unproject
+from toolkit.points import frame_points, is_beyond, is_inside, unproject
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.silhouettes import SensorRays
-from toolkit.rendering.static_scene import scenery
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.models import (
     MODELS,
     DepthCamera,
     SolidStateLidar,
     SpinningLidar,
+    find_model,
     make_model,
-    model_named,
     register_sensor_model,
 )
 from toolkit.sensors.sensor import (
@@ -51,8 +51,8 @@ from toolkit.sensors.sensor import (
     angle,
     check_noise,
     check_numbers,
+    is_return,
     nearest,
-    returned,
     whole_image,
     with_noise,
 )
@@ -159,7 +159,7 @@ def some_traffic(model: SensorModel) -> Traffic:
 
 def cast_together(traffic: Traffic, k: int, sensor: Sensor) -> np.ndarray:
     """What a sensor measures, by one scene of everything and all rays."""
-    scene, still = o3d.t.geometry.RaycastingScene(), scenery(traffic.site)
+    scene, still = o3d.t.geometry.RaycastingScene(), build_scenery(traffic.site)
     scene.add_triangles(still.vertices.astype(np.float32), still.triangles.astype(np.uint32))
     snapshot = traffic.snapshots[k]
     for (x, y, z, *_, yaw), b in zip(snapshot.objects.boxes, snapshot.bodies, strict=True):
@@ -235,7 +235,7 @@ def test_aims_are_where_it_looks(model):
     assert np.allclose(aims([turned]), [[-2.0], [0.1]])
     assert turned.position.tolist() == [3, 2, 6]
     ahead = transform(pose(1.0, 2.0, 5.0, yaw=1.0, pitch=0.5), np.array([[9.0, 0.5, 0.0], [3.0, 0.0, 9.0]]))
-    assert beyond(ahead, sensor, 5.0, "published").tolist() == [True, False]
+    assert is_beyond(ahead, sensor, 5.0, "published").tolist() == [True, False]
 
 
 @models
@@ -308,7 +308,7 @@ def test_what_a_fidelity_counts_is_what_was_rendered(model):
         measurements, hits = renderer.render(snapshot)
         for c, (sensor, depth, hit) in enumerate(zip(some.sensors, measurements, hits, strict=True)):
             xyz, valid = unproject(sensor, depth)
-            kept = hit.ravel()[valid & inside(xyz.T, traffic.site.area, traffic.site.height)]
+            kept = hit.ravel()[valid & is_inside(xyz.T, traffic.site.area, traffic.site.height)]
             counts = np.bincount(kept[kept >= 0], minlength=len(snapshot.objects))
             total += counts.sum()
             boxes = snapshot.objects.boxes[:, None, :2]
@@ -348,7 +348,7 @@ def test_objectives_and_environments_take_it(model):
 
 
 def test_a_model_of_ones_own_is_known_by_name():
-    assert model_named("fisheye-camera") == FisheyeCamera() == model_named("FisheyeCamera")
+    assert find_model("fisheye-camera") == FisheyeCamera() == find_model("FisheyeCamera")
     assert make_model("FisheyeCamera", {"offset": [1.0, 2.0]}) == FisheyeCamera(offset=(1.0, 2.0))
     assert register_sensor_model(FisheyeCamera) is FisheyeCamera
     assert list(MODELS.values()).count(FisheyeCamera) == 1
@@ -425,7 +425,7 @@ def test_lidar_of_a_sector_looks_forward_evenly():
 def test_what_returned_nothing_stays_nothing_under_noise(model):
     nothing = np.zeros(model.shape, np.float32)
     nothing[0, :5] = [np.nan, np.inf, -np.inf, -3.0, model.max_range]
-    assert not returned(nothing, model.max_range).any()
+    assert not is_return(nothing, model.max_range).any()
     assert not model.noisy(nothing, np.random.default_rng(0)).any()
 
 
@@ -490,7 +490,7 @@ def test_impossible_sensors_are_refused(make, message):
 
 @given(st.floats(width=32, allow_nan=True, allow_infinity=True))
 def test_returned_means_finite_and_positive(value):
-    assert returned(np.array([value], np.float32))[0] == (np.isfinite(value) and value > 0 and value < 3.4028234e38)
+    assert is_return(np.array([value], np.float32))[0] == (np.isfinite(value) and value > 0 and value < 3.4028234e38)
 
 
 def test_the_digest_is_that_of_model_and_pose_alone():

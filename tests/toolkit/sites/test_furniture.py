@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.furniture import BUILT, PLANTED, block, digger, hedge_block, kerbs, put_at, rectangle
+from toolkit.sites.furniture import BUILT, PLANTED, block, digger, hedge_block, kerbs, move_solids, rectangle
 from toolkit.sites.site import KINDS, Solid
 
 
@@ -43,6 +43,6 @@ def test_hedges_come_in_the_sizes_of_cars():
 
 
 def test_what_is_moved_keeps_its_shape_and_levels():
-    (one,) = put_at([Solid(block((4.0, 2.0)), 0.5, 1.5, "bin")], 10.0, -3.0, np.pi / 2)
+    (one,) = move_solids([Solid(block((4.0, 2.0)), 0.5, 1.5, "bin")], 10.0, -3.0, np.pi / 2)
     assert shapely.Polygon(one.footprint).equals(shapely.box(9.0, -5.0, 11.0, -1.0))
     assert (one.base, one.top, one.kind) == (0.5, 1.5, "bin")

@@ -13,21 +13,21 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.geometry import transform
 from toolkit.objects import VEHICLE
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import (
     bay_outline,
     bays_along,
-    driven,
+    find_tracks,
+    find_turns,
     free_bays,
-    furnished,
+    furnish_site,
     import_opendrive,
     import_osm,
     junction_corners,
     kerbstones,
     legs,
-    turning,
     whole_road,
 )
 from toolkit.sites.site import Mount, Solid
@@ -260,7 +260,7 @@ def shape(polygons):
 
 
 def test_driven_and_corners_of_a_network():
-    tracks = driven(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
+    tracks = find_tracks(NET)  # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
     carriageway, footway = junction_corners(NET)
@@ -271,11 +271,11 @@ def test_driven_and_corners_of_a_network():
 def test_a_vehicle_that_turns_needs_room_inside_the_bend():
     bend = "0,0 1,0 2,0.2 3,0.6 4,1.2 4.8,2 5.4,3 5.8,4 6,5 6,6"
     lane = f'<lane id=":c_0_0" index="0" width="2" shape="{bend}"/>'
-    turn = driven(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
+    turn = find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
     assert turn.contains(shapely.Point(3.2, 2.6))  # 1.3 m off the chord from one end of the body to the other
     assert not turn.contains(shapely.Point(1.0, 5.0))
-    assert turning(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>', 2.0).contains(turn)
-    assert turning(NET).is_empty
+    assert find_turns(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>', 2.0).contains(turn)
+    assert find_turns(NET).is_empty
 
 
 def test_a_stub_of_footway_across_a_lane_is_carriageway():
@@ -374,9 +374,9 @@ def low(site, below):
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     house = Solid(rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
-    made, said = furnished(bare, [*bare.mounts, lamp], [house], 3)
-    again, _ = furnished(bare, [*bare.mounts, lamp], [house], 3)
-    other, _ = furnished(bare, [*bare.mounts, lamp], [house], 4)
+    made, said = furnish_site(bare, [*bare.mounts, lamp], [house], 3)
+    again, _ = furnish_site(bare, [*bare.mounts, lamp], [house], 3)
+    other, _ = furnish_site(bare, [*bare.mounts, lamp], [house], 4)
     assert made == again
     assert made != other
     ours = shapely.box(10, 10, 30, 30)
@@ -390,7 +390,7 @@ def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     feet = np.array([m.position for m in made.mounts])
     np.testing.assert_allclose(feet[:, 2], made.ground(feet[:, :2]), atol=1e-3)
     with pytest.raises(ValueError, match="seed must be a whole number from 0 up, got -1"):
-        furnished(bare, bare.mounts, [], -1)
+        furnish_site(bare, bare.mounts, [], -1)
 
 
 def touched(site, frames, interval) -> np.ndarray:
@@ -401,7 +401,7 @@ def touched(site, frames, interval) -> np.ndarray:
     tree = shapely.STRtree([shapely.Polygon(s.footprint) for s in solids])
     hits = np.zeros(3, int)
     for snapshot in simulate(site, catalogue(), frames=frames, seed=1, interval=interval):
-        here = (snapshot.objects.labels == VEHICLE) & centred_in(snapshot.objects.boxes, site.area)
+        here = (snapshot.objects.labels == VEHICLE) & has_centre_inside(snapshot.objects.boxes, site.area)
         boxes = snapshot.objects.boxes[here]
         vehicle, solid = tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")
         hits += [len(set(vehicle[~kerb[solid]])), len(set(vehicle[kerb[solid]])), len(boxes)]
@@ -424,7 +424,7 @@ def whole(town, centre):
     lanes = shape(site.lanes)
     assert on_lanes(low(site, 2.0), lanes) < 1e-3
     assert shape(site.footways).intersection(lanes).area < 0.1
-    assert driven(site.network).intersection(shapely.box(*site.area)).difference(lanes.buffer(0.05)).area < 0.5
+    assert find_tracks(site.network).intersection(shapely.box(*site.area)).difference(lanes.buffer(0.05)).area < 0.5
     assert len(site.mounts) >= 6
     kinds = {solid.kind for solid in site.solids}
     assert {"building", "tree", "kerb", "post"} <= kinds

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 import shapely
 
-from toolkit.sites.network import build_network, convert, netconvert, polygons_in, road_polygons, street, within_window
+from toolkit.sites.network import build_network, convert, cut_polygons, list_polygons, netconvert, road_polygons, street
 
 
 def cross() -> str:
@@ -48,5 +48,5 @@ def test_without_sumo_the_extra_is_named(monkeypatch):
 def test_polygons_within_collections_are_not_lost():
     squares = shapely.MultiPolygon([shapely.box(0, 0, 2, 2), shapely.box(5, 0, 7, 2)])
     mixed = shapely.GeometryCollection([shapely.LineString([(0, 0), (9, 9)]), squares, shapely.box(8, 0, 9, 2)])
-    assert [part.area for part in polygons_in(mixed)] == [4, 4, 2]
-    assert sum(shapely.Polygon(p).area for p in within_window([mixed], shapely.box(1, 0, 20, 20))) == 8
+    assert [part.area for part in list_polygons(mixed)] == [4, 4, 2]
+    assert sum(shapely.Polygon(p).area for p in cut_polygons([mixed], shapely.box(1, 0, 20, 20))) == 8

@@ -12,22 +12,22 @@ from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.opendrive import (
     Cubics,
     Standing,
+    check_projection,
     cubics,
-    in_frame,
     in_map,
     in_site,
     lanes,
+    move_to_site,
     number,
     off_the_road,
     opendrive_header,
     plane,
+    read_standing,
     reference_line,
     roads_near,
     standing_beside,
     steepest,
     surfaces,
-    understood,
-    usable,
 )
 
 LANES = (
@@ -203,10 +203,10 @@ def test_place_and_projection(street, tmp_path):
 
 
 def test_a_projection_that_names_none_is_said(tmp_path):
-    assert usable("+proj=utm +zone=32", tmp_path / "a.xodr") == "+proj=utm +zone=32"
-    assert usable("EPSG:25832", tmp_path / "a.xodr") == "EPSG:25832"
+    assert check_projection("+proj=utm +zone=32", tmp_path / "a.xodr") == "+proj=utm +zone=32"
+    assert check_projection("EPSG:25832", tmp_path / "a.xodr") == "EPSG:25832"
     with pytest.warns(UserWarning, match=r"a\.xodr: its geoReference names no projection \('\+lat_0=4'\)"):
-        assert usable("+lat_0=4", tmp_path / "a.xodr") is None
+        assert check_projection("+lat_0=4", tmp_path / "a.xodr") is None
 
 
 @pytest.fixture
@@ -307,7 +307,7 @@ def test_damaged_objects(found, inside, message):
 
 def test_frame_of_the_site():
     there = Standing(groups=[[post(12.0, 5.0, 3.0)]], bays=[(12.0, 5.0, 1.0)], lamps=[(10.0, 6.0)])
-    moved = in_frame(there, pose(10.0, 5.0, yaw=np.pi / 2))
+    moved = move_to_site(there, pose(10.0, 5.0, yaw=np.pi / 2))
     np.testing.assert_allclose(moved.groups[0][0].footprint.mean(axis=0), [0, -2], atol=1e-3)
     np.testing.assert_allclose(moved.bays, [[0, -2, 1.0 - np.pi / 2]], atol=1e-9)
     np.testing.assert_allclose(moved.lamps, [[1, 0]], atol=1e-9)
@@ -330,4 +330,4 @@ def test_what_would_stop_traffic_is_left_out_and_said():
 def test_damage_names_the_file(street, tmp_path):
     path = street(tmp_path, objects='<object type="tree" s="5" t="x"/>')
     with pytest.raises(ValueError, match=r"street\.xodr: <object> needs a finite number as t, got 'x'"):
-        understood(path, roads_near(path, WINDOW, 0.0, 3.5))
+        read_standing(path, roads_near(path, WINDOW, 0.0, 3.5))

@@ -6,7 +6,7 @@ import shapely
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
-from toolkit.sites.maps import bay_outline, driven
+from toolkit.sites.maps import bay_outline, find_tracks
 from toolkit.sites.osm_parking import Parking
 from toolkit.traffic.snapshots import simulate
 
@@ -107,7 +107,7 @@ def test_only_a_part_of_the_road_has_parking(tmp_path, imported, empty_map):
 def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, union, on_lanes):
     site = imported(east_west(oneway="yes", parking__both="lane"), tmp_path, heading=0.4)
     assert on_lanes(site, 0.0, 0.0)
-    road, tracks = union(site.lanes), driven(site.network)
+    road, tracks = union(site.lanes), find_tracks(site.network)
     assert tracks.intersection(shapely.box(*site.area)).difference(road.buffer(0.1)).area < 0.5
     for bay in site.parking:
         outline = shapely.Polygon(bay_outline(*bay))

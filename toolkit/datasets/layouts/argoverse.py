@@ -24,7 +24,7 @@ from toolkit.datasets.records import Listing, cloud_of, intensity_of, labelled, 
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
-from toolkit.point_files import attributes_of
+from toolkit.point_files import name_attributes
 from toolkit.runtime.files import writing
 
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
@@ -138,7 +138,7 @@ def _sample(log: Path, name: str) -> Sample:
         table = {key: column.astype(np.float32) if column.dtype == np.float16 else column
                  for key, column in read_table(file).items()}  # fmt: skip
         lasers = table["laser_number"]
-        recorded = attributes_of(table)
+        recorded = name_attributes(table)
         clouds = tuple(
             cloud_of(
                 {key: column[np.isin(lasers, own)] for key, column in recorded.items()},

@@ -33,7 +33,7 @@ from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.points import unproject
 from toolkit.runtime import hdf5 as reader
-from toolkit.runtime.files import finite, parse_json, writing
+from toolkit.runtime.files import parse_json, replace_infinite, writing
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 
 _VERSION = 1
@@ -43,7 +43,7 @@ _FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "
 def holds_clouds(path: str | Path) -> bool:
     """Whether an HDF5 file is one of recorded clouds. Raises OSError where it is no HDF5 file."""
     with _opened(path) as file:
-        return str(reader.attributes_in(file, "the file").get("coview", "")) == CLOUDS_KIND
+        return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def _opened(path: str | Path) -> Iterator[h5py.File]:
 def hdf5_clouds(path: Path) -> Listing:
     """The samples of a file. Raises ValueError, in one line, where it is damaged."""
     with _opened(path) as file:
-        version = reader.attributes_in(file, "the file").get("version")
+        version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:
             raise ValueError(f"its version is {version}: this coview reads version {_VERSION}")
         names = [str(name) for name in records(parse_json(reader.text(file, "names")), "names")]
@@ -107,11 +107,11 @@ def _cloud(file: h5py.File, place: str, about: Any) -> SensorCloud:
         raise ValueError(f"{place}/points must be finite, 3 to a row, got shape {points.shape}")
     columns = {
         name: reader.array(file, f"{place}/{name}", axes=1).astype(kind)
-        if reader.holds(file, f"{place}/{name}")
+        if reader.contains(file, f"{place}/{name}")
         else None
         for name, kind in (("time", np.float64), ("intensity", np.float32))
     }
-    if reader.holds(file, f"{place}/ring"):
+    if reader.contains(file, f"{place}/ring"):
         columns["ring"] = reader.array(file, f"{place}/ring", axes=1, kinds="iu").astype(np.int64)
     for name, column in columns.items():
         if column is not None and len(column) != len(points):
@@ -137,7 +137,7 @@ def _boxes(file: h5py.File, name: str) -> np.ndarray:
 
 
 def _counts(file: h5py.File, name: str) -> np.ndarray | None:
-    if not reader.holds(file, name):
+    if not reader.contains(file, name):
         return None
     return reader.array(file, name, axes=1, kinds="iu").astype(np.int64)
 
@@ -157,7 +157,7 @@ def write_hdf5_clouds(samples: Iterable[Sample], path: Path) -> int:
 
 
 def _write(group: h5py.Group, sample: Sample) -> None:
-    group["about"] = json.dumps(finite({
+    group["about"] = json.dumps(replace_infinite({
         "time": sample.time,
         "sensors": [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds],
         "categories": sample.categories,

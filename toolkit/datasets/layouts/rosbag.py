@@ -28,7 +28,7 @@ from toolkit.datasets.records import add_problem, cloud_of, intensity_of
 from toolkit.datasets.sample import Sample, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import Objects
-from toolkit.point_files import attributes_of
+from toolkit.point_files import name_attributes
 from toolkit.runtime.files import writing_together
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -70,7 +70,7 @@ class Bag:
             ):
                 frame = str(message.header.frame_id).lstrip("/")
                 add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
-                attributes = attributes_of(columns_of(message))
+                attributes = name_attributes(columns_of(message))
                 clouds.append(cloud_of(attributes, topic.strip("/"), pose_at(self.frames, frame, stamp), problems))
         return Sample(f"{number:06d}", tuple(clouds), Objects.empty(), time=stamps[0] * 1e-9, problems=problems)
 

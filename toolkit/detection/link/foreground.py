@@ -36,8 +36,8 @@ from toolkit.detection.link.message import (
 from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
 from toolkit.detection.scheme import Counts, Fused, make_fused
 from toolkit.detection.view import Captured, Lift, SentCloud, View
-from toolkit.points import Crop, cropped, unproject
-from toolkit.sensors.sensor import Sensor, returned
+from toolkit.points import Crop, crop_image, unproject
+from toolkit.sensors.sensor import Sensor, is_return
 
 
 class SendsForeground:
@@ -180,7 +180,7 @@ def check_pixels(
     """
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
         raise ValueError(f"the empty scene is of {scene.name!r}, {scene.model}, the image of {image.sensor.name!r}")
-    sent = returned(image.measurement, scene.model.max_range)
+    sent = is_return(image.measurement, scene.model.max_range)
     missing = np.zeros(sent.shape, bool) if missing is None else missing
     if missing.shape != sent.shape or (missing & sent).any():
         raise ValueError(
@@ -278,7 +278,7 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SIGMAS) 
     drawn.ravel()[draw_scene(captured, scene).pixels] = True
     here = np.zeros(measured.shape, bool)
     here.ravel()[captured.pixels] = True
-    gone = drawn & ~here & (~shows | ~returned(measured, scene.model.max_range))
+    gone = drawn & ~here & (~shows | ~is_return(measured, scene.model.max_range))
     return StandsOut(pixels, _keep_company(gone, drawn & ~(gone & shows)))
 
 
@@ -290,7 +290,7 @@ def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
 @lru_cache(maxsize=64)
 def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
     if lift is None:
-        xyz, pixels = cropped(sensor, scene.first, crop)
+        xyz, pixels = crop_image(sensor, scene.first, crop)
         return DrawnScene(np.ascontiguousarray(xyz[:, pixels].T), pixels)
     xyz, valid = unproject(sensor, scene.first)
     points = lift(np.ascontiguousarray(xyz[:, valid].T))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float64, Int64
-from toolkit.runtime.text_tables import aligned
+from toolkit.runtime.text_tables import align_columns
 
 PACKET = 1400  # bytes of a message in a packet
 CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
@@ -90,4 +90,4 @@ def format_loads(loads: Iterable[SetLoad]) -> str:
         load, named = each.load, [each.scheme, ",".join(map(str, each.sensors)) or "none"]
         shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES]
         table.append([*named, f"{load.mbit_per_s:.3f}", f"{load.packets:.2f}", f"{load.one_packet:.3f}", *shares])
-    return aligned(table, texts=2)
+    return align_columns(table, texts=2)

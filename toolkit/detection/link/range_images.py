@@ -35,7 +35,7 @@ from toolkit.detection.link.message import (
     write_message,
 )
 from toolkit.objects import Detections
-from toolkit.sensors.sensor import Sensor, SensorModel, returned
+from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
 BOX_STEP = 0.02  # m
 TURN = 720  # steps of yaw
@@ -131,7 +131,7 @@ class RangeImages:
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something."""
-        sent = returned(image.measurement, image.sensor.model.max_range)
+        sent = is_return(image.measurement, image.sensor.model.max_range)
         header = image_header(MessageKind.RANGE_IMAGE, image, self.step)
         content = write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
         return Message(content, 8 * len(content))

@@ -15,7 +15,7 @@ from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer
-from toolkit.sensors.error_terms import rotation_about
+from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     (folder / "true.hdf5").write_bytes(encode(Header(PLACE, SENSORS), scenes))
     save_site(PLACE, folder / "place.geojson")
     error = np.eye(4)
-    error[:3, :3], error[:3, 3] = rotation_about(np.deg2rad([0.6, 0.8, 0.0])), [0.06, 0.0, 0.08]
+    error[:3, :3], error[:3, 3] = make_rotation(np.deg2rad([0.6, 0.8, 0.0])), [0.06, 0.0, 0.08]
     with CoopDataset(folder / "true.hdf5") as true:
         write_corrected(true, {"b": SENSORS[1].pose @ error}, folder / "crooked.hdf5")
     return folder

@@ -24,7 +24,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points, iou_3d
 from toolkit.detection.metrics import average_precision, evaluate, precision_recall
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
-from toolkit.points import centred_in
+from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Processes
 from toolkit.sensors.models import DepthCamera
@@ -111,7 +111,7 @@ def test_figures_are_those_of_the_fidelity(whole):
 def test_published_ap_is_that_of_the_protocol(whole):
     street, run = Street(), RUNS[0]
     truths = [street.objects(k) for k in range(5)]
-    there = [truth[centred_in(truth.boxes, street.site.area)] for truth in truths]
+    there = [truth[has_centre_inside(truth.boxes, street.site.area)] for truth in truths]
     found = [Detections(each.boxes, each.scores) for each in whole.runs[run]]
     for iou, at in evaluate(found, there, iou_thresholds=(0.7, 0.8), protocol="published").items():
         assert published_ap(whole, run, iou) == pytest.approx(at.ap)
