@@ -1,7 +1,9 @@
-"""Sensors of a recording that freeze or go blind in the middle of it.
+"""Doctor of stored images: what looks wrong with the sensors and objects of a recording.
 
-frozen    an image is one of before, pixel for pixel, although nobody is any more where that showed objects
-blind     much less returns than in most frames, while other sensors see as ever
+Sensors that fail within the recording are
+
+frozen    an image repeats an earlier one pixel for pixel, although its objects have left blind     far fewer returns
+than in most frames, while other sensors see as before
 """
 
 from __future__ import annotations
@@ -35,14 +37,16 @@ from toolkit.points import count_on_ground
 from toolkit.runtime import hdf5
 from toolkit.sites.site import Site
 
-SHOWN = 20  # points on an object that a sensor shows
-USUAL = 0.9  # quantile of what returns in a frame that is usual
-HALF_OF_IT = 0.5  # of what is usual, below which a sensor is blind
+SHOWN = 20  # points that show an object
+USUAL = 0.9  # quantile of the number of returns that is usual
+HALF_OF_IT = 0.5  # of the usual number: with fewer returns a sensor is blind
 
 
 def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
-    """In which frames a sensor repeats an image that showed objects where nobody is any more; rows: the published ones
-    of each frame."""
+    """Mask of the frames in which a sensor repeats an image that showed objects which have left.
+
+    rows: the published ones of each frame.
+    """
     frozen, first = np.zeros(len(view.depth), bool), 0
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
@@ -57,7 +61,7 @@ def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
-    """In which frames much less returns to a sensor than in most, and not to all of them."""
+    """Mask of the frames in which a sensor has far fewer returns than in most, and others do not."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
     usual = np.quantile(returned, USUAL, axis=1)[:, None]
     blind = returned < HALF_OF_IT * usual
@@ -67,7 +71,10 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
 def failing_sensors(
     views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Of each sensor that fails: where, what is suspected, the evidence, a remedy. frames: numbers of the images."""
+    """Yield place, suspicion, evidence and remedy for each sensor that fails.
+
+    frames: numbers of the images.
+    """
     if not views or not frames:
         return
     blind = blind_frames(views)
@@ -83,24 +90,27 @@ def failing_sensors(
 
 
 def _some(chosen: Bool[np.ndarray, " frames"], frames: Sequence[int]) -> str:
-    """How many frames, and the first."""
+    """Number of frames, and the first."""
     return (
         f"{int(chosen.sum())} of {len(frames)} frames that were looked at, the first is {frames[int(chosen.argmax())]},"
     )
 
 
-UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is not known
-MOST_FRAMES = 60  # that are looked at, evenly spread over the file
-DISAGREES = 0.5  # share of a sensor's moving points on boxes below which its pose is in doubt
-LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area below which it sees nothing of it
-UNSEEN = 0.3  # share of the objects in the area without any point above which something is wrong
+UNKNOWN = "somewhere"  # name of the site of a recording whose place, and so detection area, is unknown
+MOST_FRAMES = 60  # that are checked, evenly spread over the file
+DISAGREES = 0.5  # share of a sensor's moving points on boxes: below this its pose is in doubt
+LOOKS_AWAY = 0.01  # share of a sensor's points in the detection area: below this it sees nothing of it
+UNSEEN = 0.3  # share of the objects in the area without a point: above this something is wrong
 FLOATING = 0.25  # m between a box's floor and the ground
 _UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that looks wrong. where: dataset, sensor or frame of the file; evidence: the numbers that say so."""
+    """One suspicion.
+
+    where: dataset, sensor or frame of the file; evidence: the numbers behind it.
+    """
 
     severity: Literal["error", "warning"]
     where: str
@@ -114,13 +124,13 @@ class Finding:
 
 @runtime_checkable
 class StoredRecording(Protocol):
-    """What of a `CoopDataset` is looked at: not its frames, whose objects may be damaged."""
+    """Parts of a `CoopDataset` that are checked; not its frames, whose objects may be damaged."""
 
     site: Site
     channels: tuple[StoredChannel, ...]
 
     def images(self, name: str) -> h5py.Dataset:
-        """The stored measurements of a channel."""
+        """Stored measurements of a channel."""
         ...
 
     def __len__(self) -> int: ...
@@ -129,8 +139,11 @@ class StoredRecording(Protocol):
 def check_measurements(
     dataset: StoredRecording, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
-    """Findings in some of the frames. tables: the published rows of all frames; units: what depth may have to be
-    multiplied by to be metres, of which the one is taken under which points and boxes agree best."""
+    """Check some of the frames.
+
+    tables: the published rows of all frames; units: factors that may turn depth into metres; the factor is taken that
+    makes points and boxes agree best.
+    """
     frames = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST_FRAMES)).astype(int)).tolist()
     raw, findings = _views(dataset, frames)
     shared = [place is not None for _, _, place in dataset.channels]  # in dslices, which alone is in doubt
@@ -159,7 +172,7 @@ def check_measurements(
 
 
 class _Examination:
-    """Whether points and boxes agree, and by how much once the suspected mistakes are undone."""
+    """Agreement of points and boxes, with and without the suspected mistakes."""
 
     def __init__(
         self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
@@ -184,7 +197,7 @@ class _Examination:
                     self.doubts[sensor.name] = suspicion
 
     def disagreements(self) -> Iterator[Finding]:
-        """The suspected mistakes in the objects, then those of the sensors."""
+        """Yield the suspected mistakes in the objects, then those of the sensors."""
         for mistake in self.mistakes:
             yield _error("objects", mistake.mistake, _share(mistake), mistake.remedy)
         yield from self.misplaced
@@ -200,7 +213,7 @@ class _Examination:
                 yield _error(where, "points and boxes disagree", evidence, remedy)
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
-        """Objects and points of some frames in the site's frame, without the sensors in doubt."""
+        """Yield objects and points of some frames in the site's frame, without the sensors in doubt."""
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(_points(view, frame) for view in trusted)]
@@ -208,7 +221,7 @@ class _Examination:
 
 
 def _views(dataset: StoredRecording, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
-    """The measurements of some frames as they are in the file, whatever their unit, and which cannot be read."""
+    """Read the measurements of some frames as stored, in whatever unit; find those that cannot be read."""
     views, findings = [], []
     for sensor, name, place in dataset.channels:
         images = dataset.images(name)
@@ -239,7 +252,7 @@ def _points(view: SensorImages, frame: int) -> np.ndarray:
 
 
 def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
-    """Sensors that never see anything, and frames in which none does."""
+    """Find sensors that never see anything, and frames in which none does."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
@@ -251,7 +264,7 @@ def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator
 
 
 def _posture(exam: _Examination) -> Iterator[Finding]:
-    """Sensors under the ground, upside down, or whose points all lie outside the detection area, unless explained."""
+    """Find sensors under the ground, upside down, or looking away from the detection area, unless explained."""
     for view in exam.views:
         sensor, site = view.sensor, exam.site
         if exam.doubts.get(sensor.name) is not None:
@@ -276,7 +289,7 @@ def _posture(exam: _Examination) -> Iterator[Finding]:
 
 
 def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Objects that are not where the site is, perhaps because an axis points the other way; the rows without that."""
+    """Find objects elsewhere than the site, perhaps since an axis is mirrored; return the rows without that."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
     flips = {"": np.ones(10), "y": np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])}
     nearby = {axis: float(_near_area(centres * flip[:3], site)) for axis, flip in flips.items()}
@@ -292,7 +305,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
-    """Boxes whose floor is not on the ground that was measured beside them."""
+    """Find boxes whose floor is not on the ground beside them."""
     gaps = []
     for objects, cloud in exam.clouds():
         points = level_rows(cloud[::4], exam.site.relief.slope)
@@ -311,7 +324,7 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
 
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
-    """Objects in the area that no sensor has a point of, where they are too many to be hidden."""
+    """Find objects in the area without a point, if they are too many to be hidden."""
     total = unseen = 0
     if exam.site.name == UNKNOWN:
         return
@@ -327,7 +340,7 @@ def _unseen(exam: _Examination) -> Iterator[Finding]:
 
 
 def _near_area(centres: np.ndarray, site: Site) -> float:
-    """Share of centres, CARLA's coordinates, in the area or 15 m round it; 1 where there are none."""
+    """Share of centres, CARLA's coordinates, within 15 m of the area; 1 without centres."""
     places = published.moved(centres, np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site))
     return float(_in_area(places[:, :2], site, margin=15.0).mean()) if len(centres) else 1.0
 
@@ -366,7 +379,7 @@ def diagnose(path: str | Path, site: Site | None = None) -> list[Finding]:
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
-    """What the file's depth may have to be multiplied by to be metres, judged by its largest number."""
+    """Factors that may turn the file's depth into metres, by its largest number."""
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
@@ -382,8 +395,10 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 
 
 def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding]]:
-    """The published rows of all frames without the damaged ones, which are whole, and what is wrong in the first three
-    that are not."""
+    """Read the published rows of all frames, without the damaged ones.
+
+    Returns a mask of the frames that are whole too, and findings for the first three that are not.
+    """
     images = [name for name in ("dslices", "coview/time") if hdf5.contains(file, name)]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
     frames = shape[0] if shape else 0
@@ -416,7 +431,7 @@ def _table(file: h5py.File, k: int) -> tuple[np.ndarray, str]:
 
 
 def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Finding]:
-    """Frames without objects, and frames that come twice."""
+    """Find frames without objects, and frames that occur twice."""
     findings = []
     empty = [k for k, table in enumerate(tables) if whole[k] and not len(table)]
     if empty:
@@ -434,8 +449,7 @@ def _repetitions(tables: Sequence[np.ndarray], whole: Sequence[bool]) -> list[Fi
 
 
 def _place(path: str | Path) -> Site | None:
-    """None where the file or its coordinates say which site it shows; else just any, so that a file from
-    anywhere can be looked at."""
+    """Return None if the file or its coordinates tell its site, else any site, so that the file can be checked."""
     try:
         CoopDataset(path).close()
     except UnknownSite:

@@ -1,16 +1,16 @@
-"""`LidarGrid`: the rows and columns of a lidar, found in its clouds.
+"""`LidarGrid`: rows and columns of a lidar, found in its clouds.
 
-Rows are, in this order,
+Rows are, in order of preference,
 
-1. its lasers, where every point says which measured it: each at the median elevation of its points;
-2. the elevations about which points crowd, as those of a spinning lidar or of even pixels do: peaks of the histogram of
+1. its lasers, if every point tells its laser: each at the median elevation of its points;
+2. the elevations where points crowd, as those of a spinning lidar or of even pixels do: peaks of the histogram of
    elevations, if most points lie nearer to one than a third of the way to the next;
-3. else even steps of the angle that neighbouring points of a cloud usually are apart, of twice that where they lie as
-   at random (a pattern that does not repeat), so that most cells are met in most clouds.
+3. else even steps of the usual angle between neighbouring points of a cloud, or of twice that if they lie as at random
+   (a pattern that does not repeat), so that most cells are hit in most clouds.
 
-Columns are even steps of the azimuth by which neighbouring points of a row usually are apart, with the azimuths in the
-middle of theirs where these are the same in all clouds, all around or, where clouds leave a gap, from one side of it to
-the other.
+Columns are even steps of the usual azimuth between neighbouring points of a row. Azimuths lie in the middle of their
+columns if they are the same in all clouds. Columns go all around or, if clouds leave a gap, from one side of it to the
+other.
 """
 
 from __future__ import annotations
@@ -25,33 +25,38 @@ from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.datasets.sample import SensorCloud
 from toolkit.sensors.models import RowLidar
 
-NEAREST = 1.0  # m from the sensor, from which on points tell angles
+NEAREST = 1.0  # m: nearer points do not tell angles
 TELLING_POINTS = 100  # of a sensor, in all clouds together
 MOST_PIXELS = 4_000_000
-SEAM_GAP = np.deg2rad(20.0)  # of azimuth without a point, from which on a lidar does not look all around
-FARTHER = 1.25  # than the farthest point, that the sensor measures
+SEAM_GAP = np.deg2rad(20.0)  # azimuth without a point: with a wider gap a lidar does not look all around
+FARTHER = 1.25  # range of the sensor over its farthest point
 _LEAST_RANGE = 200.0  # m
 _BIN = np.deg2rad(0.01)  # of the histogram of elevations
-_SMOOTH = (3, 8, 20)  # bins, standard deviations of the smoothing that is tried
+_SMOOTH = (3, 8, 20)  # bins, standard deviations of the smoothing, tried in turn
 _LEAST_PEAK = 0.1  # of the median height of peaks
 _CROWDED, _THIRD = 0.85, 1 / 3  # share of points that lie within this share of the distance between rows
 _SMALLEST_STEP = np.deg2rad(0.02)
-_AT_RANDOM = 2.5  # the 90 % quantile of distances to the nearest neighbour by the 10 % one, beyond which it is
+_AT_RANDOM = 2.5  # 90 % quantile of nearest-neighbour distances over the 10 % one: above this they are random
 _LEAST_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 where all have the same
 _SOME = 20_000  # points of a cloud whose neighbours are looked for
 
 
 @dataclass(frozen=True)
 class LidarGrid:
-    """model: rows, columns and range; rings: the number of the laser of each row, none where clouds do not say it."""
+    """A grid of rows, columns and range (`model`).
+
+    rings: number of the laser of each row, empty if clouds do not tell it.
+    """
 
     model: RowLidar
     rings: tuple[int, ...] = ()
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """The grid of one sensor, from some of its clouds. Raises ValueError for fewer than 100 points, and for an image of
-    more than 4 million pixels."""
+    """Find the grid of one sensor in some of its clouds.
+
+    Raises ValueError for fewer than 100 points, and for an image of more than 4 million pixels.
+    """
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     angles = [angles_of(cloud.in_sensor()) for cloud in clouds]
     kept = [each[:, each[2] > NEAREST] for each in angles]
@@ -91,12 +96,13 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
 def angles_of(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
     """Elevation and azimuth (rad) and range (m) of points in the sensor's frame."""
     across = np.hypot(points[:, 0], points[:, 1])
-    return np.stack([np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]),
-                     np.hypot(across, points[:, 2])])  # fmt: skip
+    return np.stack(
+        [np.arctan2(points[:, 2], across), np.arctan2(points[:, 1], points[:, 0]), np.hypot(across, points[:, 2])]
+    )
 
 
 def nearest_row(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
-    """The row, top first, whose elevation is the nearest to each."""
+    """Row, top first, of the nearest elevation."""
     between = -(rows[1:] + rows[:-1]) / 2
     return np.searchsorted(between, -elevation, side="left").astype(np.int64)
 
@@ -112,7 +118,7 @@ def _ring_rows(elevation: np.ndarray, ring: np.ndarray) -> tuple[Float64[np.ndar
 
 
 def _crowded_rows(elevation: np.ndarray) -> Float64[np.ndarray, " m"] | None:
-    """The elevations about which points crowd, None where they do not."""
+    """Elevations where points crowd; None if they do not."""
     from scipy.ndimage import gaussian_filter1d
 
     low = elevation.min() - 100 * _BIN
@@ -140,7 +146,7 @@ def _crowd(elevation: np.ndarray, rows: np.ndarray) -> bool:
 
 
 def _step_in_rows(clouds: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """By how much neighbours in a row usually are apart; of each cloud its azimuths and the rows of its points."""
+    """Usual step between neighbours in a row; clouds: azimuths and rows of their points."""
     steps = []
     for azimuth, row in clouds:
         order = np.lexsort((azimuth, row))
@@ -168,14 +174,13 @@ def _even_rows(clouds: Sequence[np.ndarray]) -> tuple[Float64[np.ndarray, " m"],
 
 
 def _phase(azimuth: np.ndarray, columns: int) -> float:
-    """By how much the columns of a turn are off those about zero, so that azimuths lie in the middle of theirs; 0 where
-    they lie anywhere."""
+    """Offset of the columns of a turn that puts azimuths in the middle of theirs; 0 if they lie anywhere."""
     mean = np.exp(1j * (azimuth * columns - np.pi * (columns - 1))).mean()
     return float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
 
 
 def _span(azimuth: np.ndarray) -> tuple[float, float | None]:
-    """The middle of the azimuths that are met, and how wide they are; 0 and None for all around."""
+    """Middle and width of the observed azimuths; 0 and None for all around."""
     ordered = np.sort(azimuth)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     widest = int(gaps.argmax())
@@ -191,8 +196,11 @@ SHARED_CELL, OUTSIDE_GRID = "points in a cell with a nearer one", "points outsid
 
 @dataclass(frozen=True, eq=False)
 class CloudImage:
-    """measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud, counted row after row, the
-    nearest one for those outside; inside: which points lie in the grid; shown: which of them the image shows."""
+    """A cloud as an image.
+
+    measurement: ranges (m), 0 where nothing returned; cells: of every point of the cloud, counted row by row, the
+    nearest one for points outside; inside: mask of the points in the grid; shown: mask of those that the image shows.
+    """
 
     grid: LidarGrid
     measurement: Float32[np.ndarray, "rows columns"]
@@ -202,20 +210,20 @@ class CloudImage:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """Points that the image does not show, by kind."""
+        """Number of points that the image does not show, by kind."""
         counts = {SHARED_CELL: int((self.inside & ~self.shown).sum()), OUTSIDE_GRID: int((~self.inside).sum())}
         return {kind: count for kind, count in counts.items() if count}
 
     @cached_property
     def points(self) -> Float32[np.ndarray, "m 3"]:
-        """What the image says of the points it shows, sensor frame, in their order."""
+        """Points of the image, sensor frame, in the order of the cloud's points that it shows."""
         cells = self.cells[self.shown]
         rays = self.grid.model.rays().reshape(-1, 3)
         return rays[cells] * self.measurement.ravel()[cells, None]
 
 
 def image_of(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """The cloud of a sensor in its grid."""
+    """Return the cloud of a sensor in its grid."""
     model = grid.model
     elevation, azimuth, distance = angles_of(cloud.in_sensor())
     row, in_rows = _rows(cloud, grid, elevation)
@@ -240,8 +248,10 @@ def image_of(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
 def _rows(
     cloud: SensorCloud, grid: LidarGrid, elevation: Float64[np.ndarray, " n"]
 ) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """The row of each point, and which points are of one: by their laser, else by an elevation no farther from a row
-    than the next one is."""
+    """Row of each point, and a mask of the points that have one.
+
+    It is the row of their laser, else the nearest one, if that is no farther than the next row.
+    """
     rows = np.array(grid.model.elevations)
     if grid.rings and cloud.ring is not None:
         numbers = np.array(grid.rings)

@@ -127,7 +127,7 @@ def _scale(factor: float) -> Change:
 YAW_SIGN = LabelMistake("yaw counted the other way round", "negate yaw", _change(yaw=lambda b: -b[:, 6]), axes=True)
 
 LOST_DEGREES = LabelMistake(  # undo is unknown: `degrees_of_turns` gives the angles it may be
-    "yaw in degrees where radians belong, with only sine and cosine left",
+    "yaw in degrees where radians belong, of which only sine and cosine are left",
     "multiply yaw by pi / 180 before its sine and cosine are taken",
     lambda boxes: boxes,
 )

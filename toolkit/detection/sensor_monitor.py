@@ -1,15 +1,15 @@
-"""`SensorMonitor`: what the fusion centre notices of a sensor that fails, from what the sensor sends.
+"""`SensorMonitor`: faults of a sensor that the fusion centre notices from what it sends.
 
     silent    the newest measurement is older than `silent_after`
-    frozen    the same pixels with the same distances in `REPEATS` messages after the first: noise makes no two images
-              alike, not even in steps of 8 cm, once they have `LEAST_REPEATED`
-    blinded   of the pixels in which its empty scene returns something, most return nothing, or are said to be missing
-              by a message of foreground. Also where foreground has next to no pixels, although objects that others see
-              stand before its empty scene: that finds a sensor as well that is frozen since it saw nobody.
-    shifted   many pixels measure farther than the empty scene: whoever passes or parks stands before it, never behind
-              it, so it is another scene, or seen from elsewhere
+    frozen    `REPEATS` messages have the same pixels with the same distances as the one before them: noise makes no two
+              images alike, not even in steps of 8 cm, once they have `LEAST_REPEATED` pixels
+    blinded   of the pixels where its empty scene returns something, most return nothing, or a message of foreground
+              says that they are missing. Also if foreground has hardly a pixel although objects that others see stand
+              before its empty scene; so a sensor is found that froze while the place was empty.
+    shifted   many pixels measure farther than the empty scene. Road users stand before it, never behind it, so it is
+              another scene, or seen from elsewhere
 
-The last two, of `MESSAGES` messages on end. An alarm stays until the sensor shows otherwise.
+The last two need `MESSAGES` messages in a row. An alarm stays until the sensor shows otherwise.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
 SILENT_AFTER = 0.5  # s
-LEAST_REPEATED = 50  # that a message must have for its repetition to count, and below which others are asked
+LEAST_REPEATED = 50  # pixels of a message whose repetition counts; with fewer, other sensors are asked
 REPEATS = 2  # messages that repeat another
-MESSAGES = 3  # on end, in which a sensor is blind or shifted
+MESSAGES = 3  # in a row that show a sensor blind or shifted
 BLIND_SHARE = 0.5  # of the pixels that should return something
 SHIFTED_SHARE = 0.1  # of the pixels that return something
-LEAST_COVERED = 100  # pixels that others' objects must cover before it tells that a sensor shows none of them
-SEEN_SHARE = 0.1  # of these pixels, below which it shows none
-_INSIDE = 0.2  # m by which a body may be smaller than its box on each side
+LEAST_COVERED = 100  # pixels that others' objects must cover to tell that a sensor shows none of them
+SEEN_SHARE = 0.1  # of these pixels: with fewer it shows none
+_INSIDE = 0.2  # m: a body may be this much smaller than its box on each side
 _BEFORE = 1.0  # m between an object and the scene behind it
 
 
 class Fault(Enum):
-    """How a sensor fails."""
+    """Kinds of failure of a sensor."""
 
     SILENT = "silent"
     FROZEN = "frozen"
@@ -46,8 +46,11 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """What a sensor has sent last: when it was measured (s); the image, 0 where nothing returned or nothing was sent;
-    of foreground, which pixels were sent, None where the whole image was, and which are missing."""
+    """Newest data of a sensor.
+
+    time: of the measurement (s); image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a
+    foreground, None for a whole image; missing: mask of those it says are missing.
+    """
 
     time: float
     image: Float32[np.ndarray, "rows columns"]
@@ -56,9 +59,12 @@ class Shown(NamedTuple):
 
 
 class SensorMonitor:
-    """Of one sensor. scene: its empty scene; start: since when it should send (s); silent_after: age of what it has
-    sent (s) from which on it is silent; view: pixels of which it sends anything, such as those of its crop, None for
-    all. Raises ValueError for an age not above 0."""
+    """Monitor of one sensor.
+
+    scene: its empty scene; start: time from which it should send (s); silent_after: age of its newest data (s) from
+    which it is silent; view: mask of the pixels that it sends at all, such as those of its crop, None for all. Raises
+    ValueError for an age not above 0.
+    """
 
     def __init__(
         self,
@@ -82,9 +88,12 @@ class SensorMonitor:
         shown: Shown | None,
         covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None = None,
     ) -> Fault | None:
-        """What is wrong by now. shown: what arrived last, None before the first; covered: says in which pixels objects
-        that others see stand before its empty scene, asked only where foreground has next to no pixels. Raises
-        ValueError for an image of another size than the empty scene."""
+        """Return the fault of the sensor at a time, None without one.
+
+        shown: newest data, None before the first; covered: returns the mask of the pixels where objects that others see
+        stand before its empty scene, called only if foreground has hardly a pixel. Raises ValueError for an image of
+        another size than the empty scene.
+        """
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
@@ -100,7 +109,7 @@ class SensorMonitor:
         return Fault.SHIFTED if self._shifted >= MESSAGES else None
 
     def _take(self, shown: Shown, covered: Callable[[], Bool[np.ndarray, "rows columns"]] | None) -> None:
-        """One message more."""
+        """Take in one message."""
         there = is_return(shown.image, self._scene.model.max_range)
         there &= True if shown.sent is None else shown.sent
         pixels = np.where(there, shown.image, np.float32(0))
@@ -128,7 +137,7 @@ class SensorMonitor:
 
 
 def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
-    """Which pixels measure farther than the empty scene is there."""
+    """Mask of the pixels that measure farther than the empty scene."""
     last = np.fmax(scene.first, np.nan_to_num(scene.second))
     spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
     solid = (scene.first > 0) & (np.isnan(scene.second) | (scene.second > 0))
@@ -138,7 +147,7 @@ def farther(scene: EmptyScene, image: Float32[np.ndarray, "rows columns"]) -> Bo
 def standing_before(
     scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]
 ) -> Bool[np.ndarray, "rows columns"]:
-    """In which pixels a sensor must see one of these boxes, or whatever stands nearer, before its empty scene."""
+    """Mask of the pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)
     rays, hit = sensor.world_rays.astype(np.float64), np.zeros(behind.size, bool)

@@ -340,7 +340,7 @@ def test_degrees_read_as_radians_are_in_the_numbers(sound):
 def test_degrees_of_which_only_sine_and_cosine_are_left(sound):
     lost = with_boxes(sound, lambda b: np.column_stack([b[:, :6], np.angle(np.exp(1j * np.rad2deg(b[:, 6])))]))
     (finding,) = diagnose_samples(lost)
-    assert finding.suspected == "yaw in degrees where radians belong, with only sine and cosine left"
+    assert finding.suspected == "yaw in degrees where radians belong, of which only sine and cosine are left"
     assert finding.remedy == "multiply yaw by pi / 180 before its sine and cosine are taken"
 
 
