@@ -1,6 +1,6 @@
-"""Recordings of junctions drawn at random, a few frames of each: what a detector for any junction is trained on.
+"""Recordings of random junctions, a few frames each, to train a detector for any junction.
 
-Every recording has a junction, sensors, and bodies of its own; a seed and its number say which.
+Every recording has its own junction, sensors and bodies, determined by a seed and its number.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
-FEWEST_PARKED, MOST_PARKED = 4, 20  # vehicles a recording has at most, drawn
-_NOTE = b"left out "  # begins the file of a recording that failed
+FEWEST_PARKED, MOST_PARKED = 4, 20  # range of the greatest number of parked vehicles
+_NOTE = b"left out "  # start of the file of a recording that failed
 _LONGEST_NOTE = 4096
 _Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True)
 class RandomRecording:
-    """frames of a site, and what each of their sensors measures when nothing moves there, (rows, columns) m."""
+    """Frames of a site; empty: each sensor's measurement without traffic, (rows, columns) m."""
 
     site: Site
     frames: tuple[Frame, ...]
@@ -44,7 +44,7 @@ class RandomRecording:
 
 @dataclass(frozen=True)
 class Failed:
-    """A recording that could not be made, and why."""
+    """A recording that could not be made, and the reason."""
 
     number: int
     reason: str
@@ -53,11 +53,10 @@ class Failed:
 def random_recording(
     seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
 ) -> RandomRecording:
-    """Recording `number` of a seed: a random junction, three to ten random sensors, traffic, noise-free measurements.
+    """Simulate a random junction with three to ten random sensors and traffic; measurements are noise-free.
 
-    threads: of the ray casting; fleet: None for everyone drawn afresh; of one that draws nobody each body is stretched
-    a little.
-    Raises what drawing the site and SUMO raise.
+    number: of the recording under this seed; threads: of the ray casting; fleet: by default all bodies are drawn; a
+    fleet that draws none has each body stretched a little. Raises what drawing the site and SUMO raise.
     """
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
@@ -93,11 +92,11 @@ def random_recordings(
     progress: Callable[[int], None] | None = None,
     fleet: Fleet | None = None,
 ) -> Iterator[Any]:
-    """`count` random recordings of `frames` frames, in order, each as `encode` makes it in the process it was made in.
+    """Yield encoded random recordings in order.
 
-    A recording that fails is left out with a warning that says why. workers: processes, one per core when None; their
-    number changes nothing but the time. fleet: see `random_recording`. progress: told how many recordings are done.
-    Few results wait in memory.
+    encode: called in the process that made the recording; workers: processes, one per core if None, without effect on
+    the results; fleet: see `random_recording`; progress: called with the number of recordings done. A recording that
+    fails is left out with a warning that says why. Few results wait in memory.
     """
     _check(count, frames, seed)
     workers = min(count, os.cpu_count() or 1 if workers is None else workers)
@@ -121,18 +120,19 @@ def random_recordings_file(
     fleet: Fleet | None = None,
     overwrite: bool = False,
 ) -> _Made:
-    """`random_recordings` as one file that `join` makes of a file of each. Killed at any moment and called again it
-    goes on, to the same bytes; every recording that is done lies in `FILE.parts/`.
+    """Write `random_recordings` to one file, joined from a file for each.
 
-    encode: the content of the file of a recording, made in the process that made it; join: told their files in order
-    and what to write, its result is returned. overwrite: drop what is left of a run of another count, seed, fleet or
-    code; other arguments as in `random_recordings`.
-    Raises FileExistsError where there is such a run, OSError where the disk is full, and says how many are safe.
+    A run that was killed continues when called again, and ends with the same bytes; every finished recording lies in
+    `FILE.parts/`. encode: content of the file of a recording, called in the process that made it; join: called with the
+    files in order and the target, its result is returned; overwrite: drop an unfinished run of another count, seed,
+    fleet or code; other arguments as in `random_recordings`.
+
+    Raises FileExistsError for such a run, and OSError, with the number of safe recordings, if the disk is full.
     """
     _check(count, frames, seed)
     workers = min(count, os.cpu_count() or 1 if workers is None else workers)
     code = code_digest(__name__, encode.__module__)[:12]
-    plan = {"random sites": count, "frames": frames, "seed": seed, "fleet": _described(fleet), "code": code}
+    plan = {"random sites": count, "frames": frames, "seed": seed, "fleet": _describe_fleet(fleet), "code": code}
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     made: list[_Made] = []
     with shards.locked(), shards.disk_errors_explained(out, lambda blocks: len(list(blocks))):
@@ -146,7 +146,7 @@ def random_recordings_file(
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
-    """The files of recordings; of one that failed there is a note, which becomes a warning."""
+    """Yield the files of recordings; the note of one that failed becomes a warning."""
     for path in paths:
         content = path.read_bytes() if path.stat().st_size < _LONGEST_NOTE else b""
         if not content.startswith(_NOTE):
@@ -158,7 +158,7 @@ def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class _FileJob:
-    """One recording, or why there is none, as one file."""
+    """One recording, or the reason for its failure, as one file."""
 
     seed: int
     frames: int
@@ -166,11 +166,11 @@ class _FileJob:
     fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        """Nothing is got ready."""
+        """Return the function that makes a recording; there is nothing to prepare."""
         return lambda number: iter([self._content(number)])
 
     def encode(self, items: Sequence[bytes]) -> bytes:
-        """As it is."""
+        """Return the file as it is."""
         return items[0]
 
     def _content(self, number: int) -> bytes:
@@ -180,8 +180,8 @@ class _FileJob:
         return made
 
 
-def _described(fleet: Fleet | None) -> str:
-    """What must be equal for two fleets to be the same."""
+def _describe_fleet(fleet: Fleet | None) -> str:
+    """Describe a fleet; two fleets are the same if their descriptions are equal."""
     from toolkit.bodies.fleet import fleet_named
 
     fleet = fleet_named() if fleet is None else fleet

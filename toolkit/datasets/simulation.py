@@ -1,8 +1,8 @@
-"""Simulated datasets: traffic, rendered frame by frame, written so that it may be killed at any moment.
+"""Simulated datasets: traffic, rendered frame by frame, written so that the run may be killed at any moment.
 
-Frames are made in blocks of `BLOCK`, each with a seed of its own, so that neither the number of workers nor where a run
-was broken off changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`. The last
-step joins them into FILE.
+Frames are made in blocks of `BLOCK`, each with its own seed, so neither the number of workers nor an interruption
+changes a byte. A finished block is one shard, a complete small dataset, in `FILE.parts/`. The last step joins them into
+FILE.
 """
 
 from __future__ import annotations
@@ -52,22 +52,20 @@ def simulate_dataset(
     overwrite: bool = False,
     interval: float = INTERVAL,
 ) -> int:
-    """Simulate `frames` frames at a site and write them to `out`, an HDF5 file for
-    `toolkit.datasets.dataset.CoopDataset`.
+    """Simulate frames at a site and write them to an HDF5 file for `toolkit.datasets.dataset.CoopDataset`.
 
-    Broken off at any moment and called again, it goes on with the block it was at and ends with the same bytes. With
-    several workers, which are processes, a script must call it under `if __name__ == "__main__":`.
+    A run that was killed continues with its block when called again, and ends with the same bytes. With several
+    workers, which are processes, a script must call it under `if __name__ == "__main__":`.
 
-    site: or the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
-    sensors: None for the site's own; meshes: a folder to take bodies from; bodies: some that stay; fleet: in place of
-    both, its drawn bodies are drawn afresh for every block of frames; none of the three: everyone is drawn;
-    progress: told how many frames are done;
-    overwrite: replace a file, or drop an unfinished simulation, that was made from something else;
-    interval: seconds between frames, 5 or e.g. 0.1; every `BLOCK` frames traffic begins anew.
-    Returns how many frames were simulated now: 0 where `out` was complete already.
+    site: a site, the name of a built-in one, or the path of a saved one; workers: processes, None for one per core;
+    sensors: None for the site's own; meshes: folder of bodies; bodies: fixed ones; fleet: in place of both, its drawn
+    bodies are drawn afresh for every block of frames; by default all bodies are drawn; progress: called with the number
+    of frames done; overwrite: replace a file, or drop an unfinished simulation, with another plan; interval: seconds
+    between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames.
 
-    Raises ValueError for arguments that do not fit; FileExistsError where `out`, or what is left of an unfinished run,
-    was made from something else; OSError, which says how many frames are safe, where the disk is full.
+    Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
+    not fit; FileExistsError if `out`, or an unfinished run, has another plan; OSError, with the number of frames that
+    are safe, if the disk is full.
     """
     if not (isinstance(frames, Integral) and isinstance(seed, Integral)):
         raise ValueError(f"frames and seed must be whole numbers, got {frames} and {seed}")
@@ -76,15 +74,15 @@ def simulate_dataset(
     if fleet is None:
         fleet = fleet_named(None, meshes) if bodies is None else Fleet(tuple(bodies))
     elif bodies is not None or meshes is not None:
-        raise ValueError("bodies or meshes were given beside a fleet, which has its own: give one of them")
+        raise ValueError("a fleet has bodies of its own, but bodies or meshes were given too: give one of them")
     job = Job(site, chosen, fleet, int(frames), int(seed), float(interval))
     if workers is not None and (workers < 1 or not isinstance(workers, Integral)):
         raise ValueError(f"workers must be at least 1 and whole, got {workers}: leave it out for one per core")
-    out = Path(os.path.realpath(out))  # where it is a link, what it points to is written
+    out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
         _check_same(out, job.plan)
-        if shards.path.is_dir():  # killed while it cleaned up
+        if shards.path.is_dir():  # killed during clean-up
             with shards.locked():
                 shards.remove()
         return 0
@@ -103,7 +101,7 @@ def simulate_dataset(
 
 @dataclass(frozen=True)
 class Job:
-    """What a dataset is made from; sent to every worker."""
+    """Everything that a dataset is made from; sent to every worker."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -128,20 +126,20 @@ class Job:
 
     @property
     def blocks(self) -> int:
-        """How many blocks the frames come in; the last may be shorter."""
+        """Number of blocks; the last may be shorter."""
         return -(-self.frames // BLOCK)
 
-    def frames_of(self, block: int) -> range:
-        """The frames of a block."""
+    def block_frames(self, block: int) -> range:
+        """Frames of a block."""
         return range(block * BLOCK, min((block + 1) * BLOCK, self.frames))
 
     def count(self, blocks: Iterable[int]) -> int:
-        """How many frames these blocks hold."""
-        return sum(len(self.frames_of(block)) for block in blocks)
+        """Number of frames in these blocks."""
+        return sum(len(self.block_frames(block)) for block in blocks)
 
     @cached_property
     def plan(self) -> dict[str, Any]:
-        """What must be equal for two runs to give the same bytes, to be compared and shown to people."""
+        """Values that must be equal for two runs to give the same bytes, to be compared and shown to people."""
         from toolkit.sites.files import format_site
 
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
@@ -167,11 +165,11 @@ class Job:
 
     @property
     def header(self) -> Header:
-        """What all frames share, for the file."""
+        """Header of the file, shared by all frames."""
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build what stands still, once a process; returns the function that makes the scenes of a block."""
+        """Build the static parts, once per process; return the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
         from toolkit.traffic.snapshots import simulate
 
@@ -180,7 +178,7 @@ class Job:
 
         def scenes(block: int) -> Iterator[Scene]:
             seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
-            frames, renderer, numbers, once = self.frames_of(block), empty, np.arange(len(self.fleet.fixed)), False
+            frames, renderer, numbers, once = self.block_frames(block), empty, np.arange(len(self.fleet.fixed)), False
             if self.fleet.drawn:
                 bodies = self.fleet.bodies(len(frames), np.random.default_rng([self.seed, block, 1]))
                 renderer, once = empty.of(bodies), True
@@ -198,18 +196,18 @@ class Job:
         return scenes
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
-        """A shard of these scenes."""
+        """Encode these scenes as a shard."""
         return encode(self.header, scenes)
 
 
 def _check_same(out: Path, plan: dict[str, Any]) -> None:
-    """FileExistsError unless the finished file `out` was made from `plan`."""
+    """Raise FileExistsError unless the finished file `out` was made from `plan`."""
     try:
         with h5py.File(out) as file:
             made_from = json.loads(file["coview"].attrs["plan"])
     except (OSError, KeyError, ValueError):
         raise FileExistsError(
-            f"{out} exists and is no complete file of coview simulate: write to another file, or --overwrite it"
+            f"{out} exists but is no complete file of coview simulate: write to another file, or --overwrite it"
         ) from None
     differences = describe_differences(made_from, plan)
     if differences:

@@ -272,7 +272,7 @@ def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after
 
 
 def test_a_fleet_has_its_own_bodies(tmp_path):
-    with pytest.raises(ValueError, match="bodies or meshes were given beside a fleet"):
+    with pytest.raises(ValueError, match="a fleet has bodies of its own"):
         simulate_dataset(out=tmp_path / "out.hdf5", **small_job(fleet=fleet_named("own")))
 
 
