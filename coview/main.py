@@ -135,10 +135,10 @@ def _delay(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
     from functools import partial, wraps
 
     @wraps(command)
-    def delayed(*args: Any, **options: Any) -> Callable[[], int]:
+    def later(*args: Any, **options: Any) -> Callable[[], int]:
         return partial(command, *args, **options)
 
-    return delayed
+    return later
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:

@@ -93,7 +93,7 @@ class VoxelNetDetector:
         prediction = self.network(collate(voxels))
         found = candidates(prediction, self.anchors, self.config, self._looked_at)
         return [
-            self._measured(self._sure(suppress(*each, self.config, self.nms_threshold)), cloud)
+            self._measure_boxes(self._sure(suppress(*each, self.config, self.nms_threshold)), cloud)
             if len(cells.cells)
             else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
@@ -124,7 +124,7 @@ class VoxelNetDetector:
             for row, boxes in zip(rows, self._by_union(entries, predictions), strict=True):
                 if reaching[row]:
                     sure = self._sure(suppress(*boxes, self.config, self.nms_threshold))
-                    yield row, self._measured(sure, join_clouds(clouds, unions[row]))
+                    yield row, self._measure_boxes(sure, join_clouds(clouds, unions[row]))
 
     def _by_union(self, entries: Entries, predictions: Iterable[TilePredictions]) -> Iterator[tuple[Tensor, Tensor]]:
         """Boxes and scores of each union, in map order."""
@@ -149,7 +149,7 @@ class VoxelNetDetector:
         found = apply_rivals(found, self.config)
         return found[found.scores > least[found.labels]]
 
-    def _measured(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+    def _measure_boxes(self, found: Detections, cloud: Float[np.ndarray, "n 3"]) -> Detections:
         """Move box faces to the ends of the points, if the network has a second stage."""
         if self.faces is None:
             return found

@@ -17,7 +17,7 @@ from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
 from .detection.evaluation import evaluate_dataset as evaluate_dataset, format_table as format_table
 from .detection.foreground_clusters import foreground_clusters as foreground_clusters
-from .detection.link.channel import LinkChannel as LinkChannel, lagged_frames as lagged_frames
+from .detection.link.channel import LinkChannel as LinkChannel, delay_frames as delay_frames
 from .detection.link.differences import (
     DifferenceReader as DifferenceReader,
     DifferenceSender as DifferenceSender,

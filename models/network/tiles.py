@@ -70,7 +70,7 @@ class PlacedClouds(NamedTuple):
         """Count points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
+    def find_crowded(self, unions: Bool[np.ndarray, "U C"], most: int) -> Crowded:
         """Find voxels of unions with more points than `most`.
 
         Left out are the points that `voxelise` leaves out of each union.
@@ -203,7 +203,7 @@ class TiledVoxelNet:
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
         """Plan the work for unions of clouds: points in the frame of the grid, m."""
         placed = PlacedClouds.of(clouds, self.config)
-        return UnionPlan(placed, self._seen(placed), unions, placed.crowded(unions, self.config.max_points))
+        return UnionPlan(placed, self._seen(placed), unions, placed.find_crowded(unions, self.config.max_points))
 
     def gains(self, plan: UnionPlan) -> bool:
         """Compare the shared work with that of one union after the other."""
@@ -230,7 +230,7 @@ class TiledVoxelNet:
             for conv in block:
                 layer += 1
                 after = _entries(plan, layer)
-                bank = _bank(self._convolved(conv, bank, entries, after, size), after)
+                bank = _bank(self._convolve(conv, bank, entries, after, size), after)
                 size, entries = size // strides[layer], after
             maps.append((bank, entries))
         return entries, self._heads(maps)
@@ -264,7 +264,7 @@ class TiledVoxelNet:
                 thinning = torch.from_numpy(crowded.thinning[union]).to(rows.device)[item]
                 keep = ~torch.isin(thinning * len(placed.points) + rows, crowded.dropped)
                 rows, item = rows[keep], item[keep]
-            corner = 2 * TILE * torch.from_numpy(self._at(tiles)).to(rows.device) - 2
+            corner = 2 * TILE * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
             features = self._network.features(voxels)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
@@ -272,7 +272,7 @@ class TiledVoxelNet:
             x = middle(features, local, (wide, wide, self.config.grid_shape[2]))
             yield self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
 
-    def _convolved(
+    def _convolve(
         self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
     ) -> Iterator[Float32[Tensor, "m t t K"]]:
         """Entries after a 3x3 convolution and its ReLU."""
@@ -286,7 +286,7 @@ class TiledVoxelNet:
     ) -> Float32[Tensor, "m p p K"]:
         """Tiles of unions with a border of one cell, zeros beyond the map."""
         patches = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3])
-        at = self._at(tiles)
+        at = self._corners(tiles)
         sides = {-1: (slice(0, 1), slice(-1, None)), 0: (slice(1, -1), slice(None)), 1: (slice(-1, None), slice(0, 1))}
         for dx, (to_x, from_x) in sides.items():
             for dy, (to_y, from_y) in sides.items():
@@ -313,17 +313,17 @@ class TiledVoxelNet:
             x.view(-1, side, k, side, k, width).add_(raised)
         rpn = self._network.rpn
         x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
-        corner = torch.from_numpy(TILE * self._at(tiles)).to(x.device)
+        corner = torch.from_numpy(TILE * self._corners(tiles)).to(x.device)
         return TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
 
-    def _at(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
+    def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
         """Row and column of tiles."""
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
         """Set cells beyond the map to zero, as convolutions expect."""
         size, whole = x.shape[1], [side * TILE == cells for side, cells in zip(self._grid, self._map, strict=True)]
-        at = torch.from_numpy(self._at(tiles)).to(x.device)
+        at = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (fits, cells) in enumerate(zip(whole, self._map, strict=True)):
             if not fits:
                 place = at[:, axis, None] * size + torch.arange(size, device=x.device)

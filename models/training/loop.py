@@ -21,7 +21,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig, road_users, select_anchors
 from models.network.anchors import anchors
 from models.network.voxelnet import Prediction, VoxelNet
-from models.training.losses import quality_loss, sampled_loss
+from models.training.losses import paper_loss, quality_loss
 from models.training.packed import PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
 from models.weight_files import (
@@ -258,7 +258,7 @@ def train(
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
-    loss_of = by_class if preset.loss == "quality" else sampled_loss
+    loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
     loader = torch.utils.data.DataLoader(
         samples,

@@ -160,7 +160,7 @@ def _choose(mask: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
     return rows if len(rows) <= count else rng.choice(rows, count, replace=False)
 
 
-def sampled_loss(
+def paper_loss(
     prediction: Prediction, labels: Shaped[Tensor, "B H W A"], boxes: Float[Tensor, "B H W A 7"], anchors: Tensor
 ) -> dict[str, Tensor]:
     """Published loss: cross-entropy of sampled anchors, smooth L1 (σ = 3) of residuals.
@@ -189,7 +189,7 @@ def quality_loss(
 
     Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. Each class's sums are
     divided by the number of its own positive anchors, so that none drowns the others. classes: class of each anchor of
-    a cell (None: one class); other arguments as in `sampled_loss`.
+    a cell (None: one class); other arguments as in `paper_loss`.
     """
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')

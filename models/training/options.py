@@ -16,36 +16,36 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from models.config import select_anchors
 
-SITE = """Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere; left out,
-the area that all of the data shares."""
+SITE = """Area to train for: tjunction, roundabout, a site file, or general for any place;
+by default the area that all of the data shares."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions:
-    """How a network is trained, from what, and where it goes.
+    """Options of a training.
 
     Attributes:
-        data: Made by coview pack.
+        data: Packed file made by coview pack.
         out: Folder for checkpoint, log, curves and weights.safetensors.
-        start: Weights to go on from, a shipped name (general, to fit it to your junction) or a file, instead of random.
-        preset: fast, or general for general, when left out; varied: thinner clouds, uneven ground; paper: as published.
-        classes: What it detects, of vehicle, heavy, cyclist, pedestrian; when left out, what --start does, or vehicle.
-        faces: Classes whose boxes' faces a second stage measures; when left out, those of --start.
-        calibrate: Choose scores and thresholds on the frames of --validate; done as well where those of --start were.
+        start: Shipped weights (such as general, to fit it to your junction) or a file to start from, instead of random.
+        preset: fast by default, or general for the site general; varied: thinner clouds, uneven ground; paper.
+        classes: Classes to detect: vehicle, heavy, cyclist, pedestrian; by default those of --start, or vehicle.
+        faces: Classes with boxes measured by a second stage; by default those of --start.
+        calibrate: Fit scores and thresholds on the frames of --validate; implied if --start is calibrated.
         size: The light network, or one as wide as the published.
-        voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
-        epochs: Passes over the data; the preset's when left out.
-        batch: Frames per step; the preset's when left out.
-        learning_rate: The highest; the preset's when left out.
-        seed: Of weights, order, noise and augmentation.
+        voxel: Length and width of a voxel (m); 0.2 by default (the paper has 0.4 at the roundabout).
+        epochs: Passes over the data; by default the preset's.
+        batch: Frames per step; by default the preset's.
+        learning_rate: Highest learning rate; by default the preset's.
+        seed: Seed of weights, order, noise and augmentation.
         validate: Packed file to measure AP on after each epoch.
-        validate_frames: Only its first so many.
-        device: cpu or cuda; cuda where there is one when left out.
-        bfloat16: Multiply in bfloat16 on the CPU too, as on cuda: faster on a CPU that knows it, else slower.
-        threads: Of PyTorch; with other programs on the machine, fewer are faster.
+        validate_frames: Number of its frames to use.
+        device: cpu or cuda; cuda by default if present.
+        bfloat16: Multiply in bfloat16 on the CPU as on cuda: faster on a CPU that supports it, else slower.
+        threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
-        overwrite: Begin anew in a folder that holds another training.
+        overwrite: Replace another training in the folder.
     """
 
     data: Path

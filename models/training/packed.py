@@ -105,11 +105,11 @@ class PackedFrames:
         objects, slope = self.objects(k), self.rig(k).slope
         return objects if slope == LEVEL else replace(objects, boxes=level_rows(objects.boxes, slope))
 
-    def recorded(self, k: int) -> bool:
+    def is_recorded(self, k: int) -> bool:
         """True for frames of recorded clouds, which have neither an empty site nor drawn errors."""
         return k in self._clouds.places
 
-    def changed(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    def changes(self, k: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Pixels of frame k that differ from the empty site, and their steps, per sensor."""
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
@@ -127,7 +127,7 @@ class PackedFrames:
         """
         rig = self.rig(k)
         chosen = range(len(rig.sensors)) if sensors is None else sensors
-        if self.recorded(k):
+        if self.is_recorded(k):
             return [self._clouds.points(k, s) for s in chosen]
         clouds = []
         for s in chosen:
@@ -177,9 +177,9 @@ class Rig:
 
         Pixels `changed` measure `measured` (0: nothing), the others the empty site.
         """
-        return self.measured(s, changed, measured, rng)[0]
+        return self.measure(s, changed, measured, rng)[0]
 
-    def measured(
+    def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> tuple[Float32[np.ndarray, "n 3"], Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """These points, their pixels and measurements."""

@@ -144,8 +144,8 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     packed = PackedFrames(path)
     frames_of: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
-        pixels, steps = packed.changed(k)
-        clouds = tuple(packed.points(k, None)) if packed.recorded(k) else None
+        pixels, steps = packed.changes(k)
+        clouds = tuple(packed.points(k, None)) if packed.is_recorded(k) else None
         change = Change(tuple(pixels), tuple(steps), packed.objects(k), clouds)
         frames_of[packed.rigs.index(packed.rig(k))].append(change)
     return [PackedRecording(rig, changes) for rig, changes in zip(packed.rigs, frames_of, strict=True)]

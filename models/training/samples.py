@@ -77,7 +77,7 @@ def with_errors(
     sensors: None for all. The ground is levelled.
     """
     rig, objects = frames.rig(k), frames.objects(k)
-    pixels, steps = frames.changed(k)
+    pixels, steps = frames.changes(k)
     chosen = range(len(rig.sensors)) if sensors is None else sensors
     return [_read(rig, s, frames.metres(steps[s]), pixels[s], (objects, errors, seed, k)) for s in chosen]
 
@@ -189,7 +189,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         points, objects, inside = self._scene(k, rng)
         seen = count_points(points, objects.boxes) >= self.recipe.seen
         asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
-        found = self._assigned(objects, asked)
+        found = self._assign(objects, asked)
         if self.recipe.sampled:
             found = sample(found, rng, size=self.recipe.sampled, positives=self.recipe.sampled // 2)
         targets = torch.from_numpy(objects.boxes).float() if len(objects) else torch.ones(1, 7)
@@ -199,7 +199,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
             targets[torch.from_numpy(found.owner)][None],
         )
 
-    def _assigned(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
+    def _assign(self, objects: Objects, asked: Bool[np.ndarray, " n"]) -> Assignment:
         """Targets of the anchors.
 
         A network for vehicles alone ignores heavy ones; a network for both tells them apart.
@@ -221,18 +221,18 @@ class Samples(torch.utils.data.Dataset[Batch]):
         if self.recipe.augmentation == "object":
             points, boxes = jitter_objects(points, boxes, rng)
         grid = np.array(self.config.area)
-        wanted = boxes[inside & (objects.labels == self._wanted(objects.labels[inside], rng)), :2]
+        wanted = boxes[inside & (objects.labels == self._choose_class(objects.labels[inside], rng)), :2]
         if self.recipe.elsewhere and rng.random() < self.recipe.elsewhere:
             wanted = wanted[:0]
         centre = window_centre(area, grid[2:] - grid[:2], wanted, rng)
         if self.recipe.augmentation == "scene":
             points, boxes = turn_scene(points, boxes, centre, rng)
-        points, boxes = self._roughened(points, boxes, centre, rng)
+        points, boxes = self._roughen(points, boxes, centre, rng)
         points[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         boxes[:, :2] += (grid[:2] + grid[2:]) / 2 - centre
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
-    def _roughened(
+    def _roughen(
         self, points: np.ndarray, boxes: np.ndarray, centre: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Thin points and tilt the ground as the recipe says; draw no numbers without either."""
@@ -242,7 +242,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
             points, boxes = tilt(points, boxes, centre, rng)
         return points, boxes
 
-    def _wanted(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
+    def _choose_class(self, there: Shaped[np.ndarray, " n"], rng: np.random.Generator) -> int:
         """Draw the class near which the window lies, each present class as often."""
         known = [label_index(name) for name in self.config.labels]
         if len(known) == 1:
@@ -262,7 +262,7 @@ def read_points(
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
-    if errors and rng.random() < errors and not frames.recorded(k):
+    if errors and rng.random() < errors and not frames.is_recorded(k):
         profile = random_errors(rng)
         return np.concatenate(with_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
     return np.concatenate(frames.points(k, rng, sensors))

@@ -95,7 +95,7 @@ class Renders:
         if self._whole:
             return Captured(self._reading(packed, k, c), 0, self.site)
         rng = None if self._noise_seed is None else np.random.default_rng([self._noise_seed, k, _seed(sensor)])
-        _, pixels, depth = packed.rig.measured(0, *packed.frame(k), rng)
+        _, pixels, depth = packed.rig.measure(0, *packed.frame(k), rng)
         image = np.zeros(sensor.model.shape, np.float32)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)

@@ -64,9 +64,9 @@ class Background:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the voxels and the ground."""
-        return self.digest_with(b"")
+        return self.digest_settings(b"")
 
-    def digest_with(self, settings: bytes) -> str:
+    def digest_settings(self, settings: bytes) -> str:
         """SHA-256 of settings and the background."""
         said = hashlib.sha256(settings)
         for part in (self.origin, self.voxel, self.occupied, self.cell, self.ground):

@@ -73,7 +73,7 @@ class ClusterDetector:
     @property
     def digest(self) -> str:
         """SHA-256 of the empty site and the settings."""
-        return self.background.digest_with(repr((self.cell, self.reach, self.fewest)).encode())
+        return self.background.digest_settings(repr((self.cell, self.reach, self.fewest)).encode())
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Detect in points (n, 3), world frame; points that are not finite are left out."""
@@ -139,7 +139,7 @@ class _Rectangle(NamedTuple):
         (along, across), cos, sin = (self.low + self.high) / 2, np.cos(self.yaw), np.sin(self.yaw)
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
-    def turned(self) -> _Rectangle:
+    def turn(self) -> _Rectangle:
         """Swap its axes: the second becomes the first, and the reversed first the second."""
         second_first = np.array([1, 0])
         low, high = self.low[second_first] * [1, -1], self.high[second_first] * [1, -1]
@@ -177,7 +177,7 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     low, high = np.quantile(own, [0.005, 0.995], axis=0)
     at_low, at_high = (own < low + 0.2).mean(axis=0), (own > high - 0.2).mean(axis=0)
     rectangle = _Rectangle(yaw, low, high, at_low, at_high)
-    return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turned()
+    return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turn()
 
 
 def _to_nearest_end(positions: Float64[np.ndarray, "k n"]) -> Float64[np.ndarray, "k n"]:
@@ -214,7 +214,7 @@ def _ways_to_complete(seen: _Rectangle) -> list[tuple[_Rectangle, float]]:
     the share of points on the sides that grow: a side with many points was seen as it is.
     """
     ways = []
-    for rectangle in [seen, seen.turned()] if seen.size[0] < WIDEST_CAR else [seen]:
+    for rectangle in [seen, seen.turn()] if seen.size[0] < WIDEST_CAR else [seen]:
         missing = np.where(rectangle.size < [LENGTH_SEEN, CAR[1]], CAR - rectangle.size, 0.0)
         for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
             low, high = rectangle.low - missing * ~at_high, rectangle.high + missing * at_high

@@ -115,7 +115,7 @@ class Chained(Protocol):
     A lost message makes those that depend on it unreadable.
     """
 
-    def needed(self, number: int, /) -> Sequence[int]:
+    def dependencies(self, number: int, /) -> Sequence[int]:
         """Numbers of the messages needed to read one of them, itself the last.
 
         Messages of a sensor count from 0.

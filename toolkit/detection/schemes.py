@@ -111,7 +111,7 @@ class Hybrid:
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Fuse boxes as in late fusion, with detections in the far points."""
-        radius = self.radius_at(view.site)
+        radius = self.find_radius(view.site)
 
         def far(points: Float32[np.ndarray, "n 3"], sensor: Sensor) -> Bool[np.ndarray, " n"]:
             return is_beyond(points, sensor, radius, self.metric)
@@ -139,7 +139,7 @@ class Hybrid:
         """Mark objects beyond the radius."""
         return distance > (radius if self.radius is None else self.radius)
 
-    def radius_at(self, site: Area) -> float:
+    def find_radius(self, site: Area) -> float:
         """Radius at a site, or the paper's usual one for a bare area."""
         if self.radius is not None:
             return self.radius

@@ -1,4 +1,4 @@
-"""`coview train`: train VoxelNet, and draw how it went."""
+"""`coview train`: train VoxelNet and draw its curves."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from models.training.options import TrainingOptions
 
 
 def train(site: Positional[str | None] = None, /, *, options: TrainingOptions, json: bool = False) -> int:
-    """Train VoxelNet on a packed file. Killed at any moment and started again it goes on, to the same weights.
+    """Train VoxelNet on a packed file.
 
-    The same arguments train on a bare machine, without pictures: python -m models.train.
+    Killed and started again it resumes, to the same weights. The same arguments train on a bare machine, without
+    pictures: python -m models.train.
 
     Example: coview train tjunction --preset fast --data tjunction.packed --out runs/tjunction --validate test.packed
 
     Args:
-        site: Gives the area: tjunction, roundabout, a site file; or general, for a network that works anywhere; left
-            out, the area that all of the data shares.
-        options: How.
+        site: Area to train for: tjunction, roundabout, a site file, or general for any place; by default the area that
+            all of the data shares.
+        options: Options of the training.
         json: Print the summary as JSON.
     """
     from models.train import run

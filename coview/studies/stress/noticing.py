@@ -20,7 +20,7 @@ from toolkit.boxes import count_points
 from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
-from toolkit.detection.link.channel import PERFECT, LinkChannel, lagged_frames
+from toolkit.detection.link.channel import PERFECT, LinkChannel, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS
 from toolkit.detection.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
@@ -92,7 +92,7 @@ def time_faults(
             sensors = range(len(stretch[0].sensors))
             after[fault, way] += [_time_to_notice(centre, stretch, sensor, fault, way) for sensor in sensors]
         for link, channel in links.items():
-            lagged = list(lagged_frames(stretch, channel, seed=seed, noise_seed=None))
+            lagged = list(delay_frames(stretch, channel, seed=seed, noise_seed=None))
             minutes[link] += (stretch[-1].time - stretch[0].time) * len(stretch[0].sensors) / 60
             for way in SENT_AS:
                 shown = [(each.frame, each.ages) for each in lagged]

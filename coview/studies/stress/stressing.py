@@ -28,7 +28,7 @@ from toolkit.arrays import Float32
 from toolkit.calibration.scenes import RecordingScenes
 from toolkit.datasets.readings import read_frame
 from toolkit.detection.evaluation import Recording
-from toolkit.detection.link.channel import STALE, Lagged, lagged_frames
+from toolkit.detection.link.channel import STALE, Lagged, delay_frames
 from toolkit.detection.link.tracks import Tracks
 from toolkit.detection.metrics import match
 from toolkit.detection.scheme import Chained, Scheme
@@ -224,10 +224,10 @@ class _ConditionJob:
         """Frames as the centre has them under a condition."""
         if condition.redrawn:
             read = _RedrawnErrors(self.recording, condition.errors, self.seed)
-            return lagged_frames(
+            return delay_frames(
                 read, condition.channel, frames=self.frames, seed=self.seed, noise_seed=None, needed=needed
             )
-        return lagged_frames(
+        return delay_frames(
             self.recording,
             condition.channel,
             frames=self.frames,
@@ -322,7 +322,7 @@ def _group_by_needed(trials: Sequence[Trial]) -> list[tuple[list[Trial], Needed 
     chained: list[tuple[list[Trial], Needed | None]] = []
     for trial in trials:
         if isinstance(trial.system.scheme, Chained):
-            chained.append(([trial], trial.system.scheme.needed))
+            chained.append(([trial], trial.system.scheme.dependencies))
         else:
             alone.append(trial)
     return [*([(alone, None)] if alone else []), *chained]

@@ -37,7 +37,7 @@ def left(placed, union, thinning, dropped):
 
 def test_crowded_voxels_lose_the_points_that_they_lose_in_each_union(clouds):
     placed = PlacedClouds.of(clouds, CONFIG)
-    thinning, dropped = placed.crowded(UNIONS, 4)
+    thinning, dropped = placed.find_crowded(UNIONS, 4)
     assert placed.counts().tolist() == [60] * 5 + [9]
     for union, number in zip(UNIONS, thinning, strict=True):
         kept = voxelise(together(clouds, union), CONFIG).points
@@ -49,7 +49,7 @@ def test_crowded_voxels_lose_the_points_that_they_lose_in_each_union(clouds):
 
 def test_a_batch_has_the_voxels_of_its_items(clouds):
     placed = PlacedClouds.of(clouds, CONFIG)
-    thinning, dropped = placed.crowded(UNIONS, 4)
+    thinning, dropped = placed.find_crowded(UNIONS, 4)
     some = [63, 1, 0, 40]
     rows = [left(placed, UNIONS[k], thinning[k], dropped) for k in some]
     item = torch.cat([torch.full((len(each),), number) for number, each in enumerate(rows)])

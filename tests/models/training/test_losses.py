@@ -17,9 +17,9 @@ from models.training.losses import (
     assign_by_kind,
     focal_loss,
     nearly_aligned_iou,
+    paper_loss,
     quality_loss,
     sample,
-    sampled_loss,
 )
 from toolkit.boxes import iou_3d, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -231,7 +231,7 @@ def perfect(labels, wanted, published):
     return Prediction(channels(sure), residuals, channels(direction), channels(torch.full_like(sure, 20.0)))
 
 
-@pytest.mark.parametrize(("loss", "published"), [(quality_loss, False), (sampled_loss, True)])
+@pytest.mark.parametrize(("loss", "published"), [(quality_loss, False), (paper_loss, True)])
 def test_a_perfect_prediction_costs_nothing(loss, published):
     labels, wanted = targets()
     values = loss(perfect(labels, wanted, published), labels, wanted, ANCHORS)
@@ -239,7 +239,7 @@ def test_a_perfect_prediction_costs_nothing(loss, published):
 
 
 @pytest.mark.parametrize("boxes", [BOXES, BOXES[:0]])
-@pytest.mark.parametrize(("loss", "widths"), [(quality_loss, (2, 16, 2, 2)), (sampled_loss, (4, 14))])
+@pytest.mark.parametrize(("loss", "widths"), [(quality_loss, (2, 16, 2, 2)), (paper_loss, (4, 14))])
 def test_losses_are_finite_and_every_map_gets_a_gradient(loss, widths, boxes):
     labels, wanted = targets(boxes)
     maps = [torch.randn(1, width, *CONFIG.map_shape, requires_grad=True) for width in widths]

@@ -105,7 +105,7 @@ def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_
     path = tmp_path / "mixed.packed"
     assert pack(chain(sample_recordings(iter(samples)), [recording(frames, AREA, count=2)]), path) == 5
     mixed = PackedFrames(path)
-    assert [mixed.recorded(k) for k in range(5)] == [True, True, True, False, False]
+    assert [mixed.is_recorded(k) for k in range(5)] == [True, True, True, False, False]
     assert [len(mixed.rig(k).sensors) for k in range(5)] == [2, 2, 1, 3, 3]
     for k, each in enumerate(samples):
         for ours, cloud in zip(mixed.points(k, np.random.default_rng(0)), each.clouds, strict=True):

@@ -79,9 +79,9 @@ def test_nonsense_radii_are_refused(radius):
 @pytest.mark.parametrize(("name", "radius"), [("tjunction", 20.0), ("roundabout", 12.0)])
 def test_hybrid_radius_is_the_papers_and_stays_with_a_renamed_site(name, radius):
     site = load_site(name)
-    assert Hybrid().radius_at(site) == Hybrid().radius_at(replace(site, name="renamed")) == radius
-    assert Hybrid(5.0).radius_at(site) == 5.0
-    assert Hybrid().radius_at(AREA) == Hybrid().radius_at(Site("any", np.array(AREA, float))) == 20.0
+    assert Hybrid().find_radius(site) == Hybrid().find_radius(replace(site, name="renamed")) == radius
+    assert Hybrid(5.0).find_radius(site) == 5.0
+    assert Hybrid().find_radius(AREA) == Hybrid().find_radius(Site("any", np.array(AREA, float))) == 20.0
 
 
 def test_one_detection_in_the_points_of_all():

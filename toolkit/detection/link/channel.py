@@ -105,7 +105,7 @@ class Lagged(NamedTuple):
     sent: Frame
 
 
-def lagged_frames(
+def delay_frames(
     recording: Readable,
     channels: Sequence[LinkChannel] | LinkChannel,
     *,

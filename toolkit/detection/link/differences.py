@@ -240,7 +240,7 @@ class Reference:
         return self.images > 0
 
     @cached_property
-    def rounded(self) -> Int64[np.ndarray, "rows columns"]:
+    def whole_steps(self) -> Int64[np.ndarray, "rows columns"]:
         """Mean measurements in whole steps."""
         return _round_steps(self.fine)
 
@@ -377,18 +377,20 @@ class ForegroundDifferences(SendsForeground):
         Foreground(self.step, self.sigmas)
         check_differences(self.refers_to, self.key_every)
 
-    def needed(self, number: int, /) -> range:
+    def dependencies(self, number: int, /) -> range:
         """Numbers of the messages needed to read one, itself the last.
 
-        >>> ForegroundDifferences(key_every=10).needed(12), ForegroundDifferences(refers_to="key").needed(12)
-        (range(10, 13), range(10, 13, 2))
+        >>> ForegroundDifferences(key_every=10).dependencies(12)
+        range(10, 13)
+        >>> ForegroundDifferences(refers_to="key").dependencies(12)
+        range(10, 13, 2)
         """
         whole = number - number % self.key_every
         return range(whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1))
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> list[int]:
         """Bits that sensors send of a frame, arrived or not."""
-        return [self._transmitted(view, sensor).bits for sensor in sensors]
+        return [self._transmit(view, sensor).bits for sensor in sensors]
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:
         """Restored cloud of a sensor, and the bits of its message."""

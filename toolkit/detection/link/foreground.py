@@ -67,7 +67,7 @@ class SendsForeground:
 
         Raises ValueError if a sensor's empty scene or image is not known.
         """
-        sent = [self._transmitted(view, sensor) for sensor in sensors]
+        sent = [self._transmit(view, sensor) for sensor in sensors]
         centre = view.detect([each.arrived for each in sent])
         return make_fused(view.suppressed([centre]), [each.bits for each in sent])
 
@@ -81,7 +81,7 @@ class SendsForeground:
     def pooled_beside(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
         """Return None: no boxes are sent."""
 
-    def _transmitted(self, view: View, sensor: int) -> SentCloud:
+    def _transmit(self, view: View, sensor: int) -> SentCloud:
         return view.transmit(sensor, self.digest, partial(self._through, view, sensor))
 
     def _through(self, view: View, sensor: int) -> tuple[Float32[np.ndarray, "n 3"], int]:

@@ -49,7 +49,7 @@ class Tracks:
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         again = bool(len(self)) and time == self._time
         self._predict(time)
-        rows = self._joined(detections)
+        rows = self._join(detections)
         matched = np.flatnonzero(rows >= 0)
         if not again:  # repeated measurements add nothing
             self._correct(rows[matched], detections.boxes[matched, :2])
@@ -84,7 +84,7 @@ class Tracks:
         self._state = self._state @ move.T
         self._covariance = move @ self._covariance @ move.T + noise
 
-    def _joined(self, detections: Detections) -> Int64[np.ndarray, " n"]:
+    def _join(self, detections: Detections) -> Int64[np.ndarray, " n"]:
         """Track of each detection, -1 for none."""
         apart = np.linalg.norm(detections.boxes[:, None, :2] - self._state[None, :, :2], axis=2)
         apart[detections.labels[:, None] != self._labels[None]] = np.inf

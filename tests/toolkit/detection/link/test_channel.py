@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from toolkit.detection.link.channel import Line, LinkChannel, lagged_frames
+from toolkit.detection.link.channel import Line, LinkChannel, delay_frames
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -84,7 +84,7 @@ def recording(frames=12, apart=0.1, anew=()):
 
 def shown(channels, frames=None, **options):
     """The frame that each sensor's measurement is of, instant after instant; -1 for none."""
-    lagged = list(lagged_frames(frames or recording(), channels, noise_seed=None, **options))
+    lagged = list(delay_frames(frames or recording(), channels, noise_seed=None, **options))
     return [[int(image[0, 0]) - 1 for image in each.frame.measurements] for each in lagged], lagged
 
 
@@ -132,7 +132,7 @@ def test_frames_far_apart_cannot_be_late_but_can_be_as_they_are():
     with pytest.raises(ValueError, match="to show late or lost messages, got 5 s"):
         shown(LinkChannel(delay=0.1), far)
     assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
-    assert len(list(lagged_frames(recording(), LinkChannel(), frames=3))) == 3
+    assert len(list(delay_frames(recording(), LinkChannel(), frames=3))) == 3
 
 
 class Lossy:
@@ -150,9 +150,9 @@ class Lossy:
     ("needed", "expected"),
     [
         (None, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 11]),
-        (ForegroundDifferences(key_every=5).needed, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]),
-        (ForegroundDifferences(key_every=5, refers_to="key").needed, [0, 1, 1, 3, 4, 4, 4, 4, 4, 4, 4, 4]),
-        (ForegroundDifferences(key_every=3).needed, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 9]),
+        (ForegroundDifferences(key_every=5).dependencies, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]),
+        (ForegroundDifferences(key_every=5, refers_to="key").dependencies, [0, 1, 1, 3, 4, 4, 4, 4, 4, 4, 4, 4]),
+        (ForegroundDifferences(key_every=3).dependencies, [0, 1, 1, 3, 4, 4, 6, 7, 8, 9, 9, 9]),
     ],
 )
 def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expected, monkeypatch):
@@ -163,7 +163,7 @@ def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expecte
 
 
 def test_a_frozen_sensor_sends_what_it_repeats():
-    lagged = list(lagged_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
+    lagged = list(delay_frames(recording(), LinkChannel(delay=0.2), noise_seed=None, frozen=(1,)))
     assert [[int(image[0, 0]) - 1 for image in each.sent.measurements] for each in lagged] == [
         [k, 0] for k in range(12)
     ]

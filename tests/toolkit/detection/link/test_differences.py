@@ -267,7 +267,7 @@ def test_means_of_what_stands_still_are_of_eight_images_at_most():
     assert reference.fine[0, 1:].tolist() == [300 * 16, 0]
     assert reference.number == 13
     exact = reference_of([[10]]).after(4, np.array([[11]]), np.ones((1, 1), bool))
-    assert (exact.fine.tolist(), exact.rounded.tolist()) == ([[168]], [[11]])  # 10.5, rounded half up
+    assert (exact.fine.tolist(), exact.whole_steps.tolist()) == ([[168]], [[11]])  # 10.5, rounded half up
     assert exact.after(5, np.array([[10]]), np.ones((1, 1), bool)).fine.tolist() == [[165]]  # 168 - 8/3, rounded
 
 
@@ -299,7 +299,10 @@ def test_what_stands_takes_two_bits_a_pixel_and_what_is_as_known_next_to_none():
         reference = reference.after(number + 1, image, mask)
     content = encode_difference(images[8], mask, reference, still_squares(reference, images[8], mask))
     assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(encode_pixels(images[8], mask))
-    same = encode_difference(reference.rounded, mask, reference, still_squares(reference, reference.rounded, mask))
+    whole = reference.whole_steps
+    same = encode_difference(whole, mask, reference, still_squares(reference, whole, mask))
+        reference.whole_steps, mask, reference, still_squares(reference, reference.whole_steps, mask)
+    )
     assert len(same) < 50
 
 
@@ -428,4 +431,4 @@ def test_it_is_a_scheme_and_checks_its_parameters():
     ],
 )  # fmt: skip
 def test_which_messages_must_have_arrived(refers_to, number, needed):
-    assert list(ForegroundDifferences(refers_to=refers_to).needed(number)) == needed
+    assert list(ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
