@@ -301,8 +301,6 @@ def test_what_stands_takes_two_bits_a_pixel_and_what_is_as_known_next_to_none():
     assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(encode_pixels(images[8], mask))
     whole = reference.whole_steps
     same = encode_difference(whole, mask, reference, still_squares(reference, whole, mask))
-        reference.whole_steps, mask, reference, still_squares(reference, reference.whole_steps, mask)
-    )
     assert len(same) < 50
 
 
