@@ -187,6 +187,22 @@ def scene(label, scores, hits):
     return Detections(boxes, np.array(scores), labels), Objects(there, labels), np.ones(len(scores), bool)
 
 
+def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
+    asked = []
+
+    def stop(*_, subsets, errors, **__):
+        asked.append((subsets, errors))
+        raise InterruptedError
+
+    for name in ("detect_frames", "read_points"):
+        monkeypatch.setattr(second_stage, name, stop)
+    network = VoxelNet(make_config(AREA, "fast"))
+    for collect in (lambda: fit_calibration(network, packed), lambda: face_examples(packed, None, ("vehicle",))):
+        with pytest.raises(InterruptedError):
+            collect()
+    assert asked == [(0.3, 0.3), (0.5, 0.3)]
+
+
 def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, packed):
     rng = np.random.default_rng(0)
     frames = []
